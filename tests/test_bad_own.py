@@ -75,12 +75,13 @@ class Own(Effect):
     def bind(self, structure):
         if self.method == "bind":
             return self.fault(None)
-        nothing = {"resist_bodies": np.zeros((len(structure.bodies), 4, 3)), "potential": 0.0}
+        nothing = {"resist_bodies": np.zeros((len(structure.bodies), 4, 3)), "stored": 0.0}
 
         def failing(action, *given):
             found = self.fault(nothing.get(self.method))
-            if self.method in ("load_nodes", "resist_nodes") and found is not None:
-                np.asarray(getattr(given[-1], "array", given[-1]))[...] = found
+            if self.method in ("load", "resist_nodes") and found is not None:
+                changed = given[0] if self.method == "load" else given[-1]
+                np.asarray(getattr(changed, "array", changed))[...] = found
             return found
 
         return type("OwnAction", (Action,), {self.method: failing, "kind": "Own"})()
@@ -174,15 +175,15 @@ CASES = {
         lambda: _own("bind", 0, lambda good: 3.0),
         f"{OWN}its bind failed in the step from t = 0 s with TypeError: 3.0 is no Action",
     ),
-    "loads": (lambda: _own("load_nodes"), f"{OWN}its load_nodes failed in the step from t = 0.01"),
+    "loads": (lambda: _own("load"), f"{OWN}its load failed in the step from t = 0.01"),
     "resistance": (lambda: _own("resist_nodes"), f"{OWN}its resist_nodes failed in the step from"),
     "resistance of bodies": (lambda: _own("resist_bodies"), f"{OWN}its resist_bodies failed in"),
     "tangent": (lambda: _own("stiffen_nodes"), f"{OWN}its stiffen_nodes failed in the step from"),
-    "energy": (lambda: _own("potential"), f"{OWN}its potential failed in the step from t = 0.0"),
+    "energy": (lambda: _own("stored"), f"{OWN}its stored failed in the step from t = 0.0"),
     "acceptance": (lambda: _own("accept", 2), f"{OWN}its accept failed in the step from t = 0.01"),
     "loads that are no numbers": (
-        lambda: _own("load_nodes", 2, lambda good: np.nan),
-        f"{OWN}its load_nodes failed in the step from t = 0.01 s with ValueError: a force of nan N",
+        lambda: _own("load", 2, lambda good: np.nan),
+        f"{OWN}its load failed in the step from t = 0.01 s with ValueError: a force of nan N",
     ),
     "resistance that is no number": (
         lambda: _own("resist_nodes", 3, lambda good: np.nan),
@@ -193,8 +194,8 @@ CASES = {
         f"{OWN}its resist_bodies failed in the step from t = ",
     ),
     "energy that is no number": (
-        lambda: _own("potential", 3, lambda good: "high"),
-        f"{OWN}potential must be a finite number, got 'high'",
+        lambda: _own("stored", 3, lambda good: "high"),
+        f"{OWN}stored must be a finite number, got 'high'",
     ),
     "rule": (lambda: _asking("rule", 0), f"Asking: its rule failed {KEY}"),
     "indicator": (lambda: _asking("indicator", 0), f"Asking: its indicator failed {KEY}"),
@@ -235,7 +236,7 @@ def test_is_told_on_two_ranks():
 def test_the_traceback_is_shown():
     """It names the line of the user's that has failed."""
     with pytest.raises(rf.SceneError) as told:
-        _own("potential")
+        _own("stored")
     assert 'return {}["no file"] if self.bad is None' in str(told.value.__cause__)
 
 

@@ -149,8 +149,7 @@ class Forces:
         self.moments = np.zeros((len(structure.bodies), 4, 3))
         self.torques = np.zeros((len(structure.bodies), 3))
         action.set_time(t, 0.1)
-        action.load_nodes(self.nodal)
-        action.load_bodies(self.moments, self.torques)
+        action.load(self.nodal, self.moments, self.torques)
 
     def power(self, motion):
         """Power in a motion [W]. Collective."""
@@ -409,8 +408,8 @@ def test_an_action_is_asked_for_what_it_does_only():
         actions.stiffen_nodes(None, 0.1, None)
         actions.stiffen_bodies(None, None)
         nobody = types.SimpleNamespace()
-        assert actions.dissipated(nobody, 0.1) == actions.dissipated_by_bodies(nobody) == []
-        assert actions.potential(nobody) == actions.potential_of_bodies(nobody) == 0
+        assert actions.dissipated(nobody, 0.1, nobody) == []
+        assert actions.stored(nobody, nobody, 0.0) == (0, 0)
         actions.destroy()
 
 

@@ -139,7 +139,7 @@ class TieForces(Action):
         stiffness = diags_array(np.full(len(pairs), 0.5 * self.k))
         tangent.add_coupling((left.T @ stiffness @ right).tocsr())
 
-    def potential_of_links(self, u, bodies):
+    def stored(self, u, bodies, t):
         x = self.nodes.positions_at(u, bodies)
         a, b = self.pairs.T
         return 0.5 * self.k * np.vdot(x[a] - x[b], x[a] - x[b])

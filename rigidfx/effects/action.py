@@ -182,11 +182,14 @@ class Action:
 
     # Dead loads: asked once per step.
 
-    def load_nodes(self, forces: Array) -> None:
-        """Add to the external forces on the nodes of the rows, shape (nodes, 3) [N]."""
+    def load(self, forces: Array, moments: Array, torques: Array) -> None:
+        """Add to the external forces of a step.
 
-    def load_bodies(self, moments: Array, torques: Array) -> None:
-        """Add to Σ f and Σ V fᵀ, shape (bodies, 4, 3), and to torques, shape (bodies, 3)."""
+        Args:
+            forces: On the nodes of the rows, shape (nodes, 3) [N].
+            moments: Σ f and Σ V fᵀ on each body, shape (bodies, 4, 3) [N, N m].
+            torques: Torques on the bodies, shape (bodies, 3) [N m].
+        """
 
     # Forces that depend on the motion: asked in each iteration.
 
@@ -216,28 +219,22 @@ class Action:
 
     # Energies: asked after a step.
 
-    def potential(self, u: Array) -> float:
-        """Potential energy of nodes of this rank at displacements of the rows [J]."""
+    def stored(self, u: Array, bodies: Bodies, t: float) -> float:
+        """Energy that it stores, of a contact too; those of ranks add up [J]. Collective.
+
+        Args:
+            u: Displacements of the rows [m].
+            bodies: The bodies; what they store counts on the first rank.
+            t: Time [s].
+        """
         return 0.0
 
-    def potential_of_bodies(self, bodies: Bodies) -> float:
-        """Potential energy of the bodies [J]."""
-        return 0.0
-
-    def potential_of_links(self, u: Array, bodies: Bodies) -> float:
-        """Potential energy on this rank of ties of nodes and bodies [J]. Collective."""
+    def dissipated(self, d: Any, dt: float, increments: Increments) -> float:
+        """Energy lost in a step; those of ranks add up, bodies count on the first one [J]."""
         return 0.0
 
     def work_on_bodies(self, increments: Increments) -> float:
         """Work that a load which depends on the motion does on bodies in a step [J]."""
-        return 0.0
-
-    def dissipated(self, d: Any, dt: float) -> float:
-        """Energy that nodes of this rank lose in a step [J]."""
-        return 0.0
-
-    def dissipated_by_bodies(self, increments: Increments) -> float:
-        """Energy that bodies lose in a step [J]."""
         return 0.0
 
     # Contacts: asked where there are any.
@@ -262,10 +259,6 @@ class Action:
         Of actions that cannot be bound to bodies as if these were flexible.
         """
         raise NotImplementedError
-
-    def stored_in_contact(self, u: Array, bodies: Bodies, t: float) -> float:
-        """Energy stored on this rank in contact at t [s], at displacements u of the rows [J]."""
-        return 0.0
 
     def touch(self) -> Touch:
         """Touch of the contact on this rank in the step that has been solved."""

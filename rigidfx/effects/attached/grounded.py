@@ -33,6 +33,7 @@ class GroundedBodies:
         potential: Σ ½ w u·K u there, over all bodies [J].
         K: Shape (3, 3).
         C: Shape (3, 3).
+        counts: Whether this rank tells their energies.
         share: Which part of an increment K sees: half of it, or all in statics.
     """
 
@@ -42,6 +43,7 @@ class GroundedBodies:
     potential: float
     K: Array
     C: Array
+    counts: bool
     share: float = 0.5
 
     def moments(self, increments: Increments) -> Array:
@@ -60,12 +62,16 @@ class GroundedBodies:
         )
 
     def energy(self, bodies: Bodies) -> float:
-        """Potential energy [J]."""
+        """Potential energy on the rank that tells it [J]."""
+        if not self.counts:
+            return 0.0
         U = bodies.pose - self.pose
         return self.potential + float(np.vdot(U, (0.5 * self.spread @ U + self.displaced) @ self.K))
 
     def dissipated(self, increments: Increments) -> float:
-        """Energy taken in a step [J]."""
+        """Energy taken in a step, on the rank that tells it [J]."""
+        if not self.counts:
+            return 0.0
         D = increments.displacement
         return float(np.vdot(D, self.spread @ D @ self.C)) / increments.step.dt
 
@@ -82,7 +88,3 @@ class Grounded(Action):
     def stiffen_bodies(self, increments: Increments) -> Array:
         """See `Action`."""
         return self._bodies.tangent(increments)
-
-    def dissipated_by_bodies(self, increments: Increments) -> float:
-        """See `Action`."""
-        return self._bodies.dissipated(increments)

@@ -18,6 +18,7 @@ from rigidfx.effects.joints.face_motion import value_at
 from rigidfx.effects.joints.on_face import OnFace, PointLaw
 from rigidfx.effects.joints.sides import Surface
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.body_step import Increments
 
 __all__ = ["Spring"]
 
@@ -139,6 +140,7 @@ class SpringForces(Grounded):
             float(total[:, 28].sum()),
             self._K,
             self._C,
+            scene.comm.rank == 0,
             self._share,
         )
         x = np.abs(X + rest + u).max(initial=0.0)
@@ -156,19 +158,17 @@ class SpringForces(Grounded):
         block = self._share * self._K + self._C / dt
         tangent.add_nodal(self._nodes, self._weights[:, None, None] * block)
 
-    def potential(self, u: Array) -> float:
+    def stored(self, u: Array, bodies: Bodies, t: float) -> float:
         """½ w (u - u₀)·K (u - u₀) [J]."""
         moved = u.reshape(-1, 3)[self._at] - self._rest
-        return 0.5 * float(np.vdot(self._weights[:, None] * moved, moved @ self._K))
+        own = 0.5 * float(np.vdot(self._weights[:, None] * moved, moved @ self._K))
+        return own + self._bodies.energy(bodies)
 
-    def potential_of_bodies(self, bodies: Bodies) -> float:
-        """See `Action`."""
-        return self._bodies.energy(bodies)
-
-    def dissipated(self, d: Any, dt: float) -> float:
+    def dissipated(self, d: Any, dt: float, increments: Increments) -> float:
         """Energy w Δu·C Δu/Δt [J]."""
         step = d.array_r.reshape(-1, 3)[self._at]
-        return float(np.vdot(self._weights[:, None] * step, step @ self._C)) / dt
+        own = float(np.vdot(self._weights[:, None] * step, step @ self._C)) / dt
+        return own + self._bodies.dissipated(increments)
 
 
 class PointSpring(PointLaw):

@@ -178,7 +178,7 @@ class ObstacleForces(Action):
 
     # After a step -------------------------------------------------------------------------------
 
-    def stored_in_contact(self, u: Array, bodies: Bodies, t: float) -> float:
+    def stored(self, u: Array, bodies: Bodies, t: float) -> float:
         """See `Action`."""
         c = self._displacement(t)
         nodes = self._X + u.reshape(-1, 3)[self._at] - c
@@ -186,7 +186,7 @@ class ObstacleForces(Action):
         pairs = (self._points.k, nodes), (self._loaded.k, loaded)
         return sum(float(stored(k, self._asked.gap(y)).sum()) for k, y in pairs)
 
-    def dissipated(self, d: Any, dt: float) -> float:
+    def dissipated(self, d: Any, dt: float, increments: Increments) -> float:
         """See `Action`."""
         both = self._points.pressed, self._loaded.pressed
         return sum(pressed.dissipated for pressed in both if pressed is not None)

@@ -181,7 +181,7 @@ class PairForces(Action):
         self._next.gap[self._active] = self._gaps[1]
         self._memory.gap, self._memory.mate = self._next.gap, self._next.mate
 
-    def stored_in_contact(self, u: Array, bodies: Bodies, t: float) -> float:
+    def stored(self, u: Array, bodies: Bodies, t: float) -> float:
         """See `Action`."""
         if self._comm.rank:
             return 0.0  # all ranks know the same

@@ -11,6 +11,7 @@ from rigidfx.base.inputs import positive
 from rigidfx.effects.action import Action, Array, Structure
 from rigidfx.effects.attached.grounded import Grounded, GroundedBodies
 from rigidfx.effects.base import Windowed
+from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.rigid_body import RigidBody
 
 __all__ = ["MassDamping", "euler"]
@@ -74,6 +75,7 @@ class Drag(Grounded):
             0.0,
             np.zeros((3, 3)),
             alpha * np.eye(3),
+            structure.scene.comm.rank == 0,
         )
 
     def resist_nodes(self, d: Any, dt: float, f: Any) -> None:
@@ -85,10 +87,11 @@ class Drag(Grounded):
         """Add α M/Δt."""
         self._mass.add_to(tangent, self._alpha / dt, prolongation)
 
-    def dissipated(self, d: Any, dt: float) -> float:
+    def dissipated(self, d: Any, dt: float, increments: Increments) -> float:
         """α Δu·M Δu/Δt [J]."""
         self._mass.mult(d, self._image)
-        return self._alpha / dt * float(d.array_r @ self._image.array_r)
+        own = self._alpha / dt * float(d.array_r @ self._image.array_r)
+        return own + self._bodies.dissipated(increments)
 
     def destroy(self) -> None:
         """Free the work vector. Collective."""

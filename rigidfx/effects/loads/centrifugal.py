@@ -65,7 +65,7 @@ class CentrifugalForces(Grounded):
         axis[:, 0] = load.centre
         spread = np.reshape([euler(body) for body in bodies.of.records], (-1, 4, 4))
         none = np.zeros((3, 3))
-        self._bodies = GroundedBodies(spread, axis, 0 * axis, 0.0, -self._S, none, 1.0)
+        self._bodies = GroundedBodies(spread, axis, 0 * axis, 0.0, -self._S, none, False, 1.0)
         self._nodes = rows.nodes[np.flatnonzero(structure.own)]
         self._own_mass = structure.scene.nodal_mass[self._nodes]
         mass = structure.scene.sum(self._own_mass.sum())

@@ -163,14 +163,10 @@ class DeadForces(Action):
         load = self._load
         self._q = vector_at(load.owner, "value or time function", t, lambda: load.intensity(t))
 
-    def load_nodes(self, forces: Array) -> None:
-        """Add w q."""
+    def load(self, forces: Array, moments: Array, torques: Array) -> None:
+        """Add w q, and Σ w q and Σ w V qᵀ of bodies."""
         if self._q.any():
             forces += self._weights * self._q
-
-    def load_bodies(self, moments: Array, torques: Array) -> None:
-        """Add Σ w q and Σ w V qᵀ."""
-        if self._q.any():
             moments += self._moments[:, :, None] * self._q
 
 
@@ -201,11 +197,8 @@ class FieldForces(Action):
         """
         self._all[self._at] = self._weights * check_values(self._load, t, self._X)
 
-    def load_nodes(self, forces: Array) -> None:
-        """Add w q."""
+    def load(self, forces: Array, moments: Array, torques: Array) -> None:
+        """Add w q, and Σ w q and Σ w V qᵀ of bodies. Collective."""
         forces += np.where(self._own, self._all[self._structure.rows.nodes], 0.0)
-
-    def load_bodies(self, moments: Array, torques: Array) -> None:
-        """Add Σ w q and Σ w V qᵀ. Collective."""
-        for axis in range(3):
+        for axis in range(3 if len(moments) else 0):
             moments[:, :, axis] += self._structure.moments(self._all[:, axis])

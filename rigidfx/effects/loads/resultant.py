@@ -151,7 +151,7 @@ class BodyLoad(Action):
         """
         self._force, self._torque = self._load.both_at(t)
 
-    def load_bodies(self, moments: Array, torques: Array) -> None:
+    def load(self, forces: Array, moments: Array, torques: Array) -> None:
         """Add force and torque."""
         moments[self._place, 0] += self._force
         torques[self._place] += self._torque
@@ -186,12 +186,9 @@ class FaceForce(Action):
         """
         self._force, _ = self._load.both_at(t)
 
-    def load_nodes(self, forces: Array) -> None:
-        """Add the force."""
+    def load(self, forces: Array, moments: Array, torques: Array) -> None:
+        """Add the force, and Σ f and Σ V fᵀ of bodies."""
         forces += self._weights * self._force
-
-    def load_bodies(self, moments: Array, torques: Array) -> None:
-        """Add Σ f and Σ V fᵀ."""
         moments += self._moments * self._force
 
 

@@ -108,7 +108,7 @@ class Actions:
         self._acting, self._acting_on_bodies = every, on_bodies
         self._timed, self._contacts = doing(every, "set_time"), doing(every, "touch")
         heeded = self._heeded
-        self._load_nodes = heeded.does(every, "load_nodes")
+        self._load = heeded.does(every, "load")
         self._look = heeded.does(every, "look")
         self._accept = heeded.does(every, "accept")
         self._creep_for = heeded.does(every, "creep_for")
@@ -116,17 +116,14 @@ class Actions:
         self._resist_nodes = heeded.does(every, "resist_nodes")
         self._stiffen_nodes = heeded.does(every, "stiffen_nodes")
         self.jumping = Jumping(every, self._with_bodies, heeded, self._comm)
-        self._potential = heeded.tells(every, "potential")
-        self._potential_of_links = heeded.tells(every, "potential_of_links")
+        springs = [action for action in every if action not in self._contacts]
+        self._springs = heeded.tells(springs, "stored")
         self._dissipated = _by_kind(every, "dissipated", heeded)
         self._touch = heeded.touches(self._contacts)
-        self._stored = heeded.tells(self._contacts, "stored_in_contact")
-        self._load_bodies = heeded.does(on_bodies, "load_bodies")
+        self._pressed = heeded.tells(self._contacts, "stored")
         self._resist_bodies = heeded.adds(on_bodies, "resist_bodies")
         self._stiffen_bodies = heeded.adds(on_bodies, "stiffen_bodies")
         self._work_on_bodies = heeded.tells(on_bodies, "work_on_bodies")
-        self._potential_of_bodies = heeded.tells(on_bodies, "potential_of_bodies")
-        self._dissipated_by_bodies = _by_kind(on_bodies, "dissipated_by_bodies", heeded)
         # What fades is for solvers no more than the stress of cells.
         stiffening, resisting = (doing(own, what) for what in ("stiffen_nodes", "resist_nodes"))
         self.stiffen = bool(stiffening or self._stiffen_bodies or self._look)
@@ -159,11 +156,9 @@ class Actions:
 
             together(self._comm, "A load", evaluate)
         self._forces[:] = self.moments[:] = self.torques[:] = 0.0
-        for load in self._load_nodes:
-            load(self._forces)
+        for load in self._load:
+            load(self._forces, self.moments, self.torques)
         self.external.array[:] = self._forces.reshape(-1)
-        for load in self._load_bodies:
-            load(self.moments, self.torques)
 
     # In each iteration --------------------------------------------------------------------------
 
@@ -186,7 +181,7 @@ class Actions:
 
     def resist_bodies(self, increments: Increments, moments: Array) -> None:
         """Add Σ f and Σ V fᵀ of resistance less loads to those of nodal forces."""
-        if self._load_bodies:
+        if self._load:
             moments -= self.moments
         for resist in self._resist_bodies:
             resist(moments, increments)
@@ -206,25 +201,19 @@ class Actions:
         dead += float(np.vdot(self.torques, increments.theta))
         return dead + sum(work(increments) for work in self._work_on_bodies)
 
-    def dissipated(self, d: PETSc.Vec, dt: float) -> list[tuple[str, float]]:
-        """Energy that kinds of effects take from the nodes of this rank in a step [J]."""
-        return [(kind, dissipated(d, dt)) for kind, dissipated in self._dissipated]
+    def dissipated(
+        self, d: PETSc.Vec, dt: float, increments: Increments
+    ) -> list[tuple[str, float]]:
+        """Energy that kinds of effects take in a step; those of ranks add up [J]."""
+        return [(kind, dissipated(d, dt, increments)) for kind, dissipated in self._dissipated]
 
-    def dissipated_by_bodies(self, increments: Increments) -> list[tuple[str, float]]:
-        """Energy that kinds of effects take from the bodies in a step [J]."""
-        return [(kind, dissipated(increments)) for kind, dissipated in self._dissipated_by_bodies]
-
-    def potential(self, u: Array) -> float:
-        """Potential energy of nodes of this rank at displacements of the rows [J]."""
-        return sum(potential(u) for potential in self._potential)
-
-    def potential_of_bodies(self, bodies: Bodies) -> float:
-        """Potential energy of the bodies [J]."""
-        return sum(potential(bodies) for potential in self._potential_of_bodies)
-
-    def potential_of_links(self, u: Array, bodies: Bodies) -> float:
-        """Potential energy on this rank of ties of nodes and bodies [J]. Collective."""
-        return sum(potential(u, bodies) for potential in self._potential_of_links)
+    def stored(self, u: Array, bodies: Bodies, t: float) -> tuple[float, float]:
+        """Energies of springs and of contacts; those of ranks add up [J]. Collective."""
+        springs, pressed = (
+            sum(stored(u, bodies, t) for stored in every)
+            for every in (self._springs, self._pressed)
+        )
+        return springs, pressed
 
     def accept(self) -> None:
         """Take note that the last iterate has become a step. Collective where something fades."""
@@ -259,22 +248,16 @@ class Actions:
             return np.array(f.array_r)
 
         def loads(action: Action) -> Array:
-            forces = np.zeros_like(self._forces)
-            action.load_nodes(forces)
-            return forces
-
-        def loads_of_bodies(action: Action) -> Array:
-            forces = np.zeros_like(self.moments), np.zeros_like(self.torques)
-            action.load_bodies(*forces)
+            forces = [np.zeros_like(a) for a in (self._forces, self.moments, self.torques)]
+            action.load(*forces)
             return np.concatenate([part.reshape(-1) for part in forces])
 
-        self._heeded.blame(self._acting, "load_nodes", loads)
+        self._heeded.blame(self._acting, "load", loads)
         self._heeded.blame(self._acting, "resist_nodes", resistance)
 
         def resistance_of_bodies(action: Action) -> Array:
             return action.resist_bodies(increments)
 
-        self._heeded.blame(self._acting_on_bodies, "load_bodies", loads_of_bodies)
         self._heeded.blame(self._acting_on_bodies, "resist_bodies", resistance_of_bodies)
         f.destroy()
 
@@ -290,10 +273,6 @@ class Actions:
                 for touch, parts in zip(local, zip(*every, strict=True), strict=True)
             }
         return self._touches
-
-    def stored_in_contact(self, u: Array, bodies: Bodies, t: float) -> float:
-        """Energy stored on this rank in contact at t [s], at displacements u of the rows [J]."""
-        return sum(stored(u, bodies, t) for stored in self._stored)
 
     def closing(self, v: Array, t: float, dt: float, bodies: Bodies) -> dict[str, float]:
         """Time until each contact closes at constant velocities, by titles [s]. Collective.
@@ -333,7 +312,7 @@ def _resting(actions: Sequence[Action]) -> set[str]:
     def able(*methods: str) -> set[str]:
         return {action.kind for method in methods for action in doing(actions, method)}
 
-    stores = able("potential", "potential_of_bodies", "potential_of_links", "touch")
+    stores = able("stored")
     return able("stiffen_nodes", "stiffen_bodies") & stores
 
 

@@ -18,6 +18,7 @@ from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Action
 from rigidfx.flexible.eased_stress import EasedStress
 from rigidfx.flexible.internal_forces import Cells
+from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.eased import Eased
 
 __all__ = ["EasedForces"]
@@ -103,7 +104,7 @@ class EasedForces(Action):
             self._condensed.matrix.assemble()
         tangent.add(self._condensed, 0.5 * self._part)
 
-    def dissipated(self, d: Any, dt: float) -> float:
+    def dissipated(self, d: Any, dt: float, increments: Increments) -> float:
         """Remaining part of x½ᵀ G Δx: the work that fades away [J]."""
         return self._part * float(self._resistance(d).array_r @ d.array_r)
 

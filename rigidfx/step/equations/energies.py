@@ -103,9 +103,7 @@ class Energies:
         local[2:5] = p.sum(axis=0)
         local[5:8] = axial(x.T @ p)
         local[8] = np.sqrt((p * p).sum(axis=1)).sum()
-        local[9] = self._actions.potential(u) + self._actions.potential_of_links(u, bodies)
-        local[10] = self._actions.stored_in_contact(u, bodies, state.t)
-        of_bodies = self._actions.potential_of_bodies(bodies)
+        local[9:11] = self._actions.stored(u, bodies, state.t)
         local[11] = self._actions.failures.count
         total = np.asarray(self._scene.sum(local))
         if total[11]:
@@ -115,7 +113,6 @@ class Energies:
             total[2:5] += bodies.momentum.sum(axis=0)
             total[5:8] += axial(bodies.r.T @ bodies.momentum) + bodies.angular_momentum.sum(axis=0)
             total[8] += bodies.momentum_scale
-            total[9] += of_bodies
         if self.linkage is not None:
             total[9] += self.linkage.stored(bodies)
         return Measures(

@@ -231,13 +231,11 @@ class StaticSystem:
 
     def dissipated(self) -> dict[str, float]:
         """Energy that friction takes in the last solution, by its kind [J]. Collective."""
-        equations = self._equations
-        of_nodes = self.actions.dissipated(equations.d, equations.dt)
-        of_bodies = self.actions.dissipated_by_bodies(self._prolongation.increments)
-        lost = self._scene.sum([0.0, *(energy for _, energy in of_nodes)])[1:]
+        d, increments = self._equations.d, self._prolongation.increments
+        by_kind = self.actions.dissipated(d, self._equations.dt, increments)
+        lost = self._scene.sum([0.0, *(energy for _, energy in by_kind)])[1:]
         out: dict[str, float] = {}
-        pairs = zip((kind for kind, _ in of_nodes), map(float, lost), strict=True)
-        for kind, energy in (*pairs, *of_bodies):
+        for (kind, _), energy in zip(by_kind, map(float, lost), strict=True):
             out[kind] = out.get(kind, 0.0) + energy
         return {kind: energy for kind, energy in out.items() if energy != 0.0}
 

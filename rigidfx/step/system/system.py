@@ -242,28 +242,24 @@ class System:
         d, forces = self.equilibrium.d.array_r, self.equilibrium.forces_out_of_balance.array_r
         prescribed = prolongation.prescribed
         reactions, moments = self._reactions(state, d, forces)
-        of_nodes = actions.dissipated(self.equilibrium.d, dt)
+        touches, increments = actions.touches(), prolongation.increments
+        by_kind = actions.dissipated(self.equilibrium.d, dt, increments)
         local = [
             actions.external.array_r @ d,
             forces[prescribed] @ d[prescribed],
             -sum(map(integral, self._taken.against_loads)),
             *map(integral, self._taken.dissipated.values()),
-            *(energy for _, energy in of_nodes),
+            *(energy for _, energy in by_kind),
         ]
-        touches, increments = actions.touches(), prolongation.increments
-        of_bodies = actions.dissipated_by_bodies(increments)
         on_bodies = actions.work_on_bodies(increments)
         failed, dead, supports, followed, *lost = map(
             float, self._scene.sum([self.actions.failures.count, *local])
         )
         if failed:
             self.actions.failures.settle()
-        kinds = [*self._taken.dissipated, *(kind for kind, _ in of_nodes)]
+        kinds = [*self._taken.dissipated, *(kind for kind, _ in by_kind)]
         dissipated: dict[str, float] = {}
-        for kind, energy in (
-            *zip(kinds, lost, strict=True),
-            *of_bodies,
-        ):
+        for kind, energy in zip(kinds, lost, strict=True):
             dissipated[kind] = dissipated.get(kind, 0.0) + energy
         loads = dead + followed + on_bodies
         supports += sum(touch.work for touch in touches.values())
