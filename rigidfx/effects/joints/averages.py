@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
-from rigidfx.effects.joints.stiff import BodyVector, Stiff
+from rigidfx.effects.joints.stiff import BodyVector, StiffNodes
 
 __all__ = ["Average", "Averages", "Grounded"]
 
@@ -36,8 +36,7 @@ class Average:
         constant: Shape (3,).
         start: Its value at the start, shape (3,).
         is_place: Whether it is a place, not a direction.
-        stiff: How it follows the body that holds the nodes of a rigid face, or a carried mass;
-            None if it does not.
+        stiff: How it follows the body of a carried mass; None if it does not.
     """
 
     nodes: npt.NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
@@ -45,7 +44,7 @@ class Average:
     constant: Array = field(default_factory=lambda: np.zeros(3))
     start: Array = field(default_factory=lambda: np.zeros(3))
     is_place: bool = False
-    stiff: Stiff | BodyVector | None = None
+    stiff: BodyVector | None = None
 
     @property
     def averages(self) -> tuple[Average, ...]:
@@ -146,6 +145,11 @@ class Averages:
             a: Shape (3,).
         """
         return Average(self.nodes, self._w * (self._arms @ a) / self.size**2)
+
+    @property
+    def stiff(self) -> StiffNodes:
+        """Finds the body that holds the nodes."""
+        return StiffNodes(self.nodes, self._w, self._arms, self.centre, self.count)
 
     def middle(self) -> Average:
         """Where the centre is."""

@@ -25,21 +25,20 @@ point, since δH_k = ω × H½_k gives θ = ω.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.effects.joints.averages import Average, Averages, Grounded
-from rigidfx.effects.joints.stiff import Stiff, StiffNodes
+from rigidfx.effects.joints.stiff import Stiff
 from rigidfx.mechanics.rotation import cross, skew
 
 __all__ = [
     "FaceSide",
     "FaceVector",
     "Sided",
-    "StiffFace",
     "Vector",
     "cyclic",
     "fitted",
@@ -84,7 +83,7 @@ def turn_map(r: Array, H: Array) -> tuple[Array, Array]:
 
 
 class FaceSide:
-    """A mean face as a side.
+    """A face as a side, of which a body may hold all nodes; those of a rigid face always.
 
     Attributes:
         size: Root of the mean square of the nodes' distances to their centre [m].
@@ -93,6 +92,7 @@ class FaceSide:
         centre: Their mean place at the start [m].
         axes: The axes a_k, by columns.
         averages: x̄ and the three H_k.
+        stiff: Finds the body that holds its nodes.
     """
 
     def __init__(self, nodes: Averages) -> None:
@@ -101,6 +101,7 @@ class FaceSide:
         self.nodes, self.centre, self.moments = nodes.nodes, nodes.centre, nodes.moments
         self._count = nodes.count  # of terms in a sum for the centre
         self.averages = (nodes.middle(), *(nodes.mean(a) for a in self.axes.T))
+        self.stiff = nodes.stiff
 
     def place(self, point: Array) -> Vector:
         """Where a point of the side is."""
@@ -121,13 +122,16 @@ class FaceVector:
         face: The face.
         arm: P - X̄, or the direction, at the start, shape (3,) [m, or 1].
         is_place: Whether it is a point.
-        stiff: As of an `Average`.
     """
 
     face: FaceSide
     arm: Array
     is_place: bool
-    stiff: Stiff | None = None
+
+    @property
+    def stiff(self) -> Stiff:
+        """How it follows a body that holds the nodes of the face."""
+        return Stiff(self.face.stiff, self.start, self.is_place)
 
     @property
     def start(self) -> Array:
@@ -178,39 +182,8 @@ class FaceVector:
         return moved + middle.slopes() if self.is_place else moved
 
 
-class StiffFace:
-    """A rigid face as a side: a point or a direction of the body that holds its nodes.
-
-    Attributes:
-        size: That of the surface [m].
-        mass: Mass of its nodes [kg].
-        nodes: Owned nodes of the surface on this rank.
-        centre: Their mean place at the start [m].
-    """
-
-    def __init__(self, scene: Any, weights: Array, side: FaceSide) -> None:
-        """Take the nodes. Collective.
-
-        Args:
-            scene: The problem.
-            weights: Weight of each owned node.
-            side: The surface as a mean face, which serves while its nodes are in no body.
-        """
-        self._side, self._nodes = side, StiffNodes(scene, weights)
-        self.size, self.mass, self.nodes = side.size, side.mass, side.nodes
-        self.centre = side.centre
-
-    def place(self, point: Array) -> Vector:
-        """Where a point of the side is."""
-        return replace(self._side.place(point), stiff=Stiff(self._nodes, point, True))
-
-    def direction(self, a: Array) -> Vector:
-        """Where a direction of the side points."""
-        return replace(self._side.direction(a), stiff=Stiff(self._nodes, a, False))
-
-
 Vector = Average | FaceVector
-Sided = Averages | FaceSide | StiffFace | Grounded
+Sided = Averages | FaceSide | Grounded
 
 
 def _means_at(scene: Any, vector: Vector, x: Array) -> Array:

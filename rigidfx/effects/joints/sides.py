@@ -11,7 +11,7 @@ import numpy as np
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown
 from rigidfx.effects.joints.averages import Averages, Grounded
-from rigidfx.effects.joints.face_motion import FaceSide, Sided, StiffFace
+from rigidfx.effects.joints.face_motion import FaceSide, Sided
 
 __all__ = [
     "GROUND",
@@ -126,8 +126,7 @@ def side_of(scene: Any, owner: str, side: Side) -> Sided:
     title, n = f"{owner}, {side_name(side)}", scene.owned_nodes
     if isinstance(side, Surface):
         weights = np.asarray(scene.facet_weights(side.where, owner)[:n])
-        face = FaceSide(Averages(scene, weights, title))
-        return StiffFace(scene, weights, face) if isinstance(side, RigidFace) else face
+        return FaceSide(Averages(scene, weights, title))
     if side == GROUND:
         return Grounded()
     rigid = {e.name: e.where for e in scene.effects if e.is_rigid}

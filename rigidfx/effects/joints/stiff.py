@@ -1,11 +1,12 @@
-"""Points and directions of rigid faces, as a body has them that holds all nodes of the face.
+"""Points and directions of faces, as a body has them that holds all nodes of the face.
 
-The nodes of a rigid face move as one body: one of their own, or one that holds them all. With w
-their weights, Σ w = 1, X their places at the start and V those in the body's frame,
+The nodes of a rigid face move as one body: one of their own, or one that holds them all, as it may
+hold those of a mean face. With w their weights, Σ w = 1, X their places at the start and V those in
+the body's frame,
 
-    V̄ + Q (P - X̄)  a point P,     Q a  a direction a,     Q the rotation that fits Σ w (X - X̄) ⊗ V,
+    V̄ + Q (P - X̄)  a point P,     Q a  a direction a,     Q the rotation that fits Σ w (X - X̄) ⊗ V.
 
-which is exact, and known of flat faces too.
+That is the mean motion of the face (`face_motion`), but linear in the body's pose.
 """
 
 from __future__ import annotations
@@ -26,24 +27,26 @@ Array = npt.NDArray[np.float64]
 
 
 class StiffNodes:
-    """The nodes of a rigid face.
+    """The nodes of a face.
 
     Attributes:
         centre: X̄ [m].
     """
 
-    def __init__(self, scene: Any, weights: Array) -> None:
-        """Find their centre. Collective.
+    def __init__(
+        self, nodes: npt.NDArray[np.int64], w: Array, arms: Array, centre: Array, count: int
+    ) -> None:
+        """Take them.
 
         Args:
-            scene: The problem.
-            weights: Weight of each owned node.
+            nodes: Owned nodes of this rank, sorted.
+            w: Weight of each.
+            arms: X - X̄ of each, shape (nodes, 3) [m].
+            centre: X̄ [m].
+            count: Number of nodes on all ranks.
         """
-        self._nodes = np.flatnonzero(weights)
-        w, X = weights[self._nodes], scene.start_places[self._nodes]
-        sums = scene.sum(np.r_[w.sum(), w @ X, w.size])
-        self.centre: Array = sums[1:4] / sums[0]
-        self._w, self._arms, self._size = w / sums[0], X - self.centre, sums[4]
+        self._nodes, self._w, self._arms, self._size = nodes, w, arms, count
+        self.centre = centre
 
     def within(self, scene: Any, bodies: Sequence[RigidBody]) -> tuple[int, Array, Array] | None:
         """The body that holds all of them, and how. Collective.
@@ -53,7 +56,8 @@ class StiffNodes:
             bodies: The bodies.
 
         Returns:
-            Its number among the bodies, V̄ [m] and Q; None if no body holds all nodes.
+            Its number among the bodies, V̄ [m] and Σ w (X - X̄) ⊗ V [m²]; None if no body holds
+            all nodes.
         """
         local = np.zeros((len(bodies), 1 + 3 + 9))
         for out, body in zip(local, bodies, strict=True):
@@ -67,14 +71,12 @@ class StiffNodes:
         if not found.size:
             return None
         own = sums[found[0]]
-        left, _, right = np.linalg.svd(own[4:].reshape(3, 3).T)
-        proper = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-        return int(found[0]), own[1:4], np.asarray(left @ proper @ right)
+        return int(found[0]), own[1:4], own[4:].reshape(3, 3)
 
 
 @dataclass(frozen=True)
 class Stiff:
-    """A point or a direction of a rigid face.
+    """A point or a direction of a face.
 
     Attributes:
         nodes: The nodes of the face.
@@ -86,13 +88,15 @@ class Stiff:
     vector: Array
     is_place: bool
 
-    def coordinates(self, centre: Array, Q: Array) -> Array:
+    def coordinates(self, centre: Array, products: Array) -> Array:
         """Its coefficients of [1, V] of the body, shape (4,).
 
         Args:
             centre: V̄ [m].
-            Q: See above.
+            products: Σ w (X - X̄) ⊗ V [m²].
         """
+        left, _, right = np.linalg.svd(products.T)
+        Q = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
         if not self.is_place:
             return np.r_[0.0, Q @ self.vector]
         return np.r_[1.0, centre + Q @ (self.vector - self.nodes.centre)]
@@ -100,7 +104,7 @@ class Stiff:
 
 @dataclass(frozen=True)
 class BodyVector:
-    """The origin or a direction of the body of a name, as the vectors of rigid faces are found.
+    """The origin or a direction of the body of a name, as the vectors of faces are found.
 
     Attributes:
         name: Name of the body.
@@ -120,7 +124,7 @@ class BodyVector:
         numbers = [k for k, body in enumerate(bodies) if body.name == self.name]
         return (numbers[0], np.zeros(3), np.eye(3)) if numbers else None
 
-    def coordinates(self, centre: Array, Q: Array) -> Array:
+    def coordinates(self, centre: Array, products: Array) -> Array:
         """See `Stiff`."""
         return np.r_[1.0, centre] if self.direction is None else np.r_[0.0, self.direction]
 
@@ -132,18 +136,18 @@ class StiffRow:
     Attributes:
         row: Its coefficients of [1, V] of all bodies, shape (bodies, 4).
         body: Number of the body.
-        Q: Rotation of the face from its start into the body's frame, shape (3, 3).
+        products: Σ w (X - X̄) ⊗ V of the face, shape (3, 3) [m²].
     """
 
     row: Array
     body: int
-    Q: Array
+    products: Array
 
 
 def stiff_rows(
     scene: Any, bodies: Sequence[RigidBody], vectors: Sequence[Any]
 ) -> dict[int, StiffRow]:
-    """How vectors of rigid faces that a body holds, and of carried masses, follow it. Collective.
+    """How vectors of faces that a body holds, and of carried masses, follow it. Collective.
 
     Args:
         scene: The problem.
@@ -177,11 +181,11 @@ def weights_of(
         scene: The problem.
         bodies: The bodies.
         averages: The averages.
-        stiff: Rows of the averages of rigid faces that a body holds: see `stiff_rows`.
+        stiff: Rows of the averages of faces that a body holds: see `stiff_rows`.
 
     Returns:
-        Weights of owned nodes, shape (averages, nodes), those of rigid faces that a body holds left
-        out, and of the bodies' [1, V], shape (averages, 4 · bodies).
+        Weights of owned nodes, shape (averages, nodes), those of faces that a body holds left out,
+        and of the bodies' [1, V], shape (averages, 4 · bodies).
     """
     own = [a.nodes[: 0 if k in stiff else None] for k, a in enumerate(averages)]
     number = np.repeat(np.arange(len(own)), [some.size for some in own])

@@ -28,7 +28,7 @@ class Vectors:
 
     Attributes:
         averages: The averages B, each once.
-        stiff: Rows of those that follow a body as a rigid face does, by their number.
+        stiff: Rows of those that follow a body, by their number.
         needed: For each vector, the numbers of its averages.
     """
 
@@ -37,7 +37,7 @@ class Vectors:
 
         Args:
             vectors: The vectors.
-            stiff: Rows of the vectors of rigid faces that a body holds, by their number.
+            stiff: Rows of the vectors of faces that a body holds, by their number.
         """
         self.averages: list[Average] = []
         self.stiff: dict[int, StiffRow] = {}
@@ -162,7 +162,7 @@ class Vectors:
     def spread(
         self, on_vectors: Array, pose: Array, nodes: npt.NDArray[np.int32], forces: Array
     ) -> None:
-        """Add forces on the nodes of rigid faces, of vectors that a body holds.
+        """Add forces on the nodes of faces, of vectors that a body holds.
 
         Args:
             on_vectors: Forces on vectors, shape (vectors, 3) [N].
@@ -174,8 +174,8 @@ class Vectors:
             means = None
             if isinstance(vector, FaceVector):
                 face = vector.face
-                r = face.axes.T @ held.Q.T @ pose[held.body, 1:]
-                means = np.vstack([np.zeros(3), face.moments[:, None] * r])
+                H = face.axes.T @ held.products @ pose[held.body, 1:] / face.size**2
+                means = np.vstack([np.zeros(3), H])
             there, at, here = np.intersect1d(vector.nodes, nodes, return_indices=True)
             if there.size:
                 slopes = vector.slopes(means)[at]
