@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
+from rigidfx.base.matrices import Pattern
 from rigidfx.effects.joints.averages import Average
 from rigidfx.effects.joints.face_motion import FaceVector, Vector, cyclic, fitted, turn_map
 from rigidfx.effects.joints.stiff import StiffRow
@@ -71,7 +72,9 @@ class Vectors:
         none: Array = np.zeros((len(self.averages), 3))
         self._start, self._moved = none, none
         self._r0 = self._r1 = self._axes(none)
-        self._pattern = self._places()
+        self._pattern = Pattern(*self._places(), (3 * self.count, 3 * len(self.averages)))
+        self._parts: dict[float, tuple[Array, Array, Array, Array]] = {}  # of this iterate
+        self._slopes: dict[float, csr_array] = {}  # likewise
 
     @property
     def is_plain(self) -> bool:
@@ -115,24 +118,27 @@ class Vectors:
 
     def begin(self, B: Array) -> Array:
         """Begin a step where averages are at B; the vectors, shape (vectors, 3)."""
-        self._start, self._moved = B, np.zeros_like(B)
+        self._start, self._moved, self._parts, self._slopes = B, np.zeros_like(B), {}, {}
         self._r0 = self._r1 = self._axes(B)
         return self.at(B)
 
     def look(self, moved: Array) -> Array:
         """See an iterate: increments of averages; those of vectors, shape (vectors, 3)."""
-        self._moved = moved
+        self._moved, self._parts, self._slopes = moved, {}, {}
         if self.is_plain:
             return moved
         self._r1 = self._axes(self._start + moved)
-        r, H = self._part(0.5)
-        theta = np.einsum("fakb,fkb->fa", turn_map(r, H)[1], self._of_faces(moved))
+        r, _, _, turns = self._part(0.5)
+        theta = np.einsum("fakb,fkb->fa", turns, self._of_faces(moved))
         return self._values(moved, cross(theta[self._face], self._arms(r)))
 
-    def _part(self, share: float) -> tuple[Array, Array]:
-        """r and H of all faces in the middle of the step (0.5), at its start (0) or end (1)."""
-        H = self._of_faces(self._start + share * self._moved)
-        return (1 - share) * self._r0 + share * self._r1, H
+    def _part(self, share: float) -> tuple[Array, Array, Array, Array]:
+        """r, H, N⁻¹ and θ by δH of all faces in the middle of the step (0.5), or at its ends."""
+        if share not in self._parts:
+            H = self._of_faces(self._start + share * self._moved)
+            r = (1 - share) * self._r0 + share * self._r1
+            self._parts[share] = (r, H, *turn_map(r, H))
+        return self._parts[share]
 
     def slopes(self, share: float) -> csr_array:
         """Derivatives of vectors by averages, shape (3 · vectors, 3 · averages).
@@ -140,14 +146,13 @@ class Vectors:
         Args:
             share: 0.5 for J̄ of the step, 0 and 1 for derivatives at its start and end.
         """
-        r, H = self._part(share)
-        turns = turn_map(r, H)[1].reshape(-1, 3, 9)[self._face]
-        moved = -skew(self._arms(r)) @ turns
-        values = np.concatenate(
-            [np.ones(3 * self._plain.size), np.repeat(self._is_place, 3), moved.ravel()]
-        )
-        shape = 3 * self.count, 3 * len(self.averages)
-        return csr_array((values, self._pattern), shape=shape)
+        if share not in self._slopes:
+            r, _, _, turns = self._part(share)
+            moved = -skew(self._arms(r)) @ turns.reshape(-1, 3, 9)[self._face]
+            plain, places = np.ones(3 * self._plain.size), np.repeat(self._is_place, 3)
+            values = np.concatenate([plain, places, moved.ravel()])
+            self._slopes[share] = self._pattern.sparse(values)
+        return self._slopes[share]
 
     def onto_averages(self, rows: csr_array, share: float) -> csr_array:
         """Derivatives by vectors as those by averages."""
@@ -207,10 +212,9 @@ class Vectors:
         Returns:
             Shape (3 · averages,) * 2 [N/m].
         """
-        r, H = self._part(share)
-        inverse, _ = turn_map(r, H)
+        r, H, inverse, _ = self._part(share)
         end = self._part(1.0)
-        turned_end = turn_map(*end)[1].reshape(-1, 3, 9)
+        turned_end = end[3].reshape(-1, 3, 9)
         f, faces = on_vectors[self._turned], len(self._centres)
         d, d1 = self._arms(r), self._arms(end[0])
         m, dm = np.zeros((faces, 3)), np.zeros((faces, 3, 3))
