@@ -113,10 +113,11 @@ class BriefContacts:
                 f"{told} within {steps}: Δt does not resolve this impact. Its impulse, "
                 f"{past.impulse:.3g} N s, and the motion afterwards hold; the peak of its force "
                 f"({past.peak:.3g} N here, a mean over a step) and of stresses does not. With Δt ≤ "
-                f"{dt:.2g} s the peak of touch.resolved, the force's mean over {over}, is found to "
-                "a few per cent: a tenth of the half period of the layer of cells behind the "
-                "contact, or of a rigid part, on its stiffness, or less. StepControl and Accuracy "
-                "shorten steps at impacts; the error afterwards is not estimated.",
+                f"{dt:.2g} s, a tenth of the half period of the layer of cells behind the contact, "
+                "or of a rigid part, on its stiffness, or less, shorter steps change the peak of "
+                f"touch.resolved, the force's mean over {over}, by a few per cent at most; smaller "
+                "cells may change it more. StepControl and Accuracy shorten steps at impacts; the "
+                "error afterwards is not estimated.",
             )
         elif self._listens and past.peak > RINGS * past.resolved:
             self._listens = False
