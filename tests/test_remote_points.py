@@ -73,6 +73,23 @@ def test_a_mass_beside_its_face_is_a_body_that_is_tied_to_it(face):
     assert last.energy == pytest.approx(first.energy, rel=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore")  # of blows by hinge and lock
+def test_a_mass_beside_its_face_stays_one_body(tmp_path):
+    """The structure is bound anew where effects begin, and where runs resume."""
+
+    def scene():
+        hinge = rf.Revolute("ground", rf.MeanFace("x0"), (0, 0.1, 0.1), (0, 0, 1), name="h")
+        lock = rf.Motor("h", speed=0.0, since=0.05)
+        return bar(hinge, lock, rf.PointMass(rf.MeanFace("x1"), 7.0, at=BESIDE))
+
+    *_, whole = rf.simulate(scene(), 0.01, 0.15)
+    for _ in rf.simulate(scene(), 0.01, 0.1, checkpoint=rf.Checkpoint(tmp_path, steps=100)):
+        pass
+    *_, resumed = rf.resume(tmp_path, scene(), t_end=0.15)
+    assert len(whole.rigid) == len(resumed.rigid) == 1
+    assert resumed.energy == pytest.approx(whole.energy, rel=1e-10)
+
+
 @NO_WARNINGS
 @pytest.mark.parametrize("face", [rf.MeanFace("x1"), rf.RigidFace("x1")])
 def test_points_bend_a_cantilever_as_theory_has_it(face):

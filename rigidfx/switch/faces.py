@@ -6,6 +6,8 @@ masses; the mass of the cells beside it stays theirs, and its six unknowns move 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -29,7 +31,12 @@ Nodes = npt.NDArray[np.int32]
 
 
 def face_bodies(
-    scene: Scene, forces: InternalForces, state: State, held: npt.NDArray[np.bool_], first: int
+    scene: Scene,
+    forces: InternalForces,
+    state: State,
+    held: npt.NDArray[np.bool_],
+    first: int,
+    others: Sequence[Body],
 ) -> list[Body]:
     """The bodies of carried masses, and of the rigid faces that no other body has. Collective.
 
@@ -39,6 +46,7 @@ def face_bodies(
         state: Current state; faces that are bodies in it keep their motion.
         held: For each owned node, whether another body or a support that clamps a part has it.
         first: Number of the body of the first face.
+        others: Bodies that there are already, maybe of carried masses too.
 
     Raises:
         SceneError: On every rank, if the nodes of a face lie on a line.
@@ -56,8 +64,10 @@ def face_bodies(
             out.append(_body(scene, forces, state, face, nodes, number))
     first += len(rigid_faces(scene.effects))
     carried = (effect for effect in scene.named(PointMass) if effect.is_carried)
-    n = scene.owned_nodes
+    n, there = scene.owned_nodes, {body.data.name for body in others}
     for number, effect in enumerate(carried, start=first):
+        if effect.title in there:
+            continue
         if effect.title in known:
             out.append(known[effect.title])
         else:
@@ -94,7 +104,7 @@ def with_faces(scene: Scene, forces: InternalForces, state: State) -> set[int]:
         nodes = scene.nodes(part.where, part.kind, (3,)) if part.where else np.arange(held.size)
         held[nodes[nodes < held.size]] = True
     there = {body.data.number for body in state.bodies}
-    faces = face_bodies(scene, forces, state, held, len(named) + 1)
+    faces = face_bodies(scene, forces, state, held, len(named) + 1, others)
     state.group(Bodies.of_each([*others, *faces]))
     return {face.data.number for face in faces} - there
 

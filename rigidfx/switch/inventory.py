@@ -114,7 +114,7 @@ def divide(
     bodies += found
     for body in found:
         taken[body.data.nodes] = True
-    bodies += face_bodies(scene, forces, state, taken, len(scene.named(Rigid)) + 1)
+    bodies += face_bodies(scene, forces, state, taken, len(scene.named(Rigid)) + 1, bodies)
     if not rigid:
         return Division(forces.cells(), Bodies.of_each(bodies), None, {}, {})
     every = scene.owned_cells(None, "")
