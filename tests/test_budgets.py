@@ -26,6 +26,7 @@ LARGEST = 0.2  # s
 pytestmark = [
     pytest.mark.filterwarnings("ignore:Body 'part:rigidfx.RigidfxWarning"),
     pytest.mark.filterwarnings("ignore:Scene. first-order cells lock:rigidfx.RigidfxWarning"),
+    pytest.mark.filterwarnings("ignore:Contact .* as nodes of the surface ring"),
 ]
 
 

@@ -31,7 +31,10 @@ from rigidfx.step.length.time_error import TimeError
 from rigidfx.step.length.tracked import Tracked
 
 # Paths whose velocity jumps.
-pytestmark = pytest.mark.filterwarnings("ignore:.* acts with a jolt")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.* acts with a jolt"),
+    pytest.mark.filterwarnings("ignore:Contact .* as nodes of the surface ring"),
+]
 
 SOFT = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)
 T = 8.0
