@@ -58,13 +58,14 @@ def pair(*effects, along=0.5, since=0.0):
 
 
 def joined(**more):
-    """Two bars that tumble, with a motor and a spring."""
+    """Two bars that tumble, with a motor, a spring and a cable."""
     sides = rf.MeanFace("a"), rf.MeanFace("b")
     pin = rf.Revolute(*sides, PIN, (0, 0, 1), name="pin")
     motor = rf.Motor("pin", speed=lambda t: 2.0 + np.sin(9 * t), until=0.4)
     spring = rf.JointSpring("pin", stiffness=3.0, damping=0.1)
     probes = {"tip": (2.02, 0.2, 0.2)}
-    return bars(pin, motor, spring, joined=False, probes=probes, **more)
+    cable = rf.SpringDamper("A", "B", 20.0, pulls_only=True)
+    return bars(pin, motor, spring, cable, joined=False, probes=probes, **more)
 
 
 SWAYED = rf.PrescribedMotion(

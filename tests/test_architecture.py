@@ -400,7 +400,7 @@ CEILINGS = {
     "decide/memory": 9,
     "domain": 107,
     "effects": 14,
-    "effects/attached": 13,
+    "effects/attached": 6,
     "effects/contacts": 29,
     "effects/damping": 1,
     "effects/initial": 7,

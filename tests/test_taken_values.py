@@ -74,6 +74,14 @@ RECORDS = {
         "stiffness": np.eye(3),
         "damping": [[1.0, 0, 0], [0, 1.0, 0], np.array([0, 0, 1.0])],
     },
+    rf.SpringDamper: lambda: {
+        "a": "ground",
+        "b": "x0",
+        "stiffness": np.array(2.0),
+        "damping": np.array(2.0),
+        "length": np.array(0.1),
+        "at_a": np.array([3.0, 0, 0]),
+    },
     rf.Contact: lambda: {
         "where": "x0",
         "against": rf.Plane((0, 0, 0), (0, 0, 1)),

@@ -8,6 +8,7 @@ adds nothing to the compiled forms, and no action to a step: see `action`.
 from rigidfx.effects.action import Action, FormTerm, Structure, Touch
 from rigidfx.effects.attached.point_mass import PointMass
 from rigidfx.effects.attached.spring import Spring
+from rigidfx.effects.attached.spring_damper import SpringDamper, SpringDamperReport
 from rigidfx.effects.base import Effect, Table, Windowed, bends_of
 from rigidfx.effects.contact import Contact
 from rigidfx.effects.contacts.obstacles import Cylinder, Obstacle, Plane, Sphere
@@ -82,6 +83,8 @@ __all__ = [
     "Sphere",
     "Spherical",
     "Spring",
+    "SpringDamper",
+    "SpringDamperReport",
     "StiffnessDamping",
     "Stop",
     "Structure",

@@ -15,7 +15,8 @@ from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.remembered import Kind, joined, part_of, restore
 from rigidfx.coupling.mass import ConsistentMass, LumpedMass, Mass
 from rigidfx.coupling.rows import Rows
-from rigidfx.effects import Joint, Preload, Rigid
+from rigidfx.effects import Preload, Rigid
+from rigidfx.effects.joints.between import Between
 from rigidfx.error.contacts import Contacts
 from rigidfx.error.forces.parts import mass_of
 from rigidfx.error.frames import Frames, to_space
@@ -65,7 +66,7 @@ class Equations:
         self._stepper, self._sums = stepper, sums
         self._forms = LinearForms(scene, stepper.forces)
         few = 3 * scene.space.dofmap.index_map.size_global <= LARGEST
-        self._few = few or bool(scene.named(Joint))
+        self._few = few or bool(scene.named(Between))
         self._held = Held(scene)
         self._led: Array | None = None  # increments of e at supports in this step
         self._viscous: list[int] = []  # terms of viscosity in these equations
@@ -127,7 +128,7 @@ class Equations:
             found = about(self._stepper, self._forms, frames, self._held.mask)
         motion, self.loose, joined = found
         own = self._stepper, frames, joined, self._begun
-        self.joints = Joints(*own) if scene.named(Joint) else None
+        self.joints = Joints(*own) if scene.named(Between) else None
         e, rate = self.loose.still(e), motion.halted(self.loose.still(rate))
         self.reactions = Reactions(scene, self._stepper.prescribed, motion, frames)
         # Modes take a part that supports hold to be without rigid motions.

@@ -6,7 +6,7 @@ W gives the averages of which joints consist, Q rotates those of each part from 
 shape into space. D has the derivatives of the joints' rows, and of angles and travels that motors
 prescribe, at the averages of the run at the end of the step. b is zero but for motors of given
 speed, and locks: these keep B e as it is when they begin, where impulses make B ė zero. For a
-spring of a joint or a stop, μ is the difference of its forces at u + e and at u.
+spring of a joint or between points, or a stop, μ is the difference of its forces at u + e and at u.
 
 e of each part stays in that part's frame, and so does the step's inverse A⁻¹. With its columns
 Y = A⁻¹ Wᵀ, found once for steps of one length, e = e₀ + Y Qᵀ Dᵀ μ. So a step takes one solution for
@@ -29,7 +29,8 @@ from scipy.linalg import null_space
 from scipy.sparse import csr_array, vstack
 
 from rigidfx.base.matrices import dense
-from rigidfx.effects import Joint, JointSpring, Motor, Stop
+from rigidfx.effects import Joint, JointSpring, Motor, SpringDamper, Stop
+from rigidfx.effects.joints.between import Between
 from rigidfx.effects.joints.terms import Terms
 from rigidfx.effects.joints.vectors import Vectors
 from rigidfx.error.contacts import Search
@@ -86,11 +87,11 @@ class Joints:
         self._stepper, self._frames, self._search = stepper, frames, Search()
         self._loose = loose
         self._scene = scene = stepper.scene
-        joints = scene.named(Joint)
-        vectors = [vector for joint in joints for vector in joint.pieces.averages]
-        numbers = [len(joint.pieces.averages) for joint in joints]
-        rows = [joint.pieces.rows for joint in joints]
-        self._terms = Terms(rows, [0, *accumulate(numbers)], len(vectors))
+        joints, springs = scene.named(Joint), scene.named(SpringDamper)
+        vectors = [vector for own in (*joints, *springs) for vector in own.averages]
+        firsts = [0, *accumulate(len(own.averages) for own in (*joints, *springs))]
+        self._springs = list(zip(firsts[len(joints) :], springs, strict=False))
+        self._terms = Terms([joint.pieces.rows for joint in joints], firsts, len(vectors))
         self._vectors = Vectors(vectors, {})
         averages = self._vectors.averages
         self._constant = np.reshape([a.constant for a in averages], (-1, 3))
@@ -228,10 +229,16 @@ class Joints:
             elif not isinstance(drive.effect, Motor):
                 along.append(own)
                 laws.append((drive.effect, *linkage.drives.ends_of(n)))
+        told = linkage.points.told()
+        for k, spring in self._springs:
+            own, known = np.zeros_like(p), told[spring.title]
+            own[k : k + 2] = spring.gradient(p[k : k + 2])
+            along.append(own)
+            laws.append((spring, known.length - known.rate * dt, known.length))
         of_joints = dense(self._terms.gradient(p))
         B = self._turned(np.concatenate([of_joints, np.reshape(rows, (len(rows), p.size))]))
         of_laws = self._turned(np.reshape(along, (len(laws), p.size)))
-        stiff = [isinstance(law[0], JointSpring) and law[0].stiffness > 0 for law in laws]
+        stiff = [law[0].resists for law in laws]
         self.free = _kernel(np.concatenate([B, of_laws[stiff]]) @ self._led)
         none, lost = np.zeros((len(B), motions)), np.zeros((self.free.shape[1], B.shape[1]))
         values = np.zeros(len(B) + len(lost))
@@ -298,14 +305,14 @@ class _Law:
     """The law of a spring of a joint, or of a stop, on u + e.
 
     Attributes:
-        effect: It.
-        start: Angle or travel of u at the start of the step [rad or m].
+        effect: It, or a spring between two points.
+        start: Angle, travel or length of u at the start of the step [rad or m].
         end: The same at its end.
         began: That of e at the start.
         dt: Length of the step [s].
     """
 
-    effect: JointSpring | Stop
+    effect: JointSpring | SpringDamper | Stop
     start: float
     end: float
     began: float
@@ -319,10 +326,10 @@ class _Law:
 
 
 def joined_parts(scene: Scene) -> Bools:
-    """Which connected parts joints take hold of, shape (parts,). Collective."""
+    """Which connected parts joints and springs take hold of, shape (parts,). Collective."""
     on = np.zeros(len(scene.start_places), dtype=bool)
-    for joint in scene.named(Joint):
-        for average in joint.pieces.averages:
+    for joint in scene.named(Between):
+        for average in joint.averages:
             on[average.nodes] = True
     cells = on[scene.space.dofmap.list].any(axis=1)
     counts = np.bincount(scene.parts.of_cell[cells], minlength=scene.parts.count)

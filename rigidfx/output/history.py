@@ -63,7 +63,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -73,7 +73,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import OutputError
 from rigidfx.base.inputs import path_of
-from rigidfx.effects import JointReport, Touch
+from rigidfx.effects import JointReport, SpringDamperReport, Touch
 from rigidfx.flexible.stress import SYMMETRIC
 from rigidfx.report.peaks import Peak
 from rigidfx.report.probe_stress import StressAt
@@ -122,6 +122,7 @@ def history_columns(
     contacts: Sequence[str] = (),
     stress: bool = False,
     joints: Mapping[str, Sequence[str]] = NO_JOINTS,
+    springs: Sequence[str] = (),
     peaks: Sequence[str] = (),
 ) -> list[str]:
     """Names of the columns.
@@ -132,6 +133,7 @@ def history_columns(
         contacts: Titles of the contacts.
         stress: Whether stress and strain at the probes are among them.
         joints: Titles of each joint's motors, springs and stops, by the title of the joint.
+        springs: Titles of the springs between two points.
         peaks: Names of the sets whose largest stress is among them.
     """
     stresses = [name for probe in probes if stress for name in _stress_names(probe)]
@@ -143,7 +145,7 @@ def history_columns(
     names = [f"{vector}_{axis}" for vector in vectors for axis in "xyz"]
     first = [*SCALARS, "dissipated", "impact_energy", "momentum_scale", "bodies"]
     of_contacts = [*(["contact"] if contacts else []), *_of_contacts(contacts, {}, {})]
-    of_joints = _of_joints(joints, {})
+    of_joints = [*_of_joints(joints, {}), *_of_springs(springs, {})]
     stresses += [f"peak_{name}{at}" for name in peaks for at in ("", "_x", "_y", "_z")]
     return [*first, *names, *stresses, *of_contacts, *of_joints, *LEDGER, "wall"]
 
@@ -154,6 +156,7 @@ def history_row(
     contacts: Sequence[str] = (),
     stresses: Mapping[str, StressAt] | None = None,
     joints: Mapping[str, Sequence[str]] = NO_JOINTS,
+    springs: Sequence[str] = (),
     peaks: Mapping[str, Peak] | None = None,
     before: Written | None = None,
 ) -> dict[str, float]:
@@ -165,6 +168,7 @@ def history_row(
         contacts: Titles of the contacts, likewise.
         stresses: Stress and strain at the probes, if they are among the columns.
         joints: Titles of each joint's motors, springs and stops, by the title of the joint.
+        springs: Titles of the springs between two points.
         peaks: Largest stresses, if they are among the columns.
         before: The report of the row before, None in the first one.
     """
@@ -197,7 +201,7 @@ def history_row(
     if contacts:
         row["contact"] = report.contact
         row |= _of_contacts(contacts, report.touches, report.error_touches)
-    row |= _of_joints(joints, report.joints)
+    row |= _of_joints(joints, report.joints) | _of_springs(springs, report.spring_dampers)
     return row | _spent(report) | {"wall": report.wall}
 
 
@@ -226,6 +230,13 @@ def _of_joints(
             column = f"joint_{title}_{kind.replace('JointSpring', 'Spring').lower()}"
             out[column] = joint.efforts.get(owner, 0.0 if title in told else nan)
     return out
+
+
+def _of_springs(springs: Sequence[str], told: Mapping[str, SpringDamperReport]) -> dict[str, float]:
+    """The columns of springs between two points and their values, by their titles."""
+    known = {title: told.get(title, SpringDamperReport(nan, nan, nan)) for title in springs}
+    names = [field.name for field in fields(SpringDamperReport)]
+    return {f"spring_{t}_{name}": getattr(own, name) for t, own in known.items() for name in names}
 
 
 def _spent(report: Report) -> dict[str, float]:

@@ -34,7 +34,7 @@ from rigidfx.base.errors import OutputError, SceneError, StepError, agree, toget
 from rigidfx.base.inputs import names, path_of, positive, shown, whole
 from rigidfx.base.instants import at_latest
 from rigidfx.base.same_input import check_same
-from rigidfx.effects import Contact, efforts_of
+from rigidfx.effects import Contact, SpringDamper, efforts_of
 from rigidfx.output.body_tables import body_rows, event_rows
 from rigidfx.output.changed import ChangedFile
 from rigidfx.output.fields import Fields
@@ -128,7 +128,7 @@ class Recorder:
         self._scene, self._comm = scene, scene.comm
         self._supports = tuple(dict.fromkeys(support.where for support, _ in scene.supports))
         self._contacts = tuple(contact.title for contact in scene.named(Contact))
-        self._joints = efforts_of(scene)
+        self._joints = efforts_of(scene), tuple(s.title for s in scene.named(SpringDamper))
         self._stress = bool(stress)
         self._fields = Fields(scene, self._stress)
         self._clouds = clouds_of(scene, bool(integration_points))
@@ -142,7 +142,7 @@ class Recorder:
 
     def _open(self, over: tuple[str, ...]) -> None:
         """Open the files; none changes yet. Collective."""
-        named = self._contacts, self._stress, self._joints, over
+        named = self._contacts, self._stress, *self._joints, over
         columns = history_columns(self._supports, list(self._scene.probes), *named)
         bodies: dict[str, Body | Cloud] = {"fields": self._fields.body}
         bodies |= {name: cloud.body for name, cloud in self._clouds.items()}
@@ -232,7 +232,7 @@ class Recorder:
         self._before = Written(report.step, report.t, dict(report.velocities))
         stresses = report.stresses if self._stress else None
         peaks = self._peaks.measure(report) if self._peaks else None
-        named = self._supports, self._contacts, stresses, self._joints, peaks, before
+        named = self._supports, self._contacts, stresses, *self._joints, peaks, before
 
         def write() -> None:
             self._files.rows("history").add([history_row(report, *named)])

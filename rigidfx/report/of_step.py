@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.named import Named
-from rigidfx.effects import Contact, Joint, JointReports, Rigid, Touch
+from rigidfx.effects import Contact, Joint, JointReports, Rigid, SpringDamper, Touch
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.shown import Shown
 from rigidfx.flexible.indicator import Indicator
@@ -164,18 +164,20 @@ def _velocities(probes: Probes, state: State, off: Mapping[str, Shown]) -> Mappi
 
 
 def _acting(scene: Scene, result: StepResult | None) -> dict[str, Any]:
-    """Reactions, touches and joints of a step, or of the initial state, by name."""
+    """Reactions, touches, joints and springs of a step, or of the initial state, by name."""
     if result is None:
         titles = [joint.title for joint in scene.named(Joint)]
         touches = {contact.title: Touch(contact.title) for contact in scene.named(Contact)}
         acting = held_at_start(scene, {}, {}) | {"joints": JointReports(later=titles)}
+        springs, later = {}, [spring.title for spring in scene.named(SpringDamper)]
     else:
-        touches = dict(result.touches)
+        touches, springs, later = dict(result.touches), dict(result.spring_dampers), []
         acting = {
             "reactions": Named("report.reactions", result.reactions),
             "reaction_moments": Named("report.reaction_moments", result.reaction_moments),
             "joints": result.joints,
         }
+    acting["spring_dampers"] = Named("report.spring_dampers", springs, later)
     return acting | {"touches": Named("report.touches", touches)}
 
 

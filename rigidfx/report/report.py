@@ -14,7 +14,7 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.in_notebook import as_table, in_short
 from rigidfx.base.named import Named
 from rigidfx.base.taken import read_only
-from rigidfx.effects import JointReports, Touch
+from rigidfx.effects import JointReports, SpringDamperReport, Touch
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.stress import Added, Recovered
@@ -59,7 +59,7 @@ class Report:
         strain: Strain energy of the flexible cells [J].
         stored: Energy that bodies keep for their release: their strain energy, and the kinetic
             energy of their vibration when they were frozen [J].
-        springs: Potential energy of springs to ground [J].
+        springs: Potential energy of springs, also those of joints and between points [J].
         contact: Energy stored in contacts [J].
         linear_momentum: L, shape (3,) [kg m/s].
         angular_momentum: J about the origin, shape (3,) [kg m²/s].
@@ -76,6 +76,8 @@ class Report:
             `rigidfx.effects.action.Touch`; zero in the initial state, and while it does not act.
         joints: Force and motion of each joint in this step, by its title: see
             `rigidfx.effects.joints.joint_report.JointReport`; nothing in the initial state.
+        spring_dampers: Tension, length and its rate of each `SpringDamper` in this step, by its
+            title: see `rigidfx.effects.attached.spring_damper.SpringDamperReport`; likewise.
         impact: Impact of a support that starts, or jumps in velocity, at the step's start; at t = 0
             in the report of the initial state.
         rigid: The rigid bodies at its end, as arrays.
@@ -124,6 +126,7 @@ class Report:
     reaction_moments: Mapping[str, Array]
     touches: Mapping[str, Touch]
     joints: JointReports
+    spring_dampers: Mapping[str, SpringDamperReport]
     impact: Impact | None
     rigid: Bodies
     clamped: tuple[str, ...]

@@ -25,6 +25,7 @@ from rigidfx.effects import (
     MassDamping,
     NumericalDamping,
     Spring,
+    SpringDamper,
     StiffnessDamping,
 )
 from rigidfx.mechanics.materials import Isotropic
@@ -63,7 +64,7 @@ class Damped:
             for modulus, cells in _moduli(scene):
                 beta[np.intersect1d(cells, inside)] += float(effect.eta) / modulus
         self.viscous = float(scene.comm.allreduce(beta.min(initial=np.inf), op=MPI.MIN))
-        if scene.named(Spring):
+        if scene.named(Spring) or scene.named(SpringDamper):
             self.viscous = self.numerical = 0.0
 
     def rates(self, frequencies: Array, dt: float) -> Array:

@@ -7,7 +7,8 @@ import numpy.typing as npt
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from rigidfx.effects import Contact, Joint
+from rigidfx.effects import Contact
+from rigidfx.effects.joints.between import Between
 from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
 
@@ -20,10 +21,9 @@ Ints = npt.NDArray[np.int64]
 def linked(scene: Scene) -> Ints:
     """Number of the group of each connected part, shape (parts,). Collective.
 
-    Parts that a joint links are in one group.
+    Parts that a joint or a spring links are in one group.
     """
-    pieces = [joint.pieces for joint in scene.named(Joint)]
-    nodes = [np.concatenate([a.nodes for a in own.averages]) for own in pieces]
+    nodes = [np.concatenate([a.nodes for a in own.averages]) for own in scene.named(Between)]
     holds = _held(scene, nodes)
     pairs = csr_array(holds.T.astype(np.float64) @ holds.astype(np.float64))
     return np.asarray(connected_components(pairs, directed=False)[1], dtype=np.int64)

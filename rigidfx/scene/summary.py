@@ -11,6 +11,7 @@ import numpy as np
 import ufl
 
 from rigidfx.effects import Effect, Joint, Motor, Rigid, Table, Windowed
+from rigidfx.effects.joints.between import Between
 from rigidfx.mechanics.element import StandardElement
 from rigidfx.scene.mesh_checks import parts_in_words
 from rigidfx.scene.pieces import pieces_in_words
@@ -208,7 +209,7 @@ def _place(where: Any) -> str:
 
 
 def _where(effect: Any) -> str:
-    if isinstance(effect, Joint):
+    if isinstance(effect, Between):
         return effect.between
     if not hasattr(effect, "where"):
         return "everywhere"

@@ -203,7 +203,7 @@ class LoadPath:
         """Take the last solution over. Collective."""
         system = self.system
         reactions, moments, work = system.reactions()
-        joints = system.joints()
+        joints, springs = system.joints(), system.spring_dampers()
         touches, dissipated = system.actions.touches(), system.dissipated()
         moving = sum(touch.work for touch in touches.values())
         system.accept(t0, t1)
@@ -222,6 +222,7 @@ class LoadPath:
             reaction_moments=moments,
             touches=touches,
             joints=joints,
+            spring_dampers=springs,
         )
 
     def close(self) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.effects import JointReports, Touch
+from rigidfx.effects import JointReports, SpringDamperReport, Touch
 from rigidfx.step.newton.solution import Solution
 from rigidfx.step.system.system import Work
 from rigidfx.step.watches.judge import Attempt
@@ -31,6 +31,7 @@ class StepResult:
         reaction_moments: Its moment about the origin, shape (3,) [N m].
         touches: Touch of each contact, by its title.
         joints: Force and motion of each joint, by its title.
+        spring_dampers: Force and length of each spring between two points, by its title.
     """
 
     dt: float
@@ -43,6 +44,7 @@ class StepResult:
     reaction_moments: Mapping[str, npt.NDArray[np.float64]]
     touches: Mapping[str, Touch]
     joints: JointReports = field(default_factory=JointReports)
+    spring_dampers: Mapping[str, SpringDamperReport] = field(default_factory=dict)
 
 
 def result_of(attempt: Attempt, work: Work) -> StepResult:
@@ -58,4 +60,5 @@ def result_of(attempt: Attempt, work: Work) -> StepResult:
         reaction_moments=work.reaction_moments,
         touches=work.touches,
         joints=work.joints,
+        spring_dampers=work.spring_dampers,
     )

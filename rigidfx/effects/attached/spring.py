@@ -124,20 +124,18 @@ class SpringForces(Grounded):
         rest = scene.start_places[:n] - X if spring.relaxed == "start" else np.zeros_like(X)
         self._rest = rest[self._nodes]
         u = self._u0[: 3 * n].reshape(-1, 3) - rest
-        sums = np.zeros((len(bodies), 29))
-        for row, body in zip(sums, bodies.of.records, strict=True):
-            w, moved = weights[body.nodes], u[body.nodes]
+        sums, energy = np.zeros((len(bodies), 4, 7)), 0.0
+        for out, body in zip(sums, bodies.of.records, strict=True):
+            w, moved = weights[body.nodes, None], u[body.nodes]
             coordinates = np.c_[np.ones(body.nodes.size), body.offsets]
-            weighted = (w[:, None] * coordinates).T
-            row[:16] = (weighted @ coordinates).reshape(-1)
-            row[16:28] = (weighted @ moved).reshape(-1)
-            row[28] = 0.5 * np.vdot(w[:, None] * moved, moved @ self._K)
+            out[:] = (w * coordinates).T @ np.c_[coordinates, moved]
+            energy += 0.5 * float(np.vdot(w * moved, moved @ self._K))
         total = np.asarray(scene.sum(sums))
         self._bodies = GroundedBodies(
-            total[:, :16].reshape(-1, 4, 4),
+            total[:, :, :4],
             bodies.pose,
-            total[:, 16:28].reshape(-1, 4, 3),
-            float(total[:, 28].sum()),
+            total[:, :, 4:],
+            float(scene.sum(energy)),
             self._K,
             self._C,
             scene.comm.rank == 0,

@@ -13,7 +13,7 @@ from rigidfx.effects.joints.face_motion import Sided
 from rigidfx.effects.joints.sides import Side, Surface, side_name
 from rigidfx.effects.supports.support import Support
 
-__all__ = ["check_sides"]
+__all__ = ["check_near", "check_sides"]
 
 Array = npt.NDArray[np.float64]
 
@@ -39,13 +39,7 @@ def check_sides(
     for name, side in zip(names, sides, strict=True):
         if isinstance(side, Grounded):
             continue
-        away = float(np.linalg.norm(at - side.centre))
-        if isinstance(name, Surface) and round(away / side.size, 6) > FAR:
-            apart = "its sides do not meet: " if len(sides) > 1 else ""
-            raise SceneError(
-                f"{owner}: {apart}it is at {at} m, and {side_name(name)} is around "
-                f"{side.centre} m, {away:.3g} m away and {side.size:.3g} m large."
-            )
+        check_near(owner, name, side, at, "its sides do not meet: " if len(sides) > 1 else "")
         for support in scene.named(Support):
             if len(support.axes) == 3 and _among(scene, side, support.where, support.kind):
                 raise SceneError(
@@ -59,6 +53,27 @@ def check_sides(
                 f"{owner}: both sides are of one part, {rigid.owner}, and cannot move against each "
                 "other."
             )
+
+
+def check_near(owner: str, name: Side, side: Any, at: Array, apart: str = "") -> None:
+    """Refuse a point that is far away from its surface.
+
+    Args:
+        owner: The joint or effect, for messages.
+        name: The side as given.
+        side: The side, not the ground.
+        at: The point at the start [m].
+        apart: Further words.
+
+    Raises:
+        SceneError: If it is far away from a surface.
+    """
+    away = float(np.linalg.norm(at - side.centre))
+    if isinstance(name, Surface) and round(away / side.size, 6) > FAR:
+        raise SceneError(
+            f"{owner}: {apart}it is at {at} m, and {side_name(name)} is around "
+            f"{side.centre} m, {away:.3g} m away and {side.size:.3g} m large."
+        )
 
 
 def _among(scene: Any, side: Sided, where: str | None, kind: str) -> bool:

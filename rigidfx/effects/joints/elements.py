@@ -96,6 +96,11 @@ class Motor(Windowed):
         return KINDS[self.by][1]
 
     @property
+    def resists(self) -> bool:
+        """Whether it resists all that changes its coordinate."""
+        return self.prescribes
+
+    @property
     def by_speed(self) -> bool:
         """Whether it prescribes a speed or a rate."""
         return self.by in ("speed", "rate")
@@ -200,6 +205,11 @@ class JointSpring(Effect):
     def acts_along(self) -> str | None:
         """Its coordinate, "angle" or "travel"; the only one that is free if None."""
         return self.along
+
+    @property
+    def resists(self) -> bool:
+        """Whether it resists all that changes its coordinate."""
+        return self.stiffness > 0
 
     def check(self, scene: Any) -> None:
         """Look its joint up."""

@@ -188,7 +188,8 @@ Sided = Averages | FaceSide | Grounded
 
 def _means_at(scene: Any, vector: Vector, x: Array) -> Array:
     """Averages of a vector where nodes are at x, shape (averages, 3). Collective."""
-    return np.asarray(scene.sum([a.weights @ x[a.nodes] for a in vector.averages]))
+    constant = [a.constant for a in vector.averages]
+    return np.asarray(scene.sum([a.weights @ x[a.nodes] for a in vector.averages]) + constant)
 
 
 def value_at(scene: Any, vector: Vector, x: Array) -> Array:

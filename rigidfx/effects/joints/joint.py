@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,15 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown, vector
-from rigidfx.effects.base import WHOLE, Effect, Vector
+from rigidfx.effects.base import Vector
+from rigidfx.effects.joints.averages import Average
+from rigidfx.effects.joints.between import Between
 from rigidfx.effects.joints.checks import check_sides
 from rigidfx.effects.joints.coordinates import Angle, Travel
 from rigidfx.effects.joints.cylinder import cylinder_of
-from rigidfx.effects.joints.face_motion import Sided
+from rigidfx.effects.joints.face_motion import FaceVector, Sided
 from rigidfx.effects.joints.pieces import Pieces, perpendiculars
-from rigidfx.effects.joints.sides import GROUND, Side, Surface, check_side, side_name, side_of
+from rigidfx.effects.joints.sides import Surface, side_of
 
 __all__ = ["Aligned", "Joint", "axis_of"]
 
@@ -25,7 +28,7 @@ Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Joint(Effect):
+class Joint(Between):
     """Holds two sides together, in the whole run.
 
     Attributes:
@@ -36,10 +39,7 @@ class Joint(Effect):
         name: Its name in reports; kind and sides if None.
     """
 
-    a: Side
-    b: Side
     at: Vector | None = None
-    name: str | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check sides, place and name.
@@ -48,59 +48,18 @@ class Joint(Effect):
             SceneError: If one of them cannot be used.
         """
         super().__post_init__()
-        if self.name is not None and (not isinstance(self.name, str) or not self.name):
-            raise SceneError(f"{self.kind}: name must be a text, got {shown(self.name)}.")
-        for name in ("a", "b"):
-            check_side(self.kind, name, getattr(self, name))
         if self.at is not None:
             vector(self, "at", self.at)
-        same = isinstance(self.a, Surface) and isinstance(self.b, Surface)
-        if self.a == self.b or (same and self.joins[0] == self.joins[1]):
-            raise SceneError(
-                f"{self.owner}: both sides are the same. A joint joins two parts, or one to the "
-                f"'{GROUND}'."
-            )
-
-    @property
-    def title(self) -> str:
-        """Its name in reports."""
-        return self.name or f"{self.kind} {self.between}"
-
-    @property
-    def between(self) -> str:
-        """Its sides in words."""
-        return f"{side_name(self.a)} - {side_name(self.b)}"
-
-    @property
-    def owner(self) -> str:
-        """Its name in messages."""
-        return self.title if self.name is None else f"{self.kind} '{self.name}'"
-
-    @property
-    def sides(self) -> tuple[Side, Side]:
-        """Both sides, as they were given."""
-        return self.a, self.b
-
-    @property
-    def holds(self) -> bool:  # type: ignore[override]
-        """Whether one side is the ground."""
-        return GROUND in (self.a, self.b)
-
-    @property
-    def where(self) -> str | None:
-        """Set of the first side that is not the ground; None means all cells."""
-        return self.joins[0]
-
-    @property
-    def joins(self) -> tuple[str | None, ...]:
-        """The sets of its sides."""
-        sides = (s.where if isinstance(s, Surface) else s for s in self.sides)
-        return tuple(None if where == WHOLE else where for where in sides if where != GROUND)
 
     @property
     def pieces(self) -> Pieces:
         """Its averages and rows, once a scene has placed it."""
         return self._pieces  # type: ignore[attr-defined]
+
+    @property
+    def averages(self) -> Sequence[Average | FaceVector]:
+        """See `Between`."""
+        return self.pieces.averages
 
     def placed(self, scene: Any) -> Joint:
         """The joint with its averages over the nodes of a mesh. Collective.
@@ -111,10 +70,7 @@ class Joint(Effect):
         Raises:
             SceneError: On every rank, if it cannot be there.
         """
-        if [joint.title for joint in scene.named(Joint)].count(self.title) > 1:
-            raise SceneError(
-                f"{self.owner}: two joints are called '{self.title}'; give one a name of its own."
-            )
+        self.check_title(scene)
         if (missing := self.missing) and (found := self._found(scene, missing)) is not self:
             return found.placed(scene)
         a, b = (side_of(scene, self.owner, side) for side in (self.a, self.b))

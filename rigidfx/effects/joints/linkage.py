@@ -308,13 +308,6 @@ class Linkage:
             rows = csr_array(rows + self.points.stiffness())
         return self._vectors.stiffness(rows, self.forces, self._share)
 
-    def stiffness_of_points(self) -> csr_array:
-        """Derivative of forces of remote points on averages by these, likewise."""
-        forces = np.zeros_like(self._start)
-        self.points.look(self._start, self._moved)
-        self.points.add_to(forces)
-        return self._vectors.stiffness(self.points.stiffness(), forces, self._share)
-
     # Forces ---------------------------------------------------------------------------------------
 
     def resist_nodes(self, f: Any) -> None:

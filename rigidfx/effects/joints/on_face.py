@@ -48,15 +48,22 @@ class RemotePoint:
 
 
 class PointLaw:
-    """Forces on the averages of a remote point, as a resistance.
+    """Forces on the averages of a remote point, or of two points, as a resistance.
 
     Attributes:
         kind: Name of the effect's class.
+        title: Name in reports; "" of a law that has no report.
         averages: The averages.
     """
 
     kind: str = ""
+    title: str = ""
     averages: tuple[Vector, ...] = ()
+
+    @property
+    def rounding(self) -> float:
+        """Size of a force that the machine precision is to be multiplied with [N]."""
+        return 0.0
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate functions of time for a step whose midpoint is t [s]; its end in statics.
@@ -89,6 +96,10 @@ class PointLaw:
     def stored(self, p: Array) -> float:
         """Potential energy where averages are at p [J]."""
         return 0.0
+
+    def told(self, start: Array, moved: Array) -> Any:
+        """Its report of the step, if it has a title."""
+        raise NotImplementedError
 
 
 class OnFace(Effect):

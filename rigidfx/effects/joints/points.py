@@ -1,9 +1,10 @@
-"""The remote points of a division whose forces depend on the motion: torques, springs, masses."""
+"""The laws of points whose forces depend on the motion: torques, springs, masses, cables."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +24,7 @@ class Points:
     Attributes:
         averages: The averages of all of them.
         kinds: Names of the kinds of effects.
+        rounding: Size of a force that the machine precision is to be multiplied with [N].
     """
 
     def __init__(self, laws: Sequence[PointLaw], first: int) -> None:
@@ -35,6 +37,7 @@ class Points:
         self._laws = tuple(laws)
         self.averages: list[Vector] = [a for law in laws for a in law.averages]
         self.kinds = tuple(dict.fromkeys(law.kind for law in laws))
+        self.rounding = sum(law.rounding for law in laws)
         ends = first + np.cumsum([0, *(len(law.averages) for law in laws)])
         self._at = [slice(int(a), int(b)) for a, b in pairwise(ends)]
         none: Array = np.zeros((int(ends[-1]), 3))
@@ -71,6 +74,12 @@ class Points:
             values.append(block.ravel())
         value, row, column = (np.concatenate(a) for a in (values, rows, columns))
         return csr_array((value, (row, column)), shape=(size, size))
+
+    def told(self) -> dict[str, Any]:
+        """Reports of the laws that have a title, of the last step, by title."""
+        pairs = zip(self._laws, self._at, strict=True)
+        own = ((law, self._start[at], self._moved[at]) for law, at in pairs if law.title)
+        return {law.title: law.told(start, moved) for law, start, moved in own}
 
     def work(self) -> tuple[float, dict[str, float]]:
         """Work of loads in the step, and loss by dampers by their kind [J]."""

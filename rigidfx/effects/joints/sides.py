@@ -83,21 +83,22 @@ class RigidFace(Surface):
 Side = str | Surface
 
 
-def check_side(owner: str, name: str, side: Any) -> None:
+def check_side(owner: str, name: str, side: Any, named: str) -> None:
     """See whether something can be a side.
 
     Args:
         owner: The joint, for messages.
         name: Which of its sides, likewise.
         side: The given value.
+        named: What a text may be but the ground, in words.
 
     Raises:
         SceneError: If it cannot.
     """
     if not isinstance(side, Surface) and not (isinstance(side, str) and side):
         raise SceneError(
-            f"{owner}: {name} must be '{GROUND}', the name of a Rigid part, a MeanFace or a "
-            f"RigidFace, got {shown(side)}."
+            f"{owner}: {name} must be '{GROUND}', {named}, a MeanFace or a RigidFace, got "
+            f"{shown(side)}."
         )
 
 

@@ -45,6 +45,7 @@ class Stop(Effect):
     along: str | None = field(default=None, kw_only=True)
 
     is_lasting: ClassVar[bool] = True
+    resists: ClassVar[bool] = False  # whether it resists all that changes its coordinate
 
     def __post_init__(self) -> None:
         """Check name and values.

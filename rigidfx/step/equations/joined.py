@@ -207,7 +207,8 @@ class JoinedEquilibrium(Equilibrium):
 
     def noise(self) -> float:
         """See `Equilibrium`."""
-        return super().noise() + float(np.abs(self.linkage.multipliers).sum())
+        joints = float(np.abs(self.linkage.multipliers).sum()) + self.linkage.points.rounding
+        return super().noise() + joints
 
     def lost(self, y: PETSc.Vec, r: PETSc.Vec) -> Array:
         """See `Equilibrium`."""

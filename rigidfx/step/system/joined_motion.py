@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.matrices import dense
-from rigidfx.effects import Joint, Windowed
-from rigidfx.effects.joints.drives import prescribes
-from rigidfx.effects.joints.elements import JointSpring, coordinate_of
+from rigidfx.effects import Joint, SpringDamper, Windowed
+from rigidfx.effects.joints.elements import coordinate_of
+from rigidfx.effects.joints.face_motion import Vector
 from rigidfx.effects.joints.terms import Terms
 from rigidfx.step.system.linked import elements_of
 
@@ -25,7 +25,7 @@ NOTHING = float(np.sqrt(np.finfo(np.float64).eps))  # of a motion: what asks les
 def joint_rows(
     scene: Any, acting: Sequence[Windowed], motions: Callable[[npt.NDArray[np.int64]], Array]
 ) -> Array:
-    """Rows that rigid motions fulfil which leave joints, locks and springs of joints. Collective.
+    """Rows that rigid motions fulfil which leave joints, locks, and springs beside. Collective.
 
     Args:
         scene: The problem.
@@ -38,22 +38,28 @@ def joint_rows(
     out: list[Array] = []
     joints = {joint.title: joint for joint in scene.named(Joint)}
     places, moved = {}, {}
+
+    def look(vectors: Sequence[Vector]) -> tuple[Array, Array]:
+        by = [np.einsum("nij,njm->im", a.slopes(), motions(a.nodes)) for a in vectors]
+        return np.array([a.start for a in vectors]), np.asarray(scene.sum(by))
+
     for title, joint in joints.items():
         averages = joint.pieces.averages
-        by = [np.einsum("nij,njm->im", a.slopes(), motions(a.nodes)) for a in averages]
-        places[title] = np.array([a.start for a in averages])
-        moved[title] = np.asarray(scene.sum(by))
+        places[title], moved[title] = look(averages)
         terms = Terms([joint.pieces.rows], [0], len(averages))
         gradient = dense(terms.gradient(places[title]))
         out.append(gradient @ moved[title].reshape(gradient.shape[1], -1))
     for effect in elements_of(scene, acting):
-        stiff = isinstance(effect, JointSpring) and effect.stiffness > 0
-        if stiff or prescribes(effect):
+        if effect.resists:
             joint, name = coordinate_of(scene, effect.owner, effect.joint, effect.acts_along)
             coordinate = joint.pieces.coordinates[name]
             at = list(coordinate.averages)
             slope = coordinate.gradient(places[joint.title][at]).reshape(1, -1)
             out.append(slope @ moved[joint.title][at].reshape(slope.size, -1))
+    for spring in scene.named(SpringDamper):
+        (a, b), by = look(spring.averages)
+        if spring.taut:
+            out.append(((b - a) @ (by[1] - by[0]))[None])
     rows = np.concatenate(out)
     sizes = np.linalg.norm(rows, axis=1, keepdims=True)
     return np.asarray(np.divide(rows, sizes, out=np.zeros_like(rows), where=sizes > NOTHING))

@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from rigidfx.effects import Joint, JointSpring, Motor, PointMass, Stop, Windowed
+from rigidfx.effects import (
+    Joint,
+    JointSpring,
+    Motor,
+    PointMass,
+    SpringDamper,
+    Stop,
+    Windowed,
+)
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.on_face import OnFace, PointLaw
 from rigidfx.state import State
@@ -27,7 +35,7 @@ def elements_of(scene: Any, acting: Sequence[Windowed]) -> tuple[Motor | JointSp
 
 
 def linked(structure: BoundStructure, state: State, acting: Sequence[Windowed]) -> Linkage | None:
-    """Joints and remote points, bound to a division; None if there are none. Collective.
+    """Joints, remote points and springs between points, bound; None without any. Collective.
 
     Args:
         structure: The division.
@@ -45,8 +53,9 @@ def linked(structure: BoundStructure, state: State, acting: Sequence[Windowed]) 
 
 
 def _laws_of(structure: BoundStructure, acting: Sequence[Windowed]) -> list[PointLaw]:
-    """Forces of remote points that depend on the motion. Collective."""
+    """Forces on points that depend on the motion. Collective."""
     here = {id(effect) for effect in acting}
     every = structure.scene.named(OnFace)
     points = (e for e in every if not isinstance(e, Windowed) or id(e) in here)
-    return [law for point in points if (law := point.law(structure)) is not None]
+    laws = [law for point in points if (law := point.law(structure)) is not None]
+    return [*laws, *(spring.law_of(structure) for spring in structure.scene.named(SpringDamper))]

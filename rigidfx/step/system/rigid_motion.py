@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.domain.connected import ConnectedParts, connected_parts
-from rigidfx.effects import Joint, Windowed
+from rigidfx.effects import Joint, SpringDamper, Windowed
 from rigidfx.effects.joints.face_motion import Vector
 from rigidfx.effects.joints.on_face import OnFace
 from rigidfx.scene.scene import Scene
@@ -75,7 +75,7 @@ def free_to_move(
         moved = _every_motion(X, part, parts, place.nodes)
         rows = root @ np.asarray(scene.sum(np.einsum("nij,njm->im", place.slopes(), moved)))
         gram += rows.T @ rows
-    if scene.named(Joint):
+    if scene.named(Joint) or scene.named(SpringDamper):
         rows = joint_rows(scene, acting, partial(_every_motion, X, part, parts))
         gram += rows.T @ rows
     if parts.count > 1:

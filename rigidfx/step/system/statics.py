@@ -23,7 +23,7 @@ from rigidfx.base.failures import Failures
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import Effect, JointReports, Windowed
+from rigidfx.effects import Effect, JointReports, SpringDamperReport, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.static_forces import static_forces
 from rigidfx.scene.scene import Scene
@@ -210,6 +210,10 @@ class StaticSystem:
     def joints(self) -> JointReports:
         """Force and motion of each joint in the last solution, by its title."""
         return JointReports() if self._linkage is None else self._linkage.told()
+
+    def spring_dampers(self) -> Mapping[str, SpringDamperReport]:
+        """Force and length of each spring between two points there, by its title."""
+        return {} if self._linkage is None else self._linkage.points.told()
 
     def reactions(self) -> tuple[Mapping[str, Array], Mapping[str, Array], float]:
         """Forces of supports in the last solution. Collective.

@@ -19,7 +19,7 @@ from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import JointReports, Touch, Windowed
+from rigidfx.effects import JointReports, SpringDamperReport, Touch, Windowed
 from rigidfx.flexible.eased_stress import EasedStress
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import integral
@@ -55,6 +55,7 @@ class Work:
         reaction_moments: Its moment about the origin, at the midpoint, shape (3,) [N m].
         touches: Touch of each contact, by its title.
         joints: Force and motion of each joint, by its title.
+        spring_dampers: Force and length of each spring between two points, by its title.
     """
 
     loads: float
@@ -64,6 +65,7 @@ class Work:
     reaction_moments: Mapping[str, Array]
     touches: Mapping[str, Touch]
     joints: JointReports
+    spring_dampers: Mapping[str, SpringDamperReport]
 
 
 class System:
@@ -263,14 +265,15 @@ class System:
             dissipated[kind] = dissipated.get(kind, 0.0) + energy
         loads = dead + followed + on_bodies
         supports += sum(touch.work for touch in touches.values())
-        joints = JointReports()
+        joints, springs = JointReports(), dict[str, SpringDamperReport]()
         if self.linkage is not None:
-            joints = self.linkage.told()
+            joints, springs = self.linkage.told(), self.linkage.points.told()
             driven, damped = self.linkage.work()
             loads += driven
             for kind, energy in damped.items():
                 dissipated[kind] = dissipated.get(kind, 0.0) + energy
-        return Work(loads, supports, dissipated, reactions, moments, touches, joints)
+        named = reactions, moments, touches, joints, springs
+        return Work(loads, supports, dissipated, *named)
 
     def _reactions(
         self, state: State, d: Array, forces: Array

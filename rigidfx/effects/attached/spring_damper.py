@@ -1,0 +1,326 @@
+"""Springs, dampers and cables between two points.
+
+With r the vector from the first end to the second, L = |r| and the elongation P = L - Lf, which is
+zero in a cable that is slack, the forces on the ends in a step from r₀ to r₁ are N n̄ and -N n̄,
+
+    N = ½ k (P₀ + P₁) (P₁ - P₀)/(L₁ - L₀) + c (P₁ - P₀)/Δt,    n̄ = (r₀ + r₁)/(L₀ + L₁),
+
+in a cable N ≥ 0. As n̄ · Δr = L₁ - L₀ exactly, the first part of N takes exactly the energy ½ k P²
+(O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449), and the second never gives any. As n̄ is parallel to
+the vector half-way, the forces have no moment. In statics N = k P₁ and n = r₁/L₁.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import number, shown, vector
+from rigidfx.effects.action import Structure
+from rigidfx.effects.base import Vector as Point
+from rigidfx.effects.joints.averages import Average, Grounded
+from rigidfx.effects.joints.between import Between
+from rigidfx.effects.joints.checks import check_near
+from rigidfx.effects.joints.face_motion import Vector, value_at
+from rigidfx.effects.joints.on_face import PointLaw
+from rigidfx.effects.joints.sides import GROUND, Side, Surface, side_name, side_of
+
+__all__ = ["SpringDamper", "SpringDamperReport"]
+
+Array = npt.NDArray[np.float64]
+
+TAUT = float(np.sqrt(np.finfo(np.float64).eps))  # of its length, by which a taut cable may be short
+
+
+@dataclass(frozen=True)
+class SpringDamperReport:
+    """Force and length of a spring between two points in a step.
+
+    Attributes:
+        force: Tension, the mean over the step; below zero where it pushes its ends apart [N].
+        length: Distance of its ends at the end of the step [m].
+        rate: Mean rate of the length in the step [m/s]; 0 in statics.
+    """
+
+    force: float
+    length: float
+    rate: float
+
+
+@dataclass(frozen=True)
+class SpringDamper(Between):
+    """A spring, a damper or a cable between two points, in the whole run.
+
+    An end is a point of the ground, of a `Rigid` part or of a face, or the mean place of the nodes
+    of a set, such as a single vertex.
+
+    Attributes:
+        a: First end: "ground", the name of a `Rigid` part or of a set of any dimension, a
+            `MeanFace` or a `RigidFace`.
+        b: Second end, likewise.
+        stiffness: k [N/m].
+        damping: c [N s/m].
+        length: Length without force [m]; the distance of the ends on the mesh if None.
+        pulls_only: Whether it is a cable: without force while it is shorter than `length`, its
+            damper too, which never pushes.
+        at_a: Place of the first end at the start [m]: needed of the ground; the centre of a part or
+            a face if None; not of a set.
+        at_b: Place of the second end, likewise.
+        name: Its name in reports; kind and ends if None.
+    """
+
+    is_lasting: ClassVar[bool] = True
+    many: ClassVar[str] = "springs"
+    named: ClassVar[str] = "the name of a Rigid part or of a set"
+
+    stiffness: float = 0.0
+    damping: float = field(default=0.0, kw_only=True)
+    length: float | None = field(default=None, kw_only=True)
+    pulls_only: bool = field(default=False, kw_only=True)
+    at_a: Point | None = field(default=None, kw_only=True)
+    at_b: Point | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check ends and values.
+
+        Raises:
+            SceneError: If one of them cannot be used.
+        """
+        super().__post_init__()
+        numbers = ("stiffness", "damping", *(["length"] if self.length is not None else []))
+        for name in numbers:
+            if number(self.owner, name, getattr(self, name)) < 0:
+                raise SceneError(
+                    f"{self.owner}: {name} must be ≥ 0, got {shown(getattr(self, name))}."
+                )
+        if not (self.stiffness or self.damping):
+            raise SceneError(f"{self.owner}: give a stiffness, a damping or both.")
+        if not isinstance(self.pulls_only, (bool, np.bool_)):
+            raise SceneError(
+                f"{self.owner}: pulls_only must be True or False, got {shown(self.pulls_only)}."
+            )
+        for name, side in (("at_a", self.a), ("at_b", self.b)):
+            if getattr(self, name) is not None:
+                vector(self, name, getattr(self, name))
+            elif side == GROUND:
+                raise SceneError(f"{self.owner}: give {name}, the place of its end on the ground.")
+
+    # On a mesh ------------------------------------------------------------------------------------
+
+    @property
+    def averages(self) -> tuple[Vector, Vector]:
+        """Both ends, once a scene has placed it."""
+        return self._ends  # type: ignore[attr-defined]
+
+    @property
+    def free_length(self) -> float:
+        """Length without force, likewise [m]."""
+        return self._free  # type: ignore[attr-defined]
+
+    @property
+    def taut(self) -> bool:
+        """Whether it resists at the start what moves its ends apart, likewise."""
+        return self.stiffness > 0 and self._slope(self._first)  # type: ignore[attr-defined]
+
+    @property
+    def resists(self) -> bool:
+        """Whether it resists all that changes its length, at all times."""
+        return self.stiffness > 0 and not self.pulls_only
+
+    def placed(self, scene: Any) -> SpringDamper:
+        """The spring with its ends on a mesh. Collective.
+
+        Args:
+            scene: The problem.
+
+        Raises:
+            SceneError: On every rank, if it cannot be there.
+        """
+        self.check_title(scene)
+        X = scene.space.tabulate_dof_coordinates()
+        ends = [self._end(scene, *end) for end in ((self.a, self.at_a), (self.b, self.at_b))]
+        at_start = [end.start for end in ends]
+        on_mesh = [value_at(scene, end, X) for end in ends]
+        first, distance = (float(np.linalg.norm(b - a)) for a, b in (at_start, on_mesh))
+        if min(first, distance) <= TAUT * np.abs(on_mesh).max() and self.length != 0:
+            raise SceneError(
+                f"{self.owner}: both ends are at {at_start[0]} m, which leaves it no direction. "
+                "Place them apart, or give length=0."
+            )
+        out = copy(self)
+        free = distance if self.length is None else float(self.length)
+        for name, value in (("_ends", tuple(ends)), ("_free", free), ("_first", first)):
+            object.__setattr__(out, name, value)
+        return out
+
+    def _end(self, scene: Any, side: Side, at: Point | None) -> Vector:
+        """An end. Collective.
+
+        Raises:
+            SceneError: On every rank, if there is no such part, surface or set.
+        """
+        given = None if at is None else np.asarray(at, dtype=np.float64)
+        rigid = [effect.name for effect in scene.effects if effect.is_rigid]
+        if isinstance(side, Surface) or side == GROUND or side in rigid:
+            found = side_of(scene, self.owner, side)
+            if isinstance(found, Grounded):
+                assert given is not None
+                return found.place(given)
+            point = found.centre if given is None else given
+            check_near(self.owner, side, found, point)
+            return found.place(point)
+        if given is not None:
+            raise SceneError(
+                f"{self.owner}: its end on {side_name(side)} is the mean place of the nodes of a "
+                "set. Leave its place out, or name a Rigid part, a MeanFace or a RigidFace."
+            )
+        own = scene.nodes(side, self.owner)
+        own = own[own < scene.owned_nodes].astype(np.int64)
+        weights = np.full(own.size, 1.0 / scene.sum(own.size))
+        point = np.asarray(scene.sum(weights @ scene.start_places[own]))
+        return Average(own, weights, start=point, is_place=True)
+
+    # The law, as of springs of joints -------------------------------------------------------------
+
+    def _slope(self, q: float) -> bool:
+        """Whether its elongation changes with its length, where that is q [m]."""
+        return not self.pulls_only or q >= (1.0 - TAUT) * self.free_length
+
+    @staticmethod
+    def gradient(p: Array) -> Array:
+        """Derivatives of its length by its ends at p, shape (2, 3); zero if they coincide."""
+        n = _unit(p[1] - p[0])
+        return np.stack([-n, n])
+
+    def elongation(self, q: float) -> float:
+        """P at a length q [m]; none of a cable that is slack."""
+        P = q - self.free_length
+        return max(P, 0.0) if self.pulls_only else P
+
+    def parts(self, q0: float, q1: float, dt: float) -> tuple[float, float, float]:
+        """Tension by stiffness and by damping in a step [N], and the derivative of both by q₁.
+
+        Args:
+            q0: Length at its start [m].
+            q1: Length at its end [m].
+            dt: Its duration [s].
+        """
+        P0, P1, moved = self.elongation(q0), self.elongation(q1), q1 - q0
+        slope1 = 1.0 if not self.pulls_only or P1 > 0 else 0.0
+        slope, bend = slope1, 0.0
+        if (P0 > 0) != (P1 > 0) and self.pulls_only and moved:
+            slope = (P1 - P0) / moved
+            bend = (slope1 - slope) / moved
+        k, c = self.stiffness, self.damping / dt
+        elastic, viscous = 0.5 * k * (P0 + P1) * slope, c * (P1 - P0)
+        if self.pulls_only and elastic + viscous < 0:
+            return elastic, -elastic, 0.0
+        return elastic, viscous, 0.5 * k * (slope1 * slope + (P0 + P1) * bend) + c * slope1
+
+    def law(self, q0: float, q1: float, dt: float) -> tuple[float, float]:
+        """Force on the second end away from the first in a step, and its derivative by q₁.
+
+        Args:
+            q0: Length at its start [m].
+            q1: Length at its end [m].
+            dt: Its duration [s].
+        """
+        elastic, viscous, slope = self.parts(q0, q1, dt)
+        return -elastic - viscous, -slope
+
+    def pull(self, q: float) -> tuple[float, float]:
+        """The same in statics, at a length q [m]."""
+        return -self.stiffness * self.elongation(q), -self.stiffness * self._slope(q)
+
+    def law_of(self, structure: Structure) -> PointLaw:
+        """Its forces on its ends.
+
+        Args:
+            structure: The division that it is bound to.
+        """
+        return Tension(self, structure.static)
+
+
+class Tension(PointLaw):
+    """The forces of a spring on its two ends."""
+
+    kind = SpringDamper.__name__
+
+    def __init__(self, spring: SpringDamper, static: bool) -> None:
+        """Take it over.
+
+        Args:
+            spring: The effect.
+            static: Whether forces are those at the end of a step.
+        """
+        self._spring, self._static, self._dt = spring, static, np.inf
+        self.title, self.averages = spring.title, spring.averages
+
+    @property
+    def rounding(self) -> float:
+        """See `PointLaw`."""
+        return float(self._spring.stiffness * self._spring.free_length)
+
+    def set_time(self, t: float, dt: float) -> None:
+        """See `PointLaw`."""
+        self._dt = dt
+
+    def _step(self, start: Array, moved: Array) -> tuple[float, float, Array, Array]:
+        """Lengths at both ends of a step [m], n̄, and the unit vector at its end."""
+        before, gained = start[1] - start[0], moved[1] - moved[0]
+        after = before + gained
+        q0, q1 = float(np.linalg.norm(before)), float(np.linalg.norm(after))
+        n1 = _unit(after)
+        return q0, q1, n1 if self._static else (before + after) / ((q0 + q1) or 1.0), n1
+
+    def _tension(self, q0: float, q1: float) -> tuple[float, float]:
+        """N [N], and its derivative by the length at the end [N/m]."""
+        spring = self._spring
+        force, slope = spring.pull(q1) if self._static else spring.law(q0, q1, self._dt)
+        return -force, -slope
+
+    def resistance(self, start: Array, moved: Array) -> Array:
+        """See `PointLaw`."""
+        q0, q1, n, _ = self._step(start, moved)
+        force = self._tension(q0, q1)[0] * n
+        return np.stack([-force, force])
+
+    def stiffness(self, start: Array, moved: Array) -> Array:
+        """See `PointLaw`: n̄ ⊗ N' n₁ + N (1 - n̄ ⊗ n₁)/(L₀ + L₁)."""
+        q0, q1, n, n1 = self._step(start, moved)
+        force, slope = self._tension(q0, q1)
+        size = q1 if self._static else q0 + q1
+        K = slope * np.eye(3)
+        if size > 0:
+            across = np.eye(3) - np.outer(n, n1)
+            K = slope * np.outer(n, n1) + force / size * across
+        return np.array([[K, -K], [-K, K]]).swapaxes(1, 2)
+
+    def taken(self, start: Array, moved: Array) -> float:
+        """See `PointLaw`."""
+        if self._static:
+            return 0.0
+        q0, q1, *_ = self._step(start, moved)
+        return self._spring.parts(q0, q1, self._dt)[1] * (q1 - q0)
+
+    def stored(self, p: Array) -> float:
+        """See `PointLaw`."""
+        P = self._spring.elongation(float(np.linalg.norm(p[1] - p[0])))
+        return 0.5 * self._spring.stiffness * P**2
+
+    def told(self, start: Array, moved: Array) -> SpringDamperReport:
+        """See `PointLaw`."""
+        q0, q1, *_ = self._step(start, moved)
+        rate = 0.0 if self._static else (q1 - q0) / self._dt
+        return SpringDamperReport(self._tension(q0, q1)[0], q1, rate)
+
+
+def _unit(r: Array) -> Array:
+    """A vector over its length; itself if it has none."""
+    length = float(np.linalg.norm(r))
+    return np.asarray(r / (length or 1.0))

@@ -1,0 +1,386 @@
+"""Springs, dampers and cables between two points.
+
+Run as a script under mpirun, this file reports a history of two boxes with a spring and a cable.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import parallel
+import pytest
+from mpi4py import MPI
+from scipy.integrate import solve_ivp
+from scipy.linalg import block_diag, eigh
+from test_contact_pairs import boxes
+from test_error_joints import errors
+
+import rigidfx as rf
+
+SOFT = rf.StVenantKirchhoff(rho=1000.0, E=1e6, nu=0.3)
+NO_WARNINGS = pytest.mark.filterwarnings("ignore:Body")  # of few cells, whose lumped mass shows
+G = 9.81  # m/s²
+SIDE = 0.2  # m
+MASS = 1000 * SIDE**3  # kg of each box
+A, B = np.array([0.1, 0.1, 0.1]), np.array([1.1, 0.1, 0.1])  # centres [m]
+
+
+def near(*points):
+    """Marker of vertices at some points."""
+    return lambda x: (np.abs(x.T[:, None] - np.array(points)) < 1e-9).all(axis=-1).any(axis=-1)
+
+
+def two(*effects, **options):
+    """Two boxes a metre apart, with sets at their ends."""
+    first, second = ((0, 0, 0), (SIDE,) * 3), ((1, 0, 0), (1 + SIDE, SIDE, SIDE))
+    domain = boxes((*first, (2, 2, 2)), (*second, (2, 2, 2)))
+    domain = domain.with_cells("A", lambda x: x[0] < 0.5).with_cells("B", lambda x: x[0] > 0.5)
+    domain = domain.with_facets("a", lambda x: np.isclose(x[0], SIDE))
+    domain = domain.with_facets("b", lambda x: np.isclose(x[0], 1.0))
+    domain = domain.with_vertices("corner", near((SIDE, SIDE, SIDE)))
+    domain = domain.with_vertices("corners", near((1, 0, 0), (1 + SIDE, SIDE, 0)))
+    return rf.Scene(domain, SOFT, effects, probes={"a": A, "b": B}, **options)
+
+
+BOTH = rf.Rigid("A"), rf.Rigid("B")
+APART = rf.InitialVelocity(
+    function=lambda x: np.where(x[:1] > 0.5, np.array([[1.0], [0.0], [0.0]]), 0.0)
+)
+TUMBLE = rf.InitialVelocity(
+    function=lambda x: (
+        np.cross((0.7, 0.4, 1.5), x.T - 0.1).T
+        + np.where(x[:1] > 0.5, np.array([[1.5], [-0.5], [0.5]]), 0.0)
+    )
+)
+ENDS = {
+    "nodes": (("corner", "corners"), {}),
+    "mean faces": ((rf.MeanFace("a"), rf.MeanFace("b")), {"at_b": (1.0, 0.05, 0.15)}),
+    "rigid faces": ((rf.RigidFace("a"), rf.RigidFace("b")), {"at_a": (0.3, 0.1, 0.1)}),
+    "ground": (("ground", "corners"), {"at_a": (0.5, 0.5, 0.2)}),
+}
+
+
+def balances(scene, dt, t_end, **options):
+    """Reports; changes of energy and of both momenta, relative; energy that dampers have taken."""
+    reports = list(rf.simulate(scene, dt, t_end, **options))
+    first = reports[0]
+    taken = np.cumsum([sum(r.dissipated.values()) for r in reports])
+    energies = np.array([r.energy for r in reports])
+    size = max(r.momentum_scale for r in reports)
+    names = "linear_momentum", "angular_momentum"
+    off = [
+        max(np.abs(getattr(r, name) - getattr(first, name)).max() for r in reports) / size
+        for name in names
+    ]
+    return reports, np.abs(energies + taken - first.energy).max() / energies.max(), *off, taken
+
+
+@NO_WARNINGS
+def test_two_masses_swing_at_their_frequency():
+    """√(2 k/m), in modes and in steps; the report has force, length and rate."""
+    k = 500.0
+    scene = two(*BOTH, APART, rf.SpringDamper("A", "B", k, name="s"))
+    exact = np.sqrt(2 * k / MASS)
+    assert rf.modes(scene, 1).squares[0] == pytest.approx(exact**2, rel=1e-9)
+    reports, *off, _ = balances(scene, 2e-3, 0.4)
+    assert max(off) <= 1e-13
+    t = np.array([r.t for r in reports])
+    moved = np.array([r.probes["b"][0] - r.probes["a"][0] for r in reports])
+    assert moved == pytest.approx(np.sin(exact * t) / exact, abs=5e-4 / exact)
+    assert reports[-1].springs == pytest.approx(0.5 * k * moved[-1] ** 2, rel=1e-9)
+    told = [r.spring_dampers["s"] for r in reports[1:]]
+    assert [own.length for own in told] == pytest.approx(1.0 + moved[1:], abs=1e-12)
+    middle = 0.5 * (moved[1:] + moved[:-1])
+    assert [own.force for own in told] == pytest.approx(k * middle, abs=1e-9 * k)
+    assert [own.rate for own in told] == pytest.approx(np.diff(moved) / 2e-3, abs=1e-9)
+    with pytest.raises(KeyError, match="has 's' from the first step on"):
+        reports[0].spring_dampers["s"]
+
+
+@NO_WARNINGS
+@pytest.mark.parametrize("ends", ENDS)
+def test_energy_and_momenta_are_kept(ends):
+    """While cells become rigid and flexible, too, and a cable goes slack."""
+    sides, places = ENDS[ends]
+    springs = (
+        rf.SpringDamper(*sides, 300.0, damping=4.0, length=1.2, **places, name="s"),
+        rf.SpringDamper(*sides, 900.0, length=0.97, pulls_only=True, **places, name="c"),
+    )
+    criterion = rf.StrainRate(1e9, 0.1, patience=1, wake="none", release=rf.Release(at=(0.3,)))
+    reports, H, L, J, taken = balances(two(TUMBLE, *springs), 0.01, 0.5, rigidify=criterion)
+    assert [e.kind for r in reports for e in r.events] == ["freeze", "release", "freeze"]
+    assert H <= 1e-12
+    assert taken[-1] > 1e-3
+    assert np.diff(taken).min() >= 0
+    if ends != "ground":
+        assert max(L, J) <= 1e-13
+    pulls = np.array([r.spring_dampers["c"].force for r in reports[1:]])
+    assert pulls.min() == 0.0
+    assert pulls.max() > 1.0
+
+
+@NO_WARNINGS
+@pytest.mark.parametrize("damping", [0.0, 3000.0])
+def test_a_cable_pulls_only(damping):
+    """A box that is thrown up falls into its cable, which it meets at a known speed."""
+    speed, k = 2.0, 2e4
+    thrown = rf.InitialVelocity(linear=(0, 0, speed), where="B")
+    cable = rf.SpringDamper(
+        *("ground", "B", k), damping=damping, pulls_only=True, at_a=(1.1, 0.1, 0.6), name="c"
+    )
+    scene = two(rf.Rigid("B"), rf.Fixed("A"), thrown, cable, rf.Gravity((0, 0, -G)))
+    reports = list(rf.simulate(scene, 2e-3, 0.6))
+    t = np.array([r.t for r in reports])
+    told = [r.spring_dampers["c"] for r in reports[1:]]
+    slack = t[1:] < 2 * speed / G
+    assert max(own.force for own, at in zip(told, slack, strict=True) if at) == 0.0
+    assert min(own.force for own in told) >= 0.0
+
+    def rates(_, y):
+        longer = abs(y[0] - 0.5) - 0.5
+        pull = max(k * longer - damping * y[1], 0.0) if longer > 0 else 0.0
+        return y[1], pull / MASS - G
+
+    exact = solve_ivp(rates, (0, 0.6), (0.0, speed), t_eval=t, rtol=1e-9, max_step=1e-3).y[0]
+    assert [r.probes["b"][2] for r in reports] == pytest.approx(exact, abs=2e-3)
+    work = np.cumsum([r.work_of_loads - sum(r.dissipated.values()) for r in reports])
+    energies = np.array([r.energy for r in reports])
+    assert np.abs(energies - work - energies[0]).max() <= 1e-12 * energies.max()
+
+
+def governor(k, c):
+    """A spindle with two arms, whose springs hold a sleeve; all rigid."""
+    parts = {
+        "spindle": ((-0.05, -0.05, -0.5), (0.05, 0.05, 0.1), (1, 1, 2)),
+        "right": ((0.1, -0.02, -0.02), (0.5, 0.02, 0.02), (4, 1, 1)),
+        "left": ((-0.5, -0.02, -0.02), (-0.1, 0.02, 0.02), (4, 1, 1)),
+        "sleeve": ((-0.1, 0.1, -0.5), (0.1, 0.2, -0.4), (1, 1, 1)),
+    }
+    domain = boxes(*parts.values())
+    for name, (low, high, _) in parts.items():
+        inside = np.array([low, high])[:, :, None] + np.array([-1e-9, 1e-9])[:, None, None]
+        domain = domain.with_cells(
+            name, lambda x, i=inside: ((x >= i[0]) & (x <= i[1])).all(axis=0)
+        )
+    joints = [
+        rf.Revolute("ground", "spindle", (0, 0, 0), (0, 0, 1), name="spin"),
+        rf.Revolute("spindle", "right", (0.1, 0, 0), (0, 1, 0)),
+        rf.Revolute("spindle", "left", (-0.1, 0, 0), (0, 1, 0)),
+        rf.Prismatic("spindle", "sleeve", (0, 0.15, -0.45), (0, 0, 1), name="slide"),
+    ]
+    springs = [
+        rf.SpringDamper(*(arm, "sleeve", k), damping=c, at_a=(x, 0, 0), at_b=(0, 0, -0.45))
+        for arm, x in (("right", 0.3), ("left", -0.3))
+    ]
+    turning = rf.InitialVelocity(angular=(0, 0, 8.0), centre=(0, 0, 0))
+    rigid = [rf.Rigid(name) for name in parts]
+    every = [*rigid, *joints, *springs, turning, rf.Gravity((0, 0, -G))]
+    return rf.Scene(domain, SOFT, every, probes={"ball": (0.5, 0, 0)})
+
+
+@NO_WARNINGS
+def test_a_flyball_governor_moves_as_its_equations_have_it():
+    """Spin θ, angle β of the arms from below, travel s of the sleeve."""
+    k, c, first = 400.0, 4.0, 0.1
+    scene = governor(k, c)
+    X, m = scene.space.tabulate_dof_coordinates(), scene.nodal_mass
+    arm, sleeve = (scene.nodes(name, "test", (3,)) for name in ("right", "sleeve"))
+    xi, y, zeta, m_arm = X[arm, 0] - first, X[arm, 1], X[arm, 2], m[arm]
+    m_sleeve, span = m[sleeve].sum(), m_arm @ xi
+    axial = np.hypot(X[:, 0], X[:, 1]) ** 2
+    others = np.setdiff1d(np.arange(len(m)), np.r_[arm, scene.nodes("left", "test", (3,))])
+    free = np.hypot(0.3, 0.45)
+
+    def inertia(beta):
+        out = first + xi * np.sin(beta) + zeta * np.cos(beta)
+        slope = xi * np.cos(beta) - zeta * np.sin(beta)
+        whole = m[others] @ axial[others] + 2 * m_arm @ (out**2 + y**2)
+        return whole, 4 * m_arm @ (out * slope)
+
+    spin = inertia(np.pi / 2)[0] * 8.0
+
+    def rates(_, state):
+        beta, rate, s, speed = state
+        J, slope = inertia(beta)
+        r = np.array([first + 0.2 * np.sin(beta), -0.2 * np.cos(beta) + 0.45 - s])
+        by_beta = 0.2 * np.array([np.cos(beta), np.sin(beta)])
+        L = np.linalg.norm(r)
+        N = k * (L - free) + c * (r @ by_beta * rate - r[1] * speed) / L
+        swing = m_arm @ (xi**2 + zeta**2)
+        turned = 0.25 * slope * (spin / J) ** 2 - G * span * np.sin(beta) - N * (r @ by_beta) / L
+        return rate, turned / swing, speed, 2 * N * r[1] / L / m_sleeve - G
+
+    reports = list(rf.simulate(scene, 2.5e-3, 0.5))
+    t = np.array([r.t for r in reports])
+    start = np.pi / 2, 0.0, 0.0, 0.0
+    exact = solve_ivp(rates, (0, 0.5), start, t_eval=t, rtol=1e-10, atol=1e-10).y
+    tilt = [np.pi / 2 - np.arcsin(-r.probes["ball"][2] / 0.4) for r in reports]
+    travel = [0.0, *(r.joints["slide"].travel for r in reports[1:])]
+    assert np.ptp(exact[0]) > 0.5
+    assert tilt == pytest.approx(exact[0], abs=5e-3 * np.ptp(exact[0]))
+    assert travel == pytest.approx(exact[2], abs=5e-3 * np.ptp(exact[2]))
+    work = np.cumsum([r.work_of_loads - sum(r.dissipated.values()) for r in reports])
+    energies = np.array([r.energy for r in reports])
+    assert np.abs(energies - work - energies[0]).max() <= 1e-12 * energies.max()
+
+
+FEET = [(1.1 + 0.7 * np.cos(a), 0.7 * np.sin(a), z) for a in range(4) for z in (-0.5, 0.9)]
+HEADS = [(1 + SIDE * i, SIDE * j, SIDE * k) for i in (0, 1) for j in (0, 1) for k in (0, 1)]
+
+
+@NO_WARNINGS
+def test_a_truss_has_its_stiffness_and_its_modes():
+    """Eight bars under prestress hold a box, in statics and in modes."""
+    k, stretch = 1e5, 1.002
+
+    def bar(foot, head, n):
+        length = np.linalg.norm(np.subtract(head, foot)) / stretch
+        return rf.SpringDamper(
+            *("ground", "B", k), length=length, at_a=foot, at_b=head, name=f"bar {n}"
+        )
+
+    bars = [bar(foot, head, n) for n, (foot, head) in enumerate(zip(FEET, HEADS, strict=True))]
+    scene = two(rf.Fixed("A"), rf.Rigid("B"), rf.Gravity((0, 30.0, -G)), *bars)
+    *_, rest = rf.static(scene, 1)
+    found = rf.modes(scene, 6, about=rest)
+    (body,) = rest.bodies
+    centre, turned, inertia = body.centre, body.orientation, next(iter(rest.rigid)).data.inertia
+    stiffness, force = np.zeros((6, 6)), np.zeros(6)
+    for spring, foot, head in zip(bars, FEET, HEADS, strict=True):
+        arm = turned @ (np.array(head) - B)
+        r = centre + arm - foot
+        L, n = np.linalg.norm(r), r / np.linalg.norm(r)
+        N = k * (L - spring.length)
+        row = np.r_[n, np.cross(arm, n)]
+        hat = np.cross(np.eye(3), arm)
+        moves = np.hstack([np.eye(3), hat.T])
+        stiffness += k * np.outer(row, row) + N / L * moves.T @ (np.eye(3) - np.outer(n, n)) @ moves
+        bend = np.outer(arm, n)
+        stiffness[3:, 3:] += N * (0.5 * (bend + bend.T) - arm @ n * np.eye(3))
+        force += N * row
+    assert force == pytest.approx(MASS * np.array([0, 30.0, -G, 0, 0, 0]), abs=1e-7)
+    assert rest.spring_dampers["bar 0"].force == pytest.approx(
+        k * (rest.spring_dampers["bar 0"].length - bars[0].length), rel=1e-9
+    )
+    masses = block_diag(MASS * np.eye(3), turned @ inertia @ turned.T)
+    assert found.squares == pytest.approx(eigh(stiffness, masses)[0], rel=1e-6)
+
+
+def bridge(*effects, **options):
+    """Two soft bars beside each other, held at one end, that rods across connect."""
+    first, second = ((0, 0, 0), (4, 1, 1)), ((0, 2, 0), (4, 3, 1))
+    domain = boxes((*first, (8, 1, 1)), (*second, (8, 1, 1)))
+    domain = domain.with_facets("root", lambda x: np.isclose(x[0], 0))
+    domain = domain.with_facets("tip", lambda x: np.isclose(x[0], 4) & (x[1] < 1.5))
+    domain = domain.with_vertices("low", near((4, 1, 1))).with_vertices("high", near((4, 2, 1)))
+    domain = domain.with_vertices("mid", near((2, 1, 0)))
+    rods = [
+        rf.SpringDamper("low", "high", 2e4, damping=50.0, name="rod"),
+        rf.SpringDamper("mid", "high", 3e4, name="diagonal"),
+        rf.SpringDamper("ground", "high", 1e4, at_a=(6, 5, 0), name="stay"),
+    ]
+    push = rf.Traction("tip", (0, 100.0, 100.0), time=lambda t: np.sin(2 * np.pi * t))
+    every = rf.Fixed("root"), rf.MassDamping(0.5), push, *rods, *effects
+    return rf.Scene(domain, SOFT, every, probes={"tip": (4, 2.5, 0.5)}, **options)
+
+
+def test_the_twin_has_the_spring():
+    """Of parts that are rigid all through, whose error the forces of springs drive."""
+    off, left, unknowns = errors(bridge, 1.5, rf.StrainRate(4e-3, 0.4, kappa=6), 0.02)
+    assert min(unknowns) < max(unknowns)
+    assert off.max() > 1e-4
+    assert left.max() <= 0.02 * off.max()
+
+
+@NO_WARNINGS
+def test_a_string_swings_by_its_tension():
+    """Across its springs a mass has the stiffness 2 N/L alone; in second order, by single nodes."""
+    k, tension, half = 1e4, 30.0, 0.5
+    length = half - tension / k
+    domain = rf.box((-0.1,) * 3, (0.1,) * 3, (2, 2, 2)).with_cells("mass", lambda x: x[0] > -1)
+    domain = domain.with_vertices("middle", near((0, 0, 0)))
+    springs = [
+        rf.SpringDamper("ground", "middle", k, length=length, at_a=(x, 0, 0)) for x in (-half, half)
+    ]
+    springs = [replace(own, name=f"{n}") for n, own in enumerate(springs)]
+    found = rf.modes(rf.Scene(domain, SOFT, [rf.Rigid("mass"), *springs], order=2), 3)
+    assert found.squares[0] == pytest.approx(2 * tension / half / MASS, rel=1e-9)
+    assert found.squares[1] == pytest.approx(found.squares[0], rel=1e-9)
+    assert found.squares[2] == pytest.approx(2 * k / MASS, rel=1e-9)
+
+
+def test_history_and_description_have_the_springs(tmp_path, capsys):
+    """Columns of force, length and rate."""
+    scene = two(*BOTH, APART, rf.SpringDamper("A", "B", 500.0, damping=3.0, name="s"))
+    scene.describe()
+    line = "SpringDamper     'A' - 'B'   name s, stiffness 500, damping 3"
+    assert line in capsys.readouterr().out
+    with rf.Recorder(scene, tmp_path / "run") as recorder:
+        for report in rf.simulate(scene, 0.01, 0.1):
+            recorder.write(report)
+    columns = rf.read_history(recorder.history)
+    told = report.spring_dampers["s"]
+    for name in ("force", "length", "rate"):
+        assert columns[f"spring_s_{name}"][-1] == getattr(told, name)
+        assert np.isnan(columns[f"spring_s_{name}"][0])
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: rf.SpringDamper("A", "A", 1.0), "both sides are the same"),
+        (lambda: rf.SpringDamper("A", 3, 1.0), "b must be 'ground', the name of a Rigid part or"),
+        (lambda: rf.SpringDamper("A", "B"), "give a stiffness, a damping or both"),
+        (lambda: rf.SpringDamper("A", "B", -1.0), "stiffness must be ≥ 0, got -1.0"),
+        (lambda: rf.SpringDamper("A", "B", 1.0, length=-1.0), "length must be ≥ 0, got -1.0"),
+        (lambda: rf.SpringDamper("A", "B", 1.0, pulls_only=2), "pulls_only must be True or False"),
+        (lambda: rf.SpringDamper("ground", "B", 1.0), "give at_a, the place of its end on the gr"),
+        (lambda: rf.SpringDamper("A", "B", 1.0, at_b=(0, 0)), "at_b must be three finite numbers"),
+        (lambda: rf.SpringDamper("A", "nobody", 1.0), "'nobody'"),
+        (lambda: rf.SpringDamper("corner", "b", 1.0, at_a=A), "'corner' is the mean place of the"),
+        (
+            lambda: rf.SpringDamper(rf.MeanFace("a"), "B", 1.0, at_a=(99, 0, 0)),
+            r"it is at \[99.*m away and 0.1 m large",
+        ),
+        (
+            lambda: rf.SpringDamper("ground", "corner", 1.0, at_a=(SIDE,) * 3),
+            "both ends are at .* no direction. Place them apart, or give length=0",
+        ),
+        (lambda: rf.SpringDamper("A", "B", 1.0, name="s"), "two springs are called 's'"),
+    ],
+)
+def test_a_spring_that_cannot_be_is_refused(make, message):
+    with pytest.raises(rf.SceneError, match=message):
+        two(rf.Rigid("B"), rf.SpringDamper("A", "ground", 1.0, at_b=(0, 0, 9), name="s"), make())
+
+
+def history():
+    """Two boxes, of which one is rigid, with a spring between nodes and a cable between faces."""
+    springs = (
+        rf.SpringDamper("corner", "corners", 300.0, damping=4.0, length=0.8, name="s"),
+        rf.SpringDamper(rf.RigidFace("a"), "B", 900.0, at_b=(1.3, 0, 0), pulls_only=True, name="c"),
+    )
+    rows = []
+    for r in rf.simulate(two(rf.Rigid("B"), TUMBLE, *springs), 0.01, 0.3):
+        told = [(own.force, own.length) for own in r.spring_dampers.values()]
+        named = np.ravel(told or np.zeros((2, 2)))
+        rows.append([r.energy, r.springs, *named, *r.probes["a"], *r.angular_momentum])
+    return rows
+
+
+@NO_WARNINGS
+@pytest.mark.parallel
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks_find_the_same(ranks):
+    """Both ends may be on different ranks."""
+    one, several = np.array(history()), np.array(parallel.run(__file__, ranks, 300))
+    assert (np.abs(several - one).max(axis=0) <= 1e-9 * np.abs(one).max(axis=0)).all()
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore")
+    found = history()
+    if MPI.COMM_WORLD.rank == 0:
+        parallel.report(found)
