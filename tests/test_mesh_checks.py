@@ -34,11 +34,11 @@ def end(domain, x, name="end"):
     return domain.with_facets(name, lambda X: np.abs(X[0] - x) < 1e-9)
 
 
-def said(domain, *effects, order=1, mass="lumped"):
+def said(domain, *effects, order=1, mass="lumped", material=SOFT):
     """What a scene warns of."""
     with warnings.catch_warnings(record=True) as shown:
         warnings.simplefilter("always")
-        rf.Scene(domain, SOFT, effects, order=order, mass=mass)
+        rf.Scene(domain, material, effects, order=order, mass=mass)
     return [str(w.message) for w in shown]
 
 
@@ -77,6 +77,23 @@ def test_one_layer_of_cells_along_a_bar(cells):
     bar = (0, 0, 0), (10, 1, 1), (cells, 1, 1)
     assert not said(rf.box(*bar))
     assert len(said(rf.box(*bar, "tetrahedron"))) == 1
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_rigid_parts_do_not_lock(cell):
+    """Slender parts count without the cells that are rigid, which do not bend."""
+    bar = rf.box((0, 0, 0), (20, 1, 1), (20, 1, 1), cell)
+    arms = bar.with_cells("arms", lambda x: np.abs(x[0] - 10) > 0.9)
+    tip = bar.with_cells("tip", lambda x: x[0] > 18.9)
+    assert not said(arms, rf.Rigid("arms", each=True))
+    assert "cells lock in bending" in said(tip, rf.Rigid("tip"))[0]
+    rubber = rf.StVenantKirchhoff(rho=1.0, E=100.0, nu=0.495)
+    parted = arms.with_cells("middle", lambda x: np.abs(x[0] - 10) < 1.1)
+    for soft, found in (("arms", []), ("middle", ["lock at ν = 0.495"])):
+        materials = {"arms": SOFT, "middle": SOFT, soft: rubber}
+        shown = said(parted, rf.Rigid("arms", each=True), material=materials)
+        assert len(shown) == len(found)
+        assert all(words in shown[0] for words in found)
 
 
 def test_second_order_cells_bend():
@@ -313,6 +330,9 @@ def _script():
     for cell in ("hexahedron", "tetrahedron"):
         for size, cells, _ in BOXES:
             found[f"{cell} {size} {cells}"] = said(rf.box((0, 0, 0), size, cells, cell))
+        bar = rf.box((0, 0, 0), (20, 1, 1), (10, 1, 1), cell)
+        bar = bar.with_cells("arm", lambda x: x[0] < 2.1)
+        found[f"{cell} rigid"] = said(bar, rf.Rigid("arm"))
     found["touching"] = said(end(cubes((0, 0, 0), (1, 0, 0)), 0), rf.Fixed("end"))
     found["three"] = said(cubes((0, 0, 0), (1, 0, 0), (2, 0, 0)))
     for name, (corner, size, _) in NEIGHBOURS.items():

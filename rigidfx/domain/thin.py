@@ -65,29 +65,31 @@ class ThinPart:
         return 1 / (1 + 0.5 * (self.length / self.thickness) ** 2)
 
 
-def thin_parts(mesh: dmesh.Mesh) -> list[ThinPart]:
+def thin_parts(mesh: dmesh.Mesh, strained: npt.NDArray[np.bool_]) -> list[ThinPart]:
     """The slender parts whose first-order cells lock, in the order of the mesh file. Collective.
 
     Args:
         mesh: A mesh of hexahedra or tetrahedra.
+        strained: For each owned cell, whether it counts; the others are rigid, and end a part.
     """
-    parts = connected_parts(mesh, 2)
-    owned = mesh.topology.index_map(3).size_local
-    part = parts.of_cell[:owned]
+    owned = strained.size
+    among = la.vector(mesh.topology.index_map(3), 1, dtype=np.float64)
+    among.array[:owned] = strained
+    among.scatter_forward()
+    parts = connected_parts(mesh, 2, among.array > 0)
+    part, outside = parts.of_cell[:owned], _on_boundary(mesh, strained)
     x = _corners(mesh, 3, np.arange(owned, dtype=np.int32))
-    per_cell = np.ones(owned), _lengths(mesh, x), _volumes(x)
-    sums = np.stack([np.bincount(part, values, parts.count) for values in per_cell])
-    sums = np.vstack([sums, _surfaces(mesh, parts)])
+    per_cell = np.ones(owned), _lengths(mesh, x, outside), _volumes(x)
+    sums = np.stack([np.bincount(part, values * strained, parts.count) for values in per_cell])
+    sums = np.vstack([sums, _surfaces(mesh, parts, outside)])
     mesh.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
-    cells, lengths, V, A = sums
-    length, D = lengths / cells, np.linalg.norm(parts.upper - parts.lower, axis=1)
-    slender = D > SLENDER * 2 * V / A
-    thickness = {k: _thickness(V[k], A[k], D[k]) for k in np.flatnonzero(slender)}
-    return [
-        ThinPart(parts.place(k), t, float(length[k]))
-        for k, t in thickness.items()
-        if length[k] > LONG * t
-    ]
+    out = []
+    for k in np.flatnonzero(sums[0]):  # a part of rigid cells, or of none, has no sums
+        length, V, A = np.r_[sums[1, k] / sums[0, k], sums[2:, k]]
+        D = float(np.linalg.norm(parts.upper[k] - parts.lower[k]))
+        if D > SLENDER * 2 * V / A and length > LONG * (t := _thickness(V, A, D)):
+            out.append(ThinPart(parts.place(int(k)), t, float(length)))
+    return out
 
 
 def _thickness(V: float, A: float, D: float) -> float:
@@ -109,12 +111,6 @@ def _corners(mesh: dmesh.Mesh, dim: int, entities: npt.NDArray[np.int32]) -> Arr
     return np.asarray(mesh.geometry.x[nodes])
 
 
-def _boundary_facets(mesh: dmesh.Mesh) -> npt.NDArray[np.int32]:
-    """Owned facets of one cell."""
-    mesh.topology.create_connectivity(2, 3)
-    return np.asarray(dmesh.exterior_facet_indices(mesh.topology), dtype=np.int32)
-
-
 # Local vertices at both ends of each edge.
 EDGES = {
     4: ((0, 0, 0, 1, 1, 2), (1, 2, 3, 2, 3, 3)),
@@ -128,31 +124,36 @@ def _edges(x: Array) -> Array:
     return np.asarray(np.linalg.norm(x[:, a] - x[:, b], axis=2))
 
 
-def _lengths(mesh: dmesh.Mesh, x: Array) -> Array:
+def _lengths(mesh: dmesh.Mesh, x: Array, outside: npt.NDArray[np.bool_]) -> Array:
     """Longest edge of each owned cell that crosses no single layer, shape (cells,) [m]. Collective.
 
     Args:
         mesh: A mesh of hexahedra or tetrahedra; edges of tetrahedra cross nothing.
         x: Corners of its owned cells, shape (cells, corners, 3) [m].
+        outside: For each local facet, whether it is on the boundary.
     """
     edges = _edges(x)
     if _simplex(mesh):
         return np.asarray(edges.max(axis=1))
-    mesh.topology.create_connectivity(3, 2)
     facets = mesh.topology.connectivity(3, 2).array.reshape(-1, 6)[: len(x)]
-    outside = _on_boundary(mesh)[facets]
-    single = outside[:, :3] & outside[:, :2:-1]  # layers across z, y and x: facets k and 5 - k
+    at = outside[facets]
+    single = at[:, :3] & at[:, :2:-1]  # layers across z, y and x: facets k and 5 - k
     a, b = np.array(EDGES[8])
     along = 2 - np.log2(b - a).astype(int)  # 0, 1, 2: an edge along z, y, x
     return np.asarray(np.where(single[:, along], 0.0, edges).max(axis=1))
 
 
-def _on_boundary(mesh: dmesh.Mesh) -> npt.NDArray[np.bool_]:
-    """Whether each local facet is on the boundary. Collective."""
-    marks = la.vector(mesh.topology.index_map(2), 1, dtype=np.float64)
-    marks.array[_boundary_facets(mesh)] = 1.0
-    marks.scatter_forward()
-    return np.asarray(marks.array > 0)
+def _on_boundary(mesh: dmesh.Mesh, strained: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Whether each local facet is one of a single strained cell. Collective."""
+    for dims in ((3, 2), (2, 3)):  # the second is for places of facets
+        mesh.topology.create_connectivity(*dims)
+    facets = mesh.topology.connectivity(3, 2).array.reshape(-1, 4 if _simplex(mesh) else 6)
+    cells = la.vector(mesh.topology.index_map(2), 1, dtype=np.float64)
+    cells.array[:] = 0.0
+    np.add.at(cells.array, facets[: strained.size][strained].ravel(), 1.0)
+    cells.scatter_reverse(la.InsertMode.add)
+    cells.scatter_forward()
+    return np.asarray(cells.array == 1.0)
 
 
 def _volumes(x: Array) -> Array:
@@ -163,9 +164,10 @@ def _volumes(x: Array) -> Array:
     return np.asarray(sum(np.abs(np.linalg.det(e)) for e in edges) / 2)
 
 
-def _surfaces(mesh: dmesh.Mesh, parts: ConnectedParts) -> Array:
+def _surfaces(mesh: dmesh.Mesh, parts: ConnectedParts, outside: npt.NDArray[np.bool_]) -> Array:
     """Area of this rank's boundary facets of each part, shape (parts,) [m²]."""
-    facets = _boundary_facets(mesh)
+    owned = mesh.topology.index_map(2).size_local
+    facets = np.flatnonzero(outside[:owned]).astype(np.int32)
     x = _corners(mesh, 2, facets)
     # Of a quadrilateral, numbered as in a grid, twice the half on one side of a diagonal.
     cross = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])

@@ -82,19 +82,23 @@ def check_discretisation(scene: Any) -> None:
 
 
 def warn_of_locking(scene: Any) -> None:
-    """Warn of first-order cells that lock. Collective."""
+    """Warn of first-order cells that lock, but for those of parts named rigid. Collective."""
     if scene.order != 1 or not scene.element.locks:
         return
     instead = "order=2" if scene.simplex else "element='enhanced' or order=2"
-    nu = max((getattr(m, "nu", 0.0) for m, _ in scene.materials), default=0.0)
+    strained = np.ones(scene.owned_cells(None, "Scene").size, dtype=bool)
+    for rigid in (effect for effect in scene.effects if effect.is_rigid):
+        strained[scene.owned_cells(rigid.where, rigid.kind)] = False
+    counts = [scene.sum(np.count_nonzero(strained[cells])) for _, cells in scene.materials]
+    found = zip(scene.materials, counts, strict=True)
+    nu = max((getattr(m, "nu", 0.0) for (m, _), count in found if count > 0), default=0.0)
     if nu > NEARLY_INCOMPRESSIBLE:
         warn(
             scene.comm,
             f"Scene: first-order cells lock at ν = {nu:g}: they keep their volume at the price "
             f"of hardly bending at all. Take {instead}, or a smaller ν.",
         )
-    if not any(effect.is_rigid and effect.where is None for effect in scene.effects):
-        warn_of_bending(scene.domain)
+    warn_of_bending(scene.domain, strained)
 
 
 def check_masses(scene: Any) -> None:

@@ -27,13 +27,14 @@ __all__ = ["parts_in_words", "warn_of_bending", "warn_of_mesh"]
 DIGITS = 1e-9  # error of a cell's size that is warned of
 
 
-def warn_of_bending(domain: Domain) -> None:
+def warn_of_bending(domain: Domain, strained: npt.NDArray[np.bool_]) -> None:
     """Warn of slender parts whose first-order cells lock in bending. Collective.
 
     Args:
         domain: Mesh and names.
+        strained: For each owned cell, whether it is in no part named rigid.
     """
-    thin = thin_parts(domain.mesh)
+    thin = thin_parts(domain.mesh, strained)
     if not thin:
         return
     worst = min(thin, key=lambda part: part.deflection)
