@@ -28,6 +28,7 @@ from rigidfx.base.instants import longer
 from rigidfx.base.log import heard, tell
 from rigidfx.base.progress import progress_bar
 from rigidfx.base.same_input import check_same
+from rigidfx.base.warning import warn
 from rigidfx.checkpoint.call import given_again
 from rigidfx.checkpoint.checkpoint import Checkpoint
 from rigidfx.checkpoint.keeper import Keeper, Kept, bring_back, read, remember
@@ -42,9 +43,11 @@ from rigidfx.report.lumping import LumpedInertia
 from rigidfx.report.of_step import amended, held_at_start, report_of
 from rigidfx.report.report import Report
 from rigidfx.report.start import Start, start_of
+from rigidfx.report.stillness import Stillness
 from rigidfx.report.turned_springs import TurnedSprings
 from rigidfx.report.writers import Writers
 from rigidfx.run import Run
+from rigidfx.scene.idle import warn_of_idle
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
@@ -186,6 +189,13 @@ def resume(
                 f"{kept.state['state']['t']:g} s. Give a later end, or leave it out."
             )
         call["t_end"] = t_end
+    if not longer(call["t_end"], kept.state["state"]["t"]):
+        warn(
+            scene.comm,
+            f"resume: the run in '{place}' is over, as its last checkpoint is at its end, t = "
+            f"{call['t_end']:g} s: there are no further steps. Give a later t_end, or read its "
+            "results.",
+        )
     left = call.pop("checkpoint")
     checkpoint = replace(left, folder=place) if checkpoint is None else checkpoint
     if scene.comm.allreduce(monitor is not None, op=MPI.LOR) and monitor is None:
@@ -215,6 +225,8 @@ def _begun(
         dt = controlled(accuracy, scene, dt, rigidify)
     control = dt if isinstance(dt, StepControl) else None
     timeline = _timeline(scene, dt, t_end)
+    if checkpoint is None:  # else it may go on, to a later end
+        warn_of_idle(scene, timeline.t_end)
     if isinstance(rigidify, Accuracy) or not isinstance(rigidify, Criterion | None):
         raise SceneError(f"simulate: rigidify must be a StrainRate, got {show(rigidify)}.")
     criterion = rigidify if accuracy is None else accuracy.watching(scene)
@@ -261,10 +273,10 @@ def _timeline(scene: Scene, dt: Any, t_end: float) -> Timeline:
 
 
 def _looks(run: Run) -> tuple[Any, ...]:
-    """The readers of reports; the last is the account of a run. Collective."""
+    """The readers of reports: two that speak at the end first, the account last. Collective."""
     scene = run.stepper.scene
     brief = BriefContacts(scene, run.stepper.control is None)
-    of_motion = EnergyBalance(scene), LumpedInertia(scene), Jolts(scene), brief
+    of_motion = EnergyBalance(scene), Stillness(scene), LumpedInertia(scene), Jolts(scene), brief
     return *of_motion, TurnedSprings(scene), Account(scene.comm, run.timeline.t_end)
 
 
@@ -284,7 +296,7 @@ def _reports(
 ) -> Iterator[Report]:
     """Advance → report → decide → switch, step by step, from the state after the first one."""
     timeline, stepper, switch, state = run.timeline, run.stepper, run.switch, run.stepper.state
-    scene, balance, account = stepper.scene, looks[0], looks[-1]
+    scene, (balance, still, *_, account) = stepper.scene, looks
     with (
         run,
         heard(scene.comm, shown[1]),
@@ -307,6 +319,7 @@ def _reports(
                     keeper.look(step - 1, state.t, run, (*looks, writers), over)
             if over:
                 stepper.failures.settle()
+                still.end()
                 return balance.end()
             target, start = run.target(), perf_counter()
             with solver.at_work():

@@ -40,6 +40,7 @@ from rigidfx.report.current import check_scene
 from rigidfx.report.of_step import report_of
 from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report
+from rigidfx.report.stillness import Stillness
 from rigidfx.report.whereabouts import Whereabouts
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
@@ -211,7 +212,7 @@ def _reports(
         "static",
     )
     probes, number = Probes(scene), 0
-    whereabouts = Whereabouts(scene.comm, ends[-1])
+    looks = Whereabouts(scene.comm, ends[-1]), Stillness(scene)
     try:
         with heard(scene.comm, verbose), solver.at_work():
             tell_of_crowding(scene.comm)
@@ -232,10 +233,12 @@ def _reports(
                         scene.comm,
                         f"t = {state.t:.6g} s: {report.iterations} iterations, {result.cuts} cuts",
                     )
-                    whereabouts.follow(report)
+                    for look in looks:
+                        look.follow(report)
                 if report.iterations > 0:
                     solver.warn_of_unasked(scene.comm)
                 yield replace(report, wall=perf_counter() - began)
+        looks[1].end()
     finally:
         path.close()
 

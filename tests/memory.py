@@ -13,7 +13,15 @@ from dolfinx import fem
 
 # Names of attributes, of all classes or of one.
 APART = {
-    *("_began", "_flexible", "_rigid", "_switching", "wall", "Whereabouts._told"),  # wall times
+    *(
+        "_began",
+        "_flexible",
+        "_rigid",
+        "_switching",
+        "wall",
+        "Whereabouts._told",
+        "_compiled",
+    ),  # wall times
     *("changes", "_changes", "_asked", "_rotations", "_places", "_writes"),  # writes into a state
     *("scene", "_scene", "_element", "_here", "_columns"),  # as they were given, or by identity
     *("_field", "_cell_field", "_square"),  # refilled before they are read

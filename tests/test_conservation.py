@@ -249,6 +249,7 @@ def test_books_of_a_loaded_body(mass, name, data):
         x_before, before = x, r
 
 
+@pytest.mark.filterwarnings("ignore:Scene. its mass is")
 @settings(max_examples=15)
 @given(
     E=st.floats(1e3, 1e12),

@@ -20,14 +20,18 @@ def steps(*rows):
     return pay.told()
 
 
-def report(step, bodies, wall, unknowns=None, events=0):
-    """What is asked of one."""
+def report(step, bodies, wall, unknowns=None, events=0, named=0):
+    """What is asked of one, with bodies found and parts named rigid."""
+    found = [SimpleNamespace(name="part 2", cells=9, is_found=True, named=())]
+    parts = [SimpleNamespace(name="lug", cells=9, is_found=False, named=("lug",))]
+    records = bodies * found + named * parts
     return SimpleNamespace(
         step=step,
         t=0.1 * step,
         dt=0.1,
         unknowns=(40 if bodies else 100) if unknowns is None else unknowns,
-        bodies=bodies * [SimpleNamespace(name="part 1", cells=9)],
+        bodies=records,
+        rigid=SimpleNamespace(of=SimpleNamespace(records=records)),
         wall=wall,
         events=events * [None],
         iterations=1,
@@ -39,12 +43,40 @@ def test_steps_with_bodies_are_compared_with_those_without():
     flexible, switch, rigid = (100, 0, 2.0, 0), (40, 1, 4.0, 1), (40, 1, 1.0, 0)
     said = steps((100, 0, 0.0, 0), *20 * [flexible], switch, *19 * [rigid])
     assert said == (
-        "rigid parts: 30% of unknowns × time; a step with them took 0.50 of one without; "
+        "rigid parts: 30% of unknowns × time; a step with them took 0.57 of one without; "
         "steps with a switch took 6% of the time"
     )
     dear = steps((100, 0, 0.0, 0), *20 * [flexible], switch, *19 * [(40, 1, 3.0, 0)])
-    assert "took 1.50 of one without, which does not pay" in dear
+    assert "took 1.52 of one without, which does not pay" in dear
     assert steps((100, 0, 0.0, 0), *20 * [flexible]) == ""
+    # Most steps are cheap; each tenth pays for the error motion, and switches cost what is saved.
+    slow = [*9 * [(40, 1, 1.0, 0)], (40, 1, 12.0, 0)]
+    dear = steps((100, 0, 0.0, 0), *20 * [flexible], switch, *3 * slow)
+    assert "took 1.08 of one without, which does not pay" in dear
+
+
+def test_parts_named_rigid_are_in_both_kinds_of_steps():
+    """They are no savings of the run, which has no step without them."""
+    pay = Pay()
+    for step in range(41):
+        pay.follow(report(step, step > 20, 1.0 if step > 20 else 2.0, named=1))
+    assert "a step with them took 0.51 of one without" in pay.told()
+    alone = Pay()
+    for step in range(41):
+        alone.follow(report(step, 0, 1.0, named=1))
+    assert "none to compare with" in alone.told()
+    assert not alone.loses
+
+
+def test_compilations_are_no_part_of_steps(monkeypatch):
+    """They are made once for many runs."""
+    spent = []
+    monkeypatch.setattr("rigidfx.report.pay.SPENT", spent)
+    pay = Pay()
+    for step in range(41):
+        spent += [60.0] * (step == 25)
+        pay.follow(report(step, step > 20, (1.0 if step > 20 else 2.0) + 60.0 * (step == 25)))
+    assert "a step with them took 0.51 of one without" in pay.told()
 
 
 def test_what_does_not_pay_is_told_in_pipes(capsys):

@@ -83,6 +83,7 @@ def test_checkpoints_change_no_run(name, tmp_path, monkeypatch):
 # What objects change and do not remember: of an attempt, found anew, or for messages alone.
 FOUND_ANEW = {
     "Account": "_last",
+    "Alternation": "_before _end _mass _nodes _steps _sums",
     "Blows": "_next _speed",
     "BodyForces": "_ended _force _known _linear _mass _parts _still _system borne",
     "Compression": "_cells _gradients _nodes",
@@ -98,12 +99,14 @@ FOUND_ANEW = {
     "LoadChanges": "_idle",
     "LumpedInertia": "_seen",
     "Modal": "_asked _fixed _force _m_phi _phi _right _still _sums",  # by `at_nodes`
+    "Pay": "_compiled",
     "Policy": "_springs",
     "ResolvedForces": "_times",
     "RotationPerStep": "_cells _nodes",
     "RunError": "_next_high _next_low _next_parts _next_sizes",
     "SharedStrains": "_start",
     "State": "_following _places _writes changes clamped",
+    "Stillness": "_t",
     "Stepper": "_bound _division failures forces prescribed system",
     "Switch": "_joints clamps held",  # the motors of the start are told to `_joints`
     "TimeControl": "_end _found _state _system",
@@ -286,7 +289,8 @@ def test_the_newest_that_is_whole_goes_on(tmp_path):
     assert last.current  # its fields are still to be written
     assert last.step == 20
     old, new = sorted(tmp_path.glob("*.rfx"))
-    assert list(rf.resume(tmp_path, make())) == []
+    with pytest.warns(rf.RigidfxWarning, match=r"resume: the run in '.*' is over"):
+        assert list(rf.resume(tmp_path, make())) == []
     new.write_bytes(new.read_bytes()[:-1])
     assert next(rf.resume(tmp_path, make())).step == 17
     old.write_bytes(b"nothing")

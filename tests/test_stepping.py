@@ -50,7 +50,7 @@ def test_steps_end_on_the_grid_and_at_the_end():
 )
 def test_steps_end_at_every_breakpoint(kinks, dt):
     """Grid and breakpoints, both exactly, and nothing else."""
-    table = rf.Table(kinks, [0.0] * len(kinks))
+    table = rf.Table(kinks, [1.0] * len(kinks))
     t = _times(_bar(rf.Gravity(time=table), cells=(1, 1, 1)), dt, 1.0)
     close = 1e-9 * dt
     wanted = [*(k for k in kinks if k < 1.0), *(k * dt for k in range(int(1 / dt) + 1)), 1.0]

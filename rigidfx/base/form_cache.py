@@ -36,7 +36,14 @@ from rigidfx.base.cache_log import listening
 from rigidfx.base.compiler import raise_uncompiled
 from rigidfx.base.errors import OutputError, agree
 
-__all__ = ["compile_expression", "compile_form", "compile_values", "form_on", "wait_or_clear"]
+__all__ = [
+    "SPENT",
+    "compile_expression",
+    "compile_form",
+    "compile_values",
+    "form_on",
+    "wait_or_clear",
+]
 
 LOCK = "rigidfx.lock"  # beside the compiled forms
 
@@ -47,6 +54,8 @@ SMALL = {"timeout": 10, "cache_dir": str(Path(jit.get_options()["cache_dir"], "s
 # numerical damping [s], on an EPYC of 2024, by kind of cell and order.
 SECONDS = {("hexahedron", 1): 2, ("hexahedron", 2): 4, ("tetrahedron", 1): 2, ("tetrahedron", 2): 3}
 SLOWER = 5  # times as long as that: a slow or busy processor, another material, enhanced strains
+
+SPENT: list[float] = []  # times of this process in compilations [s]
 
 # Forms this process has compiled, by signature and options; a UFL form in them would keep its mesh.
 FOUND: dict[tuple[str, str], fem.forms.CompiledForm] = {}
@@ -167,6 +176,7 @@ def _past_the_cache(
     comm: MPI.Intracomm, options: dict[str, Any], compiled: Callable[..., Any], what: str = ""
 ) -> Any:
     """The result of a compilation, repeated until nothing is in its way. Collective."""
+    began = time.perf_counter()
     while True:
         heard = {"verbosity": logging.INFO}  # what `listening` is to hear
         with _may_compile(comm, options), listening(what) as log:
@@ -178,6 +188,9 @@ def _past_the_cache(
                     raise_uncompiled(comm, error, jit.get_options(options)["cache_dir"])
                     raise
                 damaged = isinstance(error, ImportError)
+            finally:
+                SPENT.append(time.perf_counter() - began)
+                began = time.perf_counter()
         damaged = comm.allreduce(damaged, op=MPI.LOR)
         agree(comm, _cleared(found[0], damaged) if comm.rank == 0 else None, OutputError)
 

@@ -102,7 +102,7 @@ def warn_of_locking(scene: Any) -> None:
 
 
 def check_masses(scene: Any) -> None:
-    """Refuse nodal masses that are not positive, or that overflow in sums. Collective.
+    """Refuse nodal masses that are not positive, or overflow in sums; warn of much. Collective.
 
     Raises:
         SceneError: On every rank, if the arithmetic cannot do with them.
@@ -116,6 +116,12 @@ def check_masses(scene: Any) -> None:
             f"Scene: the masses of the nodes add up to {m:.3g} kg, with a moment of inertia "
             f"of {J:.3g} kg m² about the origin: too large for the arithmetic. Check the "
             "densities, the PointMass effects and the units."
+        )
+    if m > 10**7:  # kg; steel parts of 0.1 m with millimetres for metres weigh more
+        warn(
+            scene.comm,
+            f"Scene: its mass is {m:.3g} kg. Are lengths in millimetres? They have to be in metres "
+            "(scale=1e-3 where a mesh is read), with Pa, kg/m³ and N.",
         )
     if scene.mass == "lumped":
         worst = mass.min(initial=np.inf)

@@ -27,6 +27,7 @@ from rigidfx.step.system.division import Division
 from rigidfx.step.system.following import following_energy
 from rigidfx.step.system.supports import Impact, PrescribedDofs, impose_velocity, supports_of
 from rigidfx.step.system.system import System
+from rigidfx.step.watches.alternation import Alternation
 from rigidfx.step.watches.compression import Compression
 from rigidfx.step.watches.judge import Attempt, Judge
 from rigidfx.step.watches.jumps import JumpingObstacles, Jumps
@@ -86,7 +87,8 @@ class Stepper:
         self._jumps = Jumps(scene)
         measuring = () if indicator is None else (Measuring(indicator),)
         obstacles = JumpingObstacles(scene, self.touches, self.failures)
-        others = Unresolved(scene), RotationPerStep(scene, forces), self._jumps, obstacles
+        turning, alternating = RotationPerStep(scene, forces), Alternation(scene, forces)
+        others = Unresolved(scene), turning, alternating, self._jumps, obstacles
         squeezed = (Compression(scene, forces),) if scene.element.buckles else ()
         controls = () if control is None else (control,)
         self.watches: list[Watch] = [*measuring, *others, *squeezed, *controls]

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from math import pi
 
+from mpi4py import MPI
+
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import positive
 from rigidfx.effects import MassDamping, StiffnessDamping
+from rigidfx.effects.damping.stiffness_damping import warn_of_ratio
 
 __all__ = ["rayleigh"]
 
@@ -39,6 +42,7 @@ def rayleigh(
     f1, f2 = positive("rayleigh", "first", first), positive("rayleigh", "second", second)
     z1 = positive("rayleigh", "ratio", ratio)
     z2 = z1 if second_ratio is None else positive("rayleigh", "second_ratio", second_ratio)
+    warn_of_ratio(MPI.COMM_WORLD, "rayleigh", max(z1, z2))
     if not f1 < f2:
         raise SceneError(f"rayleigh: first must be below second, got {f1:g} and {f2:g} Hz.")
     w1, w2 = 2 * pi * f1, 2 * pi * f2

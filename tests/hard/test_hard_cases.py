@@ -18,6 +18,7 @@ alone = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its ranks its
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:Scene. its mass is")
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_hard_case(case):
     assert case.bound

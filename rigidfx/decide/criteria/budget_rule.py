@@ -91,7 +91,8 @@ class BudgetRule:
             "_size",
             "_largest",
             "_shown",
-            "_rigid",
+            "_frozen",
+            "_froze",
         )
         | dict.fromkeys(("tol", "_strains", "_weights"), ON_CELLS)
         | {"_swings": PART}
@@ -127,7 +128,7 @@ class BudgetRule:
         self._budget = self._spending.rigidity * budget  # what rigidity may spend
         self._size, self._largest = 0.0, 0.0  # |e| and U [m]
         self._shown = False  # whether e is added to what is shown
-        self._rigid = False  # whether anything was found to be
+        self._frozen, self._froze = 0, ""  # cells of the bodies found; tolerances that froze them
         self.tol: Array = np.zeros(cells)
 
     # What is allowed ----------------------------------------------------------------------------
@@ -161,7 +162,7 @@ class BudgetRule:
     def rigidity(self) -> Rigidity:
         """Error of the motion by bodies."""
         motion = self._off(self._size)
-        kept = self._budget if self._rigid else min(motion, self._budget)
+        kept = self._budget if self._frozen else min(motion, self._budget)
         return Rigidity(
             motion=motion,
             allowed=kept,
@@ -201,8 +202,11 @@ class BudgetRule:
         self._free = rested > self._spending.at_rest * seen.dt
         self._size, self._shown = seen.error
         self._largest, self._t = control.length.displacement, seen.t
-        self._rigid = any(not body.named for body in seen.bodies)
-        if not self._rigid:  # time integration spends what there is, until something is
+        frozen = sum(body.size for body in seen.bodies if body.is_found)
+        if frozen > self._frozen:
+            self._note(~seen.flexible)
+        self._frozen = frozen
+        if not self._frozen:  # time integration spends what there is, until something is
             left = max(self._whole - control.length.used, 0.0)
             self._budget = self._spending.rigidity * left
 
@@ -225,18 +229,20 @@ class BudgetRule:
         most = level(density, share, 0.5 * float(whole), self._scene)
         return (density >= most) & (s > 0)
 
-    def told(self) -> str:
-        """The settings by hand with the same result. Collective."""
-        some = self.tol[self.tol > 0]
+    def _note(self, rigid: Bools) -> None:
+        """Note the settings by hand that froze the same in the last window. Collective."""
+        some = self.tol[rigid & (self.tol > 0)]  # zero in cells that were rigid before
         ends = np.array([some.min(initial=np.inf), -some.max(initial=0.0)])
         ends = np.min(self._scene.comm.allgather(ends), axis=0)
-        if not np.isfinite(ends[0]):
-            return "nothing was observed for long enough to become rigid"
         window = self._spending.window * self._period / 2
-        return (
+        self._froze = (
             f"StrainRate with tol from {ends[0]:.3g} to {-ends[1]:.3g} 1/s, by cell, and "
             f"window={window:.3g} froze the same at last"
         )
+
+    def told(self) -> str:
+        """The settings by hand with the same result."""
+        return self._froze or "nothing was quiet for long enough to become rigid"
 
 
 def stiffness(scene: Scene) -> Array:

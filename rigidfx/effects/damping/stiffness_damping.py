@@ -8,15 +8,17 @@ from typing import Any
 
 import ufl
 from dolfinx import fem
+from mpi4py import MPI
 
 from rigidfx.base.inputs import positive
+from rigidfx.base.warning import warn
 from rigidfx.effects.action import FormTerm
 from rigidfx.effects.base import Windowed
 from rigidfx.effects.damping.viscous_term import ViscousTerm
 from rigidfx.mechanics.element import Element
 from rigidfx.mechanics.schemes import Law, initial_stiffness_times
 
-__all__ = ["StiffnessDamping"]
+__all__ = ["StiffnessDamping", "warn_of_ratio"]
 
 
 @dataclass(frozen=True)
@@ -53,12 +55,23 @@ class StiffnessDamping(Windowed):
         return float(self.ratio) / (pi * float(self.frequency))
 
     def check(self, scene: Any) -> None:
-        """Look its cells up."""
+        """Look its cells up; warn of a ratio at which nothing vibrates."""
         scene.owned_cells(self.where, self.kind)
+        warn_of_ratio(scene.comm, self.owner, self.ratio)
 
     def term(self, mesh: Any) -> FormTerm:
         """The viscous stress."""
         return ProportionalStress(self.beta, fem.Constant(mesh, self.beta))
+
+
+def warn_of_ratio(comm: MPI.Intracomm, owner: str, ratio: float) -> None:
+    """Warn of a damping ratio above the critical one."""
+    if ratio > 1:
+        warn(
+            comm,
+            f"{owner}: the damping ratio {ratio:g} is above the critical one, 1, so that nothing "
+            "vibrates. Two per cent are 0.02.",
+        )
 
 
 class ProportionalStress(ViscousTerm):

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.warning import warn
 from rigidfx.effects.joints.averages import Grounded
 from rigidfx.effects.joints.face_motion import Sided
 from rigidfx.effects.joints.sides import Side, Surface, side_name
@@ -52,6 +53,17 @@ def check_sides(
             raise SceneError(
                 f"{owner}: both sides are of one part, {rigid.owner}, and cannot move against each "
                 "other."
+            )
+    for name, side in zip(names, sides, strict=True):
+        if len(sides) < 2 or isinstance(side, Grounded) or not isinstance(name, Surface):
+            continue
+        away = float(np.linalg.norm(at - side.centre))
+        if away > FAR * side.size / 4:
+            warn(
+                scene.comm,
+                f"{owner}: it is at {at} m, {away:.3g} m away from the middle of "
+                f"{side_name(name)}, which is {side.size:.3g} m large (root mean square): it moves "
+                "with the face as on a rigid arm. Check `at`, in metres, and the face.",
             )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from rigidfx.base.errors import SceneError
 from rigidfx.effects.supports.fixed import Fixed
 
-__all__ = ["Symmetry"]
+__all__ = ["FLAT", "Symmetry"]
 
 FLAT = 1e-9  # of the size of the mesh
 

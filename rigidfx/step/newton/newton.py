@@ -139,6 +139,7 @@ class Newton:
         quick = not self._pivots and p.size <= QUICK_UP_TO
         configure(ksp, direct, p.size, len(p.layout.bodies) > 0, quick)
 
+    @np.errstate(all="ignore")  # an iterate may leave the numbers: a residual says so
     def solve(self, guesses: Sequence[Guess]) -> Solution:
         """Find the increment of the step that the equations have begun. Collective.
 

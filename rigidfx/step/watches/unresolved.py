@@ -19,7 +19,7 @@ from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.step.watches.watch import WarnsOnce
 
-__all__ = ["Unresolved"]
+__all__ = ["NEGLIGIBLE", "Unresolved"]
 
 WORTH_A_WARNING = 1e-6  # of the largest increment so far
 NEGLIGIBLE = 1e-10  # of a cell's size: what rounding in displacements may be

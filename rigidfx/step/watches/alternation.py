@@ -1,0 +1,100 @@
+"""Do most displacements go back and forth from step to step?
+
+A vibration of ω moves on by the phase θ = 2 atan(ωΔt/2) in a step, however long that is, so that
+increments d of successive steps correlate by
+
+    r = Σ dₙ·M dₙ₊₁ / Σ ½ (dₙ·M dₙ + dₙ₊₁·M dₙ₊₁) = cos θ .
+
+Where a period is shorter than 1.6 Δt, r is below -0.6, and the deflection under a load that begins
+at once is twice the static one, then nothing, then twice, for ever. All balances hold.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.remembered import Remembered
+from rigidfx.flexible.internal_forces import Cells, InternalForces
+from rigidfx.scene.scene import Scene
+from rigidfx.step.watches.judge import Attempt
+from rigidfx.step.watches.unresolved import NEGLIGIBLE
+from rigidfx.step.watches.watch import WarnsOnce
+
+__all__ = ["Alternation"]
+
+Array = npt.NDArray[np.float64]
+
+
+class Alternation(WarnsOnce):
+    """Looks at increments of flexible nodes and of bodies; warns once."""
+
+    remembered: ClassVar[Remembered] = WarnsOnce.remembered
+
+    def __init__(self, scene: Scene, forces: InternalForces) -> None:
+        """Begin before the first step. Collective.
+
+        Args:
+            scene: The problem.
+            forces: Internal forces, whose u₀ and u₁ hold start and end of a step.
+        """
+        super().__init__(scene.comm)
+        self._scene, self._forces = scene, forces
+        self._floor = NEGLIGIBLE * scene.mean_cell_size
+        self.bind({})
+
+    def bind(self, flexible: Cells) -> None:
+        """See `Watch`."""
+        scene = self._scene
+        cells = np.concatenate([np.empty(0, np.int32), *flexible.values()])
+        nodes = np.unique(scene.space.dofmap.list[cells])
+        self._nodes = nodes[nodes < scene.owned_nodes]
+        self._mass: Array = np.repeat(scene.averaging_mass[self._nodes], 3)
+        self.refresh()
+
+    def refresh(self) -> None:
+        """See `Watch`."""
+        self._before: Array = np.empty(0)
+        self._sums: Array = np.zeros(3)
+        self._steps, self._end = 0, 4  # steps that are looked at together, and twice as many next
+
+    def accept(self, attempt: Attempt) -> None:
+        """See `Watch`. Collective in some steps."""
+        if not self.waits:
+            return
+        bodies, six = attempt.increments.start, attempt.increments.six
+        u0, u1 = (f.x.array.reshape(-1, 3)[self._nodes] for f in (self._forces.u0, self._forces.u1))
+        d = np.concatenate([(u1 - u0).ravel(), six.ravel()]) / attempt.dt
+        if self._before.size != d.size:
+            self._before = d
+            return
+        once = float(self._comm.rank == 0)  # all ranks know all bodies
+        m = np.concatenate([self._mass, np.repeat(once * bodies.of.mass, 6)])
+        way = np.concatenate([u1.ravel(), (bodies.r - bodies.of.frozen[:, 0] + six[:, :3]).ravel()])
+        of_way = np.concatenate([self._mass, np.repeat(once * bodies.of.mass, 3)])
+        both = m @ (d * self._before), 0.5 * (m @ (d * d + self._before**2))
+        # Increments matter that are a quarter of displacements, and no rounding.
+        size = of_way @ (way / 4) ** 2 + of_way.sum() * self._floor**2
+        self._sums += [*both, size / attempt.dt**2]
+        self._before = d
+        self._steps += 1
+        if self._steps == self._end:
+            self._judge(attempt)
+            self._sums[:], self._end = 0.0, 2 * self._end
+
+    def _judge(self, attempt: Attempt) -> None:
+        """Warn where increments alternate. Collective."""
+        product, square, least = self._scene.sum(self._sums)
+        # With ωΔt = 4, a period of 1.6 steps, r is -3/5.
+        if not square > least or 5 * product >= -3 * square:
+            return
+        self.say(
+            f"Up to t = {attempt.t + attempt.dt:.6g} s most of the motion goes back and forth from "
+            f"step to step (increments of successive steps correlate by {product / square:.2f}): "
+            f"its periods are two or three steps of Δt = {attempt.dt:.3g} s, or less, and it is no "
+            "image of the real motion. Take a tenth of the period of interest (rf.periods), or "
+            "StepControl. Where only the deflection under a slow load is of interest, let that "
+            "grow over some steps (rf.Table), or take rf.static."
+        )
