@@ -663,7 +663,15 @@ def test_names_of_cad_that_are_refused(cad):
         ({"surfaces": {"a": "seat"}}, "there are no surfaces 'seat'"),
         ({"surfaces": {"a": []}}, "'a' picks nothing"),
         ({"surfaces": {"a": 1.5}}, "must be a number, a label, a function"),
-        ({"surfaces": {"a": lambda s: s.colour}}, "AttributeError"),
+        (
+            {"surfaces": {"a": lambda s: s.colour}},
+            "^read_cad: the condition of 'a' failed with Attr",
+        ),
+        ({"volumes": {"b": lambda v: 1 / 0}}, "of 'b' failed with Zero.*at volume 1 of kind"),
+        (
+            {"leave_out": lambda v: v.normal > 1},
+            "the condition of leave_out failed with ValueError",
+        ),
         ({"per_circle": -1}, "per_circle must be"),
     ):
         with pytest.raises(SceneError, match=match):

@@ -199,8 +199,10 @@ def test_a_notebook_shows_scene_report_and_ledger(monkeypatch):
     assert str(last.ledger).split("\n")[0] in html(last.ledger)
     drawn = []
     monkeypatch.setattr(pv.Plotter, "show", lambda plotter: drawn.append(plotter))
-    for colour in ("displacement", "rigid"):
+    for colour in ("displacement", "velocity", "rigid"):
         show(last, colour, scale=10.0)
+    titles = [title for plotter in drawn for title in plotter.scalar_bars.keys()]  # noqa: SIM118
+    assert titles == ["displacement [m]", "velocity [m/s]", "rigid: 1"]
     highest = drawn[0].mesh.points[:, 2].max()
     assert highest == pytest.approx(1 + 10 * last.probes["<tip>"][2], rel=0.05)
     with pytest.raises(rf.SceneError, match="colour must be one of"):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown
-from rigidfx.domain.cad_entities import CALLED, Cad, Which
+from rigidfx.domain.cad_entities import CALLED, Cad, CadEntity, Which
 from rigidfx.domain.domain import KINDS
 
 __all__ = ["named_surfaces", "named_volumes", "numbers_of"]
@@ -85,7 +85,7 @@ def numbers_of(cad: Cad, dim: int, name: str, which: Which) -> list[int]:
         which: Its choice.
 
     Raises:
-        SceneError: If that is nothing, or no way to pick.
+        SceneError: If that is nothing, or no way to pick, or a condition fails.
     """
     each = [which] if isinstance(which, str) or not isinstance(which, Iterable) else list(which)
     found: set[int] = set()
@@ -93,7 +93,7 @@ def numbers_of(cad: Cad, dim: int, name: str, which: Which) -> list[int]:
         if isinstance(one, str):
             matches = [e.number for e in cad.of(dim) if e.label == one]
         elif callable(one):
-            matches = [e.number for e in cad.of(dim) if one(e)]
+            matches = [e.number for e in cad.of(dim) if _fulfils(one, e, dim, name)]
         elif isinstance(one, (int, np.integer)) and not isinstance(one, bool):
             matches = [e.number for e in cad.of(dim) if e.number == one]
         else:
@@ -114,3 +114,20 @@ def numbers_of(cad: Cad, dim: int, name: str, which: Which) -> list[int]:
     if not found:
         raise SceneError(f"read_cad: {name} picks nothing.\n{cad.table((dim,), ROWS)}")
     return sorted(found)
+
+
+def _fulfils(
+    condition: Callable[[CadEntity], bool], entity: CadEntity, dim: int, name: str
+) -> bool:
+    """Whether an entity is one that a condition picks.
+
+    Raises:
+        SceneError: If the condition fails.
+    """
+    try:
+        return bool(condition(entity))
+    except Exception as error:  # whatever a user's function may raise
+        raise SceneError(
+            f"read_cad: the condition of {name} failed with {type(error).__name__}: {error}, at "
+            f"{CALLED[dim][:-1]} {entity.number} of kind '{entity.kind}'."
+        ) from error

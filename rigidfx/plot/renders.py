@@ -30,6 +30,7 @@ __all__ = [
     "check_camera",
     "images",
     "key",
+    "plain",
     "pyvista",
     "sheet",
     "surface_of",
@@ -102,6 +103,11 @@ def pyvista() -> Any:
     import pyvista as pv
 
     return pv
+
+
+def plain(title: str) -> str:
+    """A title without its formula: VTK reads a pair of $ as one, in which | begins a column."""
+    return title.partition(" $")[0]
 
 
 def surface_of(

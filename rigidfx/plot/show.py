@@ -10,7 +10,7 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import positive, shown
 from rigidfx.output.paraview import Body
 from rigidfx.plot.arrows import add_arrows, arrows_of, largest_of
-from rigidfx.plot.renders import FIELDS, pyvista, surface_of
+from rigidfx.plot.renders import FIELDS, plain, pyvista, surface_of
 from rigidfx.report.report import Report
 
 __all__ = ["show"]
@@ -56,7 +56,7 @@ def show(report: Report, colour: Colour = "displacement", scale: float = 1.0) ->
     plotter.add_mesh(
         surface_of(grid, u, colour, values, factor),
         scalars="colour",
-        scalar_bar_args={"title": f"{title} [{unit}]" if title else "rigid: 1"},
+        scalar_bar_args={"title": f"{plain(title)} [{unit}]" if title else "rigid: 1"},
     )
     arrows = arrows_of(report) if factor == 1.0 else None
     if arrows is not None:
