@@ -37,6 +37,7 @@ from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.preparation import prepare
 from rigidfx.report.account import Account, beginning
 from rigidfx.report.brief_contacts import BriefContacts
+from rigidfx.report.brief_stops import BriefStops
 from rigidfx.report.energy_balance import EnergyBalance
 from rigidfx.report.jolts import Jolts
 from rigidfx.report.lumping import LumpedInertia
@@ -277,7 +278,8 @@ def _looks(run: Run) -> tuple[Any, ...]:
     scene = run.stepper.scene
     brief = BriefContacts(scene, run.stepper.control is None)
     of_motion = EnergyBalance(scene), Stillness(scene), LumpedInertia(scene), Jolts(scene), brief
-    return *of_motion, TurnedSprings(scene), Account(scene.comm, run.timeline.t_end)
+    of_joints = BriefStops(scene), TurnedSprings(scene)
+    return *of_motion, *of_joints, Account(scene.comm, run.timeline.t_end)
 
 
 def _unheard(iteration: int, norm: float) -> None:

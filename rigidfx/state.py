@@ -16,7 +16,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from rigidfx.base.errors import together
-from rigidfx.base.remembered import FIELD, ByObject, Remembered, same
+from rigidfx.base.remembered import FIELD, ON_DOFS, ByObject, Remembered, same
 from rigidfx.base.taken import read_only
 from rigidfx.effects import InitialVelocity, Preload
 from rigidfx.effects.initial.initial_velocity import agree_with_support, given_velocity
@@ -61,6 +61,8 @@ class State:
         clamped: Owned cells of each named part that a support moves, by the part's number.
         eased: Stresses that releases have let down, and that have not faded yet.
         notes: Memory of effects from step to step, by their identity.
+        path_rates: Rates of supports' paths at the end of the last step, of each owned dof [m/s],
+            NaN where none is known; None before a step with a support that moves.
         changes: Number of the last write into it; no two writes have the same.
         X: Reference positions of the local nodes, shape (nodes, 3) [m].
 
@@ -73,6 +75,7 @@ class State:
         "bodies": BODIES,
         "eased": EASED,
         "notes": ByObject(),
+        "path_rates": ON_DOFS,
     }
 
     def __init__(self, scene: Scene) -> None:
@@ -85,6 +88,7 @@ class State:
         self.eased: tuple[Eased, ...] = ()
         self.X: Array = read_only(scene.space.tabulate_dof_coordinates())
         self.notes: dict[int, Any] = {}
+        self.path_rates: Array | None = None
         self._writes, self.changes = count(1), 0
         self._places: tuple[int, Bodies, Array] | None = (
             None  # and the write and bodies they are of
@@ -240,6 +244,20 @@ class State:
         self._wrote()
         self.v.x.array[: v.size] = v
         self.v.x.scatter_forward()
+
+    def follow_paths(self, held: npt.NDArray[np.int64], rates: Array) -> None:
+        """Keep rates of supports' paths at the end of a step, those of no other dof.
+
+        Args:
+            held: The dofs.
+            rates: Theirs [m/s].
+        """
+        self.path_rates = np.full(self.u.x.array.size, np.nan)
+        self.path_rates[held] = rates
+
+    def forget_paths(self) -> None:
+        """Keep no rates of paths, as an impact gives others."""
+        self.path_rates = None
 
     def kick(self, dofs: npt.NDArray[np.int64], dv: Array, bodies: Bodies) -> None:
         """Change velocities of owned dofs [m/s], and those of the bodies. Collective."""

@@ -188,8 +188,9 @@ def follow(scene, dt, t_end, **options):
                 total, moment, work = total + force, moment + turn_force, work + moved
             hit = report.impact
             energy = work + report.work_of_supports - dissipated + (hit.energy if hit else 0.0)
-            push = report.dt * total + (hit.impulse if hit else 0.0)
-            turn = report.dt * moment + (hit.angular_impulse if hit else 0.0)
+            besides = report.alternating_impulse
+            push = report.dt * total + besides[0] + (hit.impulse if hit else 0.0)
+            turn = report.dt * moment + besides[1] + (hit.angular_impulse if hit else 0.0)
             gap = {
                 "energy": abs(report.energy - previous.energy - energy) / H,
                 "linear": np.abs(report.linear_momentum - previous.linear_momentum - push).max()

@@ -347,6 +347,47 @@ def test_a_stop_throws_a_hinge_back_after_a_turn(damping):
     assert rate == pytest.approx(-5.0, rel=1e-3) if not damping else -5.0 < rate < -0.1
 
 
+def struck(dt, damping=0.0):
+    """Reports of the bar that slides at 1 m/s against a stop, 5 mm away."""
+    stop = rf.Stop("joint", high=0.005, stiffness=1e6, damping=damping)
+    return list(
+        rf.simulate(bar(SLIDER, stop, rf.InitialVelocity((1.0, 0, 0))), dt, max(0.03, 3 * dt))
+    )
+
+
+@pytest.mark.parametrize("damping", [2000.0, 5000.0])
+def test_a_stop_only_pushes(damping):
+    """On the way back the damper pulled by up to 675 N; energy is exact, and none appears."""
+    reports = struck(2e-4, damping)
+    forces = np.array([r.joints["joint"].efforts["Stop of 'joint'"] for r in reports[1:]])
+    taken = np.array([r.dissipated.get("Stop", 0.0) for r in reports])
+    assert forces.max() == 0.0
+    assert taken.min() >= 0.0
+    energies = np.array([r.energy for r in reports]) + np.cumsum(taken)
+    assert np.abs(energies - energies[0]).max() <= 1e-12 * energies[0]
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.005])
+def test_a_blow_on_a_stop_that_steps_do_not_resolve_is_told(dt):
+    """Half a period is π √(m/k) = 9.9 ms; a tenth of it finds the peak to 3 %."""
+    with pytest.warns(rf.RigidfxWarning, match=r"Stop of 'joint' was struck .* ≤ 0\.00099 s"):
+        struck(dt)
+    forces = [r.joints["joint"].efforts["Stop of 'joint'"] for r in struck(0.00099)[1:]]
+    assert -min(forces) == pytest.approx(np.sqrt(1e6 * 10.0), rel=0.03)
+
+
+def test_a_stop_that_is_violated_at_the_start_is_refused():
+    """450 J appeared; a static solution may rest on a stop."""
+    beyond = rf.Stop("joint", high=-0.03, stiffness=1e6)
+    with pytest.raises(rf.SceneError, match=r"its travel is .* beyond -inf to -0\.03 m at"):
+        list(rf.simulate(bar(SLIDER, beyond), 0.01, 0.02))
+    stop, weak = rf.Stop("joint", high=0.0, stiffness=1e6), rf.JointSpring("joint", 1.0)
+    rests = bar(SLIDER, stop, weak, rf.Gravity((9.81, 0, 0)))
+    *_, loaded = rf.static(rests, 1)
+    *_, last = rf.simulate(rests, 0.01, 0.05, start=loaded)
+    assert last.joints["joint"].travel == pytest.approx(98.1 / (1e6 + 1), rel=1e-6)
+
+
 def test_a_slider_and_a_cylinder_let_the_bar_slide():
     for joint in (SLIDER, rf.Cylindrical("ground", "bar", AT, (1, 0, 0), name="joint")):
         last, off = driven(joint, rf.Motor("joint", force=5.0))

@@ -37,10 +37,10 @@ class Books:
         before, self._before = self._before, r
         if before is None:
             return
-        energy, impulse = 0.0, np.zeros(3)
+        energy, impulse = 0.0, r.impulse
         if r.impact is not None:
             self.impacts.append(r.impact)
-            energy, impulse = r.impact.energy, r.impact.impulse
+            energy = r.impact.energy
         force = np.asarray(loads) + sum(r.reactions.values(), np.zeros(3))
         # Newton leaves 1e-12 of the forces, which rounding over the nodes may add to.
         scale = r.energy + before.energy + abs(r.work_of_supports) + abs(energy)

@@ -17,7 +17,7 @@ from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.remembered import Each, Kind, Record
 from rigidfx.base.taken import read_only, seal
 from rigidfx.mechanics.rigid_body import Body, BodyMotion, Frozen, RigidBody, at_rest
-from rigidfx.mechanics.rotation import UNIT_SKEWS
+from rigidfx.mechanics.rotation import UNIT_SKEWS, skew
 
 __all__ = ["BODIES", "TRANSLATIONS", "Bodies", "Ensemble", "times"]
 
@@ -161,6 +161,12 @@ class Bodies:
     def six(self) -> Array:
         """Velocities of the centres and ℓω, shape (bodies, 6) [m/s]."""
         return np.hstack([self.velocity, self.of.length[:, None] * self.angular_velocity])
+
+    @property
+    def pose_rate(self) -> Array:
+        """Rate of the pose, shape (bodies, 4, 3) [m/s, 1/s]."""
+        turning = -skew(self.angular_velocity_body) @ self.R.swapaxes(1, 2)
+        return np.concatenate([self.velocity[:, None], turning], axis=1)
 
     @property
     def mass_blocks(self) -> Array:

@@ -9,8 +9,9 @@ Columns, in SI units; a vector has one column for each of x, y, z:
     impact_energy                            change of energy where a support began [J]
     momentum_scale, L_x …                    Σ m|v| and linear momentum [kg m/s]
     J_x …                                    angular momentum about the origin [kg m²/s]
-    impulse_x …                              by supports at instants, where they or bodies begin or
-                                             end, besides their reactions [N s]
+    impulse_x …                              by supports besides their reactions: where they or
+                                             bodies begin or end, and on velocities that alternate
+                                             [N s]
     angular_impulse_x …                      its moment about the origin [N m s]
     bodies, J_rigid_x …                      number of rigid bodies, and their part of J
     reaction_NAME_x …                        of each support [N], zero while it does not act

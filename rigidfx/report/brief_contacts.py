@@ -25,7 +25,7 @@ from rigidfx.effects.contacts.layer_times import own_time, resolved_time
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
-__all__ = ["BriefContacts"]
+__all__ = ["RESOLVED", "WORTH_A_WARNING", "BriefContacts", "rounded_down"]
 
 RESOLVED = 10  # steps of half a sine whose peak is known to some 3 %; half as many lose a tenth
 RINGS = 1.1  # times the resolved peak: a peak that is worth a word
@@ -104,7 +104,7 @@ class BriefContacts:
         contact = next(c for c in self._scene.named(Contact) if c.title == title)
         told = f"Contact '{title}' closed at t = {past.since:.6g} s and opened again"
         over = f"{resolved_time(self._scene, contact):.2g} s"
-        dt = _rounded_down(min(past.duration, own_time(self._scene, contact)) / RESOLVED)
+        dt = rounded_down(min(past.duration, own_time(self._scene, contact)) / RESOLVED)
         if self._waits and past.duration <= 0.5 * RESOLVED * past.longest and past.longest > dt:
             self._waits = self._listens = False
             steps = "one step" if past.steps == 1 else f"{past.steps} steps"
@@ -130,6 +130,6 @@ class BriefContacts:
             )
 
 
-def _rounded_down(dt: float) -> float:
+def rounded_down(dt: float) -> float:
     """The largest number of two digits that is not above a given one > 0."""
     return float(Context(prec=2, rounding=ROUND_FLOOR).create_decimal_from_float(dt))

@@ -94,6 +94,7 @@ def report_of(
         dissipated=result.dissipated if result else {},
         **_acting(stepper.scene, result),
         impact=impact,
+        alternating_impulse=result.alternating_impulse if result else np.zeros((2, 3)),
         rigid=state.bodies,
         clamped=_clamped(stepper),
         events=(),

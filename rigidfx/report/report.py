@@ -80,6 +80,8 @@ class Report:
             title: see `rigidfx.effects.attached.spring_damper.SpringDamperReport`; likewise.
         impact: Impact of a support that starts, or jumps in velocity, at the step's start; at t = 0
             in the report of the initial state.
+        alternating_impulse: Impulse of supports besides their reactions, on velocities that
+            alternate from step to step, and its moment, shape (2, 3) [N s, N m s].
         rigid: The rigid bodies at its end, as arrays.
         clamped: Names of `Rigid` parts that a support holds: they follow the support, have
             no unknowns, and are not among the bodies.
@@ -128,6 +130,7 @@ class Report:
     joints: JointReports
     spring_dampers: Mapping[str, SpringDamperReport]
     impact: Impact | None
+    alternating_impulse: Array
     rigid: Bodies
     clamped: tuple[str, ...]
     events: tuple[Event, ...]
@@ -175,17 +178,17 @@ class Report:
 
     @property
     def impulse(self) -> Array:
-        """Impulse of supports on the structure at instants, shape (3,) [N s].
+        """Impulse of supports on the structure besides their reactions, shape (3,) [N s].
 
-        By the impact at the step's start, and by the events; their impulse in the step itself is Δt
-        times their reactions.
+        By the impact at the step's start, by the events, and on velocities that alternate. With Δt
+        times reactions and loads it is the change of the linear momentum.
         """
-        return self._at_instants("impulse")
+        return self._at_instants("impulse") + self.alternating_impulse[0]
 
     @property
     def angular_impulse(self) -> Array:
         """Its moment about the origin, shape (3,) [N m s]."""
-        return self._at_instants("angular_impulse")
+        return self._at_instants("angular_impulse") + self.alternating_impulse[1]
 
     def _at_instants(self, name: str) -> Array:
         instants = (*self.events, *([self.impact] if self.impact else []))

@@ -219,6 +219,7 @@ class LoadPath:
             work_of_supports=work + moving,
             dissipated=dissipated,
             reactions=reactions,
+            alternating_impulse=np.zeros((2, 3)),
             reaction_moments=moments,
             touches=touches,
             joints=joints,

@@ -29,6 +29,8 @@ class StepResult:
         dissipated: Energy taken by each kind of damping [J].
         reactions: Force each support exerts on the structure at the midpoint, shape (3,) [N].
         reaction_moments: Its moment about the origin, shape (3,) [N m].
+        alternating_impulse: Impulse of supports besides, by velocities that alternate, and its
+            moment, shape (2, 3) [N s, N m s].
         touches: Touch of each contact, by its title.
         joints: Force and motion of each joint, by its title.
         spring_dampers: Force and length of each spring between two points, by its title.
@@ -42,6 +44,7 @@ class StepResult:
     dissipated: Mapping[str, float]
     reactions: Mapping[str, npt.NDArray[np.float64]]
     reaction_moments: Mapping[str, npt.NDArray[np.float64]]
+    alternating_impulse: npt.NDArray[np.float64]
     touches: Mapping[str, Touch]
     joints: JointReports = field(default_factory=JointReports)
     spring_dampers: Mapping[str, SpringDamperReport] = field(default_factory=dict)
@@ -58,6 +61,7 @@ def result_of(attempt: Attempt, work: Work) -> StepResult:
         dissipated=work.dissipated,
         reactions=work.reactions,
         reaction_moments=work.reaction_moments,
+        alternating_impulse=work.alternating_impulse,
         touches=work.touches,
         joints=work.joints,
         spring_dampers=work.spring_dampers,

@@ -279,6 +279,7 @@ class Stepper:
         """
         if not supports:
             return None
+        self.state.forget_paths()  # the rate that an impact gives is the one just after it
         velocities = self.prescribed.velocities(self.state.t, dt, self.state.u.x.array)
         system = self.system
         jump = impose_velocity(self.scene, self.state, system.mass, system.layout, velocities)

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from rigidfx.base.errors import together
+from rigidfx.base.errors import SceneError, together
 from rigidfx.base.warning import warn
 from rigidfx.coupling.ports import Ports
 from rigidfx.coupling.prolongation import Prolongation
@@ -29,7 +29,7 @@ from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.scene.scene import Scene
 from rigidfx.step.newton.parted import parted
 
-__all__ = ["Closing", "implied_rows", "warn_of_jumps"]
+__all__ = ["Closing", "check_stops", "implied_rows", "warn_of_jumps"]
 
 Array = npt.NDArray[np.float64]
 
@@ -106,6 +106,20 @@ def warn_of_jumps(
     drives = linkage.drives
     for found in together(scene.comm, "A motor", lambda: drives.apart(t, started)):
         warn(scene.comm, f"{found}: it is thrown there in one step. Let both be the same.")
+
+
+def check_stops(linkage: Linkage | None) -> None:
+    """Refuse stops that would throw a joint back from beyond a limit.
+
+    Raises:
+        SceneError: On every rank, if a joint is there.
+    """
+    if linkage is not None and (found := linkage.drives.beyond()):
+        raise SceneError(
+            f"{found[0]} at the start, where the stop would throw it back. Angles and travels "
+            "count from the places of the mesh: give limits around the place of the start, or "
+            "start from `rf.static`, whose springs are in balance."
+        )
 
 
 def implied_rows(titles: Sequence[str]) -> str:

@@ -37,7 +37,7 @@ from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.supports import Impact, PrescribedDofs, supports_of
 from rigidfx.step.watches.judge import INVERTED, remedy
-from rigidfx.switch.closing import implied_rows, warn_of_jumps
+from rigidfx.switch.closing import check_stops, implied_rows, warn_of_jumps
 from rigidfx.switch.consistent_exchange import ConsistentExchange
 from rigidfx.switch.exchange import Exchange, LumpedExchange, Works
 from rigidfx.switch.inventory import check_clamps, divide
@@ -126,7 +126,8 @@ class Switch:
             Velocity that supports have imposed at the start; None if they have not.
 
         Raises:
-            SceneError: If the initial velocity contradicts a support, or a preload is not held.
+            SceneError: If the initial velocity contradicts a support, a preload is not held, or a
+                joint is beyond a limit of a `Stop`.
             StepError: If the static preload does not converge.
             InversionError: If it turns cells inside out.
         """
@@ -148,6 +149,8 @@ class Switch:
         state.move(initial_velocity(scene, x, dt, start).reshape(-1))
         self._set_moving()
         self._bind([])
+        if self._start is None and not scene.named(Preload):
+            check_stops(stepper.system.linkage)
         impact = self._closed(stepper.meet(supports, dt, stepper.measure()))
         if started := self._started():
             impact = self._closed(impact, started)

@@ -23,9 +23,9 @@ from scipy.sparse import csr_array
 
 from rigidfx.base.matrices import Matrix, Pattern
 from rigidfx.effects.joints.coordinates import Coordinate, Coordinates
-from rigidfx.effects.joints.elements import JointSpring, Motor, coordinate_of, titles_of
+from rigidfx.effects.joints.elements import JointSpring, Motor, coordinate_of, end_rates, titles_of
 from rigidfx.effects.joints.joint import Joint
-from rigidfx.effects.joints.stop import Stop
+from rigidfx.effects.joints.stop import Blow, Stop
 
 __all__ = ["Drives", "Element", "prescribes"]
 
@@ -47,6 +47,8 @@ class _Drive:
         averages: Numbers of its averages among those of all joints.
         size: ℓ, 1 of a travel [m].
         wanted: q that is prescribed, at the start and at the end of the step.
+        given: Its rate at both, each from within the step.
+        known: That at the end of the step before; None if it has none.
         force: Force or torque that is given.
     """
 
@@ -56,6 +58,8 @@ class _Drive:
     averages: Ints
     size: float
     wanted: tuple[float, float] | None = None
+    given: tuple[float, float] | None = None
+    known: float | None = None
     force: float = 0.0
 
 
@@ -162,19 +166,43 @@ class Drives:
                 out.append(f"{begun} {unit}, but the joint has {q:.6g} {unit} there")
         return out
 
+    def beyond(self) -> list[str]:
+        """Stops whose joint is beyond a limit at the start of a step, in words."""
+        out = []
+        for drive, large in zip(self._all, self._large, strict=True):
+            stop, q = drive.effect, self._q0[drive.key]
+            if isinstance(stop, Stop) and abs(stop.beyond(q)) > APART * large:
+                unit = "rad" if drive.key[1] == "angle" else "m"
+                low, high = stop.ends_at
+                at = f"its {drive.key[1]} is {round(q, 9):g} {unit}, beyond {low:g} to {high:g}"
+                out.append(f"{stop.owner}: {at} {unit}")
+        return out
+
+    @property
+    def blows(self) -> dict[str, Blow]:
+        """How each stop acts in the step, by its title."""
+        out: dict[str, Blow] = {}
+        for n, (drive, force) in enumerate(zip(self._all, abs(self.multipliers), strict=True)):
+            if isinstance(stop := drive.effect, Stop):
+                (q0, q1), size = self.ends_of(n), float(force)
+                blow = Blow(stop, size * drive.size, size, (q1 - q0) / self._dt)
+                out[self._titles[id(stop)]] = blow
+        return out
+
     def remember(self, notes: dict[int, Any]) -> None:
         """Take over the memory of earlier divisions."""
         for n, drive in enumerate(self._all):
             known = notes.get(id(drive.effect))
             if known is not None:
-                self.multipliers[n], wanted = known
+                self.multipliers[n], wanted, drive.known = known
                 drive.wanted = None if wanted is None else (wanted, wanted)
 
     def note(self, notes: dict[int, Any]) -> None:
-        """Leave the memory for later divisions: λ, and q that is prescribed at the end."""
+        """Leave the memory for later divisions: λ, q that is prescribed at the end, its rate."""
         for drive, multiplier in zip(self._all, map(float, self.multipliers), strict=True):
             wanted = None if drive.wanted is None else drive.wanted[1]
-            notes[id(drive.effect)] = multiplier, wanted
+            drive.known = None if drive.given is None else drive.given[1]
+            notes[id(drive.effect)] = multiplier, wanted, drive.known
 
     # In a step ------------------------------------------------------------------------------------
 
@@ -196,10 +224,12 @@ class Drives:
                 continue
             if motor.by in ("angle", "travel"):
                 drive.wanted = motor.at(t), motor.at(t + dt)
+                drive.given = end_rates(*drive.wanted, motor.at(t + 0.5 * dt), dt)
             elif motor.prescribes:
                 start = q[drive.key] if drive.wanted is None else self._begun(drive)
-                ends = motor.at(t) + 4 * motor.at(t + 0.5 * dt) + motor.at(t + dt)
-                drive.wanted = start, start + dt / 6 * ends
+                drive.given = motor.at(t), motor.at(t + dt)
+                mean = (sum(drive.given) + 4 * motor.at(t + 0.5 * dt)) / 6
+                drive.wanted = start, start + dt * mean
             else:
                 drive.force = motor.at(t + dt if self.static else t + 0.5 * dt)
             if drive.wanted is not None:
@@ -216,13 +246,16 @@ class Drives:
         """Take coordinates at the start of a step, by joint and name."""
         self._q0 = q
 
-    def efforts(self) -> dict[int, dict[str, float]]:
-        """Torque [N m] or force [N] of each, by number of its joint and its title."""
-        out: dict[int, dict[str, float]] = {}
-        for drive, multiplier in zip(self._all, map(float, self.multipliers), strict=True):
-            title = self._titles[id(drive.effect)]
-            out.setdefault(drive.key[0], {})[title] = multiplier * drive.size
-        return out
+    def efforts(self, multipliers: Array, joint: int) -> dict[str, float]:
+        """Torque [N m] or force [N] of each that acts on a joint, by its title.
+
+        Args:
+            multipliers: λ of each [N].
+            joint: Number of the joint.
+        """
+        every = zip(self._all, multipliers, strict=True)
+        own = ((drive, value) for drive, value in every if drive.key[0] == joint)
+        return {self._titles[id(d.effect)]: float(value) * d.size for d, value in own}
 
     def look(self, start: Array, moved: Array, multipliers: Array) -> None:
         """See an iterate: averages at the start, their increments, and λ."""
@@ -323,6 +356,21 @@ class Drives:
         where = np.repeat(at, 9, axis=1).ravel(), np.tile(at, 9).ravel()
         values = (factors[:, None, None] * blocks).ravel()
         return csr_array((values, where), shape=(columns, columns))
+
+    def along(self, share: float, columns: int) -> Matrix:
+        """Derivatives of F by averages after a part of the step, by the motion alone, likewise."""
+        slopes = self._coordinates.gradients(self._start + share * self._moved)
+        return self._rows(-self._size[:, None, None] * slopes, columns)
+
+    @property
+    def given(self) -> Array:
+        """Change of F's rate that motors prescribe since the step before ended [m/s]."""
+        out: Array = np.zeros(len(self._all))
+        for n, drive in enumerate(self._all):
+            if drive.given is not None:
+                first, last = drive.given
+                out[n] = drive.size * (last - (first if drive.known is None else drive.known))
+        return out
 
     # After a step ---------------------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ from rigidfx.base.inputs import is_function, number, scalar, shown
 from rigidfx.effects.base import Effect, TimeFunction, Windowed
 from rigidfx.effects.joints.joint import Joint
 
-__all__ = ["JointSpring", "Motor", "coordinate_of", "efforts_of", "titles_of"]
+__all__ = ["JointSpring", "Motor", "coordinate_of", "efforts_of", "end_rates", "titles_of"]
 
 KINDS = {
     "torque": ("angle", False),
@@ -237,6 +237,18 @@ class JointSpring(Effect):
     def taken(self, q0: float, q1: float, dt: float) -> float:
         """Energy that its damper takes in a step [J]."""
         return self.damping * (q1 - q0) ** 2 / dt
+
+
+def end_rates(q0: Any, q1: Any, middle: Any, dt: float) -> tuple[Any, Any]:
+    """Rates of a path at both ends of a step, by the parabola through three of its values.
+
+    Args:
+        q0: Value at the start, a number or an array.
+        q1: Value at the end.
+        middle: Value in the middle.
+        dt: Length of the step [s].
+    """
+    return (4 * middle - 3 * q0 - q1) / dt, (3 * q1 + q0 - 4 * middle) / dt
 
 
 def titles_of(scene: Any) -> list[tuple[Any, str]]:

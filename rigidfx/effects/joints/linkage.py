@@ -13,7 +13,9 @@ is the same in all iterates of a step.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from functools import partial
 from itertools import accumulate, pairwise
 from typing import Any
 
@@ -265,10 +267,43 @@ class Linkage:
         return self._with(1.0, self.drives.trial)
 
     def _with(self, share: float, of_drives: Callable[[int], Matrix]) -> Matrix:
+        return self._vectors.onto_averages(self._of_all(share, of_drives), share)
+
+    def _of_all(self, share: float, of_drives: Callable[[int], Matrix]) -> Matrix:
+        """Rows of joints and drives by vectors, shape (rows, 3 · vectors)."""
         rows = self._gradient(share)
         if len(self.drives):
             rows = stacked(rows, of_drives(rows.shape[1]))
-        return self._vectors.onto_averages(rows, share)
+        return rows
+
+    def kept(self) -> Linkage:
+        """The joints in this step, which later steps do not change."""
+        out = copy(self)
+        out.drives, out._vectors = copy(self.drives), copy(self._vectors)
+        return out
+
+    def moving(self, v: Array, bodies: Bodies) -> Array:
+        """Velocities of averages, shape (averages, 3) [m/s]. Collective.
+
+        Args:
+            v: Velocities of the division's rows, one number each [m/s].
+            bodies: The bodies then.
+        """
+        return self._bound.mean(v.reshape(-1, 3)[self.at], bodies.pose_rate)
+
+    def across(self, share: float, moving: Array) -> Array:
+        """Velocities across rows at the start (0) or end (1) of the step, shape (rows,) [m/s].
+
+        Args:
+            share: Which of both.
+            moving: Velocities of averages there.
+        """
+        return np.asarray(self._with(share, partial(self.drives.along, share)) @ moving.ravel())
+
+    def on_vectors(self, multipliers: Array) -> Array:
+        """Forces of multipliers on vectors, as a resistance, shape (vectors, 3) [N]."""
+        rows = self._of_all(self._share, self.drives.test)
+        return np.asarray(rows.T @ multipliers).reshape(-1, 3)
 
     def residual(self) -> Array:
         """Gap that is to vanish at the end of the step, of each active row [m]."""
@@ -310,13 +345,14 @@ class Linkage:
 
     # Forces ---------------------------------------------------------------------------------------
 
-    def resist_nodes(self, f: Any) -> None:
-        """Add the forces on nodes that are no body's."""
-        self._bound.resist_nodes(self._on_averages(), f)
+    def resist_nodes(self, f: Any, on_vectors: Array | None = None) -> None:
+        """Add the forces on nodes that are no body's, or those of other forces on vectors."""
+        self._bound.resist_nodes(self._on_averages(on_vectors), f)
 
-    def _on_averages(self) -> Array:
+    def _on_averages(self, on_vectors: Array | None = None) -> Array:
         """Forces on averages, shape (averages, 3) [N]."""
-        return self._vectors.forces(self.forces, self._share)
+        on_vectors = self.forces if on_vectors is None else on_vectors
+        return self._vectors.forces(on_vectors, self._share)
 
     def moments(self, bodies: int) -> Array:
         """Σ f and Σ V fᵀ on each body, shape (bodies, 4, 3)."""
@@ -356,16 +392,27 @@ class Linkage:
             taken[kind] = taken.get(kind, 0.0) + energy
         return done + more, taken
 
-    def told(self) -> JointReports:
-        """Force and motion of each joint in the step that has been solved, by its title."""
+    def told(self, added: Callable[[], tuple[Array, Array]] | None = None) -> JointReports:
+        """Force and motion of each joint in the step that has been solved, by its title.
+
+        Args:
+            added: Gives additions to multipliers [N], and their forces on vectors; none in statics.
+        """
         q = self.coordinates(self._start + self._moved)
         dt = np.inf if self.drives.static else self._dt
         rates = {key: (value - self._q[key]) / dt for key, value in q.items()}
-        vectors = self._start, self._moved, -self.forces
+        moved = self._start, self._moved
         if self.drives.static:  # forces are those at the end
-            vectors = self._start + self._moved, np.zeros_like(self._moved), -self.forces
+            moved = self._start + self._moved, np.zeros_like(self._moved)
+        forces, multipliers, n = self.forces, self.drives.multipliers, self.active.size
+
+        def acting(k: int) -> tuple[Array, Mapping[str, float]]:
+            more, on_vectors = (np.zeros(n + multipliers.size), 0.0) if added is None else added()
+            return -forces - on_vectors, self.drives.efforts(multipliers + more[n:], k)
+
         open_by = np.abs(self.violation)
         gaps = [float(open_by[own].max(initial=0.0)) for own in self._known]
-        efforts, total = self.drives.efforts(), float(np.abs(self.multipliers).sum())
+        total = float(np.abs(self.multipliers).sum())
         joints = [joint for joint in self._joints if isinstance(joint, Joint)]
-        return reports(joints, self._firsts, vectors, (q, rates), efforts, gaps, total)
+        blows = {} if self.drives.static else self.drives.blows
+        return reports(joints, self._firsts, moved, (q, rates), acting, gaps, total, blows)

@@ -2,31 +2,34 @@
 
 With P(q) the way beyond an end, below zero beyond the lower one, a stop stores ½ k P² and exerts
 
-    -½ k (P₀ + P₁) (P₁ - P₀)/(q₁ - q₀) - c (P₁ - P₀)/Δt
+    -f,    f = ½ k (P₀ + P₁) (P₁ - P₀)/(q₁ - q₀) + c (P₁ - P₀)/Δt
 
 in a step from q₀ to q₁: its work is exactly the energy that it gives, less c (P₁ - P₀)(q₁ - q₀)/Δt,
-which its damper takes (O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449).
+which its damper takes (O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449). A stop only pushes: where the
+damper would make f pull, on the way back, f is zero. Then the damper takes all of the energy
+½ k (P₀² - P₁²) that the spring gives, which is never below zero.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import inf
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, shown
 from rigidfx.effects.base import Effect
 from rigidfx.effects.joints.elements import coordinate_of
 
-__all__ = ["Stop"]
+__all__ = ["Blow", "Stop"]
 
 
 @dataclass(frozen=True)
 class Stop(Effect):
     """Limits of the angle or travel of a joint, with a stiffness and a damper.
 
-    Turns count. If a joint starts beyond a limit, the limit pushes from the start on.
+    Turns count. A stop only pushes: if its damper would pull on the way back, it has no force. A
+    run whose joint starts beyond a limit is refused, unless a static solution has led there.
 
     Attributes:
         joint: Name of the joint.
@@ -110,6 +113,15 @@ class Stop(Effect):
             q1: q at its end.
             dt: Its length [s]; infinite in statics.
         """
+        of_spring, by_spring = self._of_spring(q0, q1)
+        P0, P1 = self.beyond(q0), self.beyond(q1)
+        force = of_spring - self.damping * (P1 - P0) / dt
+        if force * (P0 + P1) >= 0:
+            return 0.0, 0.0
+        return force, by_spring - self.damping * float(P1 != 0.0) / dt
+
+    def _of_spring(self, q0: float, q1: float) -> tuple[float, float]:
+        """The same of its spring alone."""
         P0, P1, moved = self.beyond(q0), self.beyond(q1), q1 - q0
         slope1 = float(P1 != 0.0)
         if moved:
@@ -117,9 +129,8 @@ class Stop(Effect):
             bend = (slope1 - slope) / moved
         else:
             slope, bend = slope1, 0.0
-        force = -0.5 * self.stiffness * (P0 + P1) * slope - self.damping * (P1 - P0) / dt
-        of_spring = -0.5 * self.stiffness * (slope1 * slope + (P0 + P1) * bend)
-        return force, of_spring - self.damping * slope1 / dt
+        force = -0.5 * self.stiffness * (P0 + P1) * slope
+        return force, -0.5 * self.stiffness * (slope1 * slope + (P0 + P1) * bend)
 
     def pull(self, q: float) -> tuple[float, float]:
         """Force or torque of statics at q, and its derivative."""
@@ -132,4 +143,20 @@ class Stop(Effect):
 
     def taken(self, q0: float, q1: float, dt: float) -> float:
         """Energy that its damper takes in a step [J]."""
-        return self.damping * (self.beyond(q1) - self.beyond(q0)) * (q1 - q0) / dt
+        return (self._of_spring(q0, q1)[0] - self.law(q0, q1, dt)[0]) * (q1 - q0)
+
+
+class Blow(NamedTuple):
+    """How a stop acts in a step.
+
+    Attributes:
+        stop: The stop.
+        effort: Size of its force or torque [N, N m].
+        force: Size of that over the joint's size, where it is a torque [N].
+        rate: Mean rate of the coordinate [rad/s, m/s].
+    """
+
+    stop: Stop
+    effort: float
+    force: float
+    rate: float

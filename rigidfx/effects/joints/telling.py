@@ -11,10 +11,12 @@ from rigidfx.base.named import Named, no_such
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.joint_report import JointReport
 from rigidfx.effects.joints.sides import GROUND
+from rigidfx.effects.joints.stop import Blow
 
 __all__ = ["JointReports", "reports", "told_of"]
 
 Array = npt.NDArray[np.float64]
+NO_BLOWS: Mapping[str, Blow] = {}
 
 
 class JointReports(Mapping[str, JointReport]):
@@ -22,6 +24,7 @@ class JointReports(Mapping[str, JointReport]):
 
     Attributes:
         total: Sum of the sizes of all multipliers [N].
+        blows: How stops act in the step, by their titles.
     """
 
     def __init__(
@@ -30,6 +33,7 @@ class JointReports(Mapping[str, JointReport]):
         of: Callable[[int], JointReport] | None = None,
         total: float = 0.0,
         later: Sequence[str] = (),
+        blows: Mapping[str, Blow] = NO_BLOWS,
     ) -> None:
         """Take their maker.
 
@@ -38,10 +42,11 @@ class JointReports(Mapping[str, JointReport]):
             of: Makes the report of a joint by its number.
             total: Sum of the sizes of all multipliers [N].
             later: Titles that are known from the first step on, at t = 0.
+            blows: How stops act in the step, by their titles.
         """
         self._numbers, self._of = {title: k for k, title in enumerate(titles)}, of
         self._made: dict[str, JointReport] = {}
-        self.total, self._later = total, later
+        self.total, self._later, self.blows = total, later, blows
 
     def __getitem__(self, title: str) -> JointReport:
         """The report of a joint."""
@@ -104,29 +109,33 @@ def told_of(
 def reports(
     joints: Sequence[Joint],
     firsts: Sequence[int],
-    step: tuple[Array, Array, Array],
+    moved: tuple[Array, Array],
     coordinates: tuple[Mapping[tuple[int, str], float], Mapping[tuple[int, str], float]],
-    efforts: Mapping[int, Mapping[str, float]],
+    acting: Callable[[int], tuple[Array, Mapping[str, float]]],
     gaps: Sequence[float],
     total: float,
+    blows: Mapping[str, Blow],
 ) -> JointReports:
     """Reports of all joints.
 
     Args:
         joints: The joints.
         firsts: Number of each joint's first average, and of all averages.
-        step: As of `told_of`, for all averages.
+        moved: All averages at the start of the step, and their increments, shape (averages, 3).
         coordinates: Free coordinates of joints at the end, and their mean rates, by joint and name.
-        efforts: Torque or force of each motor and spring, by the number of its joint.
+        acting: Gives the forces on all averages, and the torque or force of each motor and spring
+            of the joint with a number.
         gaps: Largest violation of each joint's rows [m].
         total: Sum of the sizes of all multipliers [N].
+        blows: How stops act in the step, by their titles.
     """
 
     def of(k: int) -> JointReport:
         own, joint = slice(firsts[k], firsts[k + 1]), joints[k]
-        start, moved, forces = (values[own] for values in step)
+        forces, efforts = acting(k)
+        step = moved[0][own], moved[1][own], forces[own]
         q, rates = coordinates
         free = {name: (q[k, name], rates[k, name]) for name in joint.pieces.coordinates}
-        return told_of(joint, (start, moved, forces), free, efforts.get(k, {}), gaps[k])
+        return told_of(joint, step, free, efforts, gaps[k])
 
-    return JointReports([joint.title for joint in joints], of, total)
+    return JointReports([joint.title for joint in joints], of, total, blows=blows)

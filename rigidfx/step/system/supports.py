@@ -115,17 +115,23 @@ class PrescribedDofs:
             out[own] = each[np.arange(own.size), self._axis[own]]
         return out
 
-    def increments(self, t0: float, t1: float, u: Array) -> Array:
+    @property
+    def moves(self) -> bool:
+        """Whether the motion of a support is a function of time."""
+        return any(support.moves for support in self.active)
+
+    def increments(self, t0: float, t1: float, u: Array, watched: bool = True) -> Array:
         """Prescribed increments of the held dofs from t0 to t1 [m]. Collective.
 
         Args:
             t0: Start of a step [s].
             t1: End of the step [s].
             u: Displacement at all local dofs at t0 [m].
+            watched: Whether it is an attempt at a step, whose paths are looked at for jumps.
         """
 
         def gained(support: Support, X: Array, x: Array) -> Array:
-            jumps = self._jumps if support.moves else None
+            jumps = self._jumps if support.moves and watched else None
             if not support.uniform:
                 if jumps is not None:
                     jumps.look(support, t0, t1, support.path_at(t0), support.path_at(t1))
@@ -140,7 +146,7 @@ class PrescribedDofs:
                 jumps.look(support, t0, t1, u0[axes], u1[axes])
             return np.asarray(u1 - u0)
 
-        if self._jumps is not None:
+        if self._jumps is not None and watched:
             self._jumps.begin()
         return self._ask(gained, t1, u)
 
@@ -188,7 +194,7 @@ class PrescribedDofs:
                 out.append(value)
             return out
 
-        if not any(s.moves for s in self.active):
+        if not self.moves:
             return self._spread(answers())
         return self._spread(together(self._scene.comm, "A support", answers))
 

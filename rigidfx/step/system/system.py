@@ -6,7 +6,7 @@ nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -23,6 +23,7 @@ from rigidfx.effects import JointReports, SpringDamperReport, Touch, Windowed
 from rigidfx.flexible.eased_stress import EasedStress
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import integral
+from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
@@ -35,7 +36,9 @@ from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.newton.first_guess import predict
 from rigidfx.step.newton.newton import Newton
 from rigidfx.step.newton.solution import Solution
+from rigidfx.step.system.constraint_forces import HeldForces, JointForces
 from rigidfx.step.system.linked import linked
+from rigidfx.step.system.reduced_mass import ReducedMass
 from rigidfx.step.system.supports import PrescribedDofs
 
 __all__ = ["System", "Work"]
@@ -53,6 +56,8 @@ class Work:
         dissipated: Energy taken by each kind of damping [J].
         reactions: Force of each support on the structure, by the name of its set, shape (3,) [N].
         reaction_moments: Its moment about the origin, at the midpoint, shape (3,) [N m].
+        alternating_impulse: Impulse of supports besides, by velocities that alternate, and its
+            moment, shape (2, 3) [N s, N m s].
         touches: Touch of each contact, by its title.
         joints: Force and motion of each joint, by its title.
         spring_dampers: Force and length of each spring between two points, by its title.
@@ -63,6 +68,7 @@ class Work:
     dissipated: Mapping[str, float]
     reactions: Mapping[str, Array]
     reaction_moments: Mapping[str, Array]
+    alternating_impulse: Array
     touches: Mapping[str, Touch]
     joints: JointReports
     spring_dampers: Mapping[str, SpringDamperReport]
@@ -155,6 +161,19 @@ class System:
         )
         self.newton = Newton(self.equilibrium, scene)
         self._v0 = rows.vector()
+        self._bind_constraints(state.bodies)
+
+    def _bind_constraints(self, bodies: Bodies) -> None:
+        """Bind what takes the alternating part out of forces of constraints. Collective."""
+        self._reduced: ReducedMass | None = None
+        self._of_joints: JointForces | None = None
+        self._of_held: HeldForces | None = None
+        if self._prescribed.moves or self.linkage is not None:
+            reduced = ReducedMass(self.equilibrium.prolongation, self.mass, bodies)
+            self._reduced, self._of_held = reduced, HeldForces(self._prescribed, reduced)
+            if isinstance(self.equilibrium, JoinedEquilibrium):
+                known = self.equilibrium.ports, reduced, bodies
+                self._of_joints = JointForces(self.equilibrium.linkage, *known)
 
     def follow(self, acting: Sequence[Windowed]) -> bool:
         """Let dead loads begin and end; False if other effects do, which takes a new system.
@@ -220,6 +239,8 @@ class System:
         work = self.foresee(state, dt, t)
         self.newton.accept()
         self.actions.accept()
+        if self._of_held is not None and self._prescribed.moves:
+            self._of_held.accept(state)
         return work
 
     def foresee(self, state: State, dt: float, t: float) -> Work:
@@ -243,7 +264,12 @@ class System:
         prolongation, actions = self.equilibrium.prolongation, self.actions
         d, forces = self.equilibrium.d.array_r, self.equilibrium.forces_out_of_balance.array_r
         prescribed = prolongation.prescribed
-        reactions, moments = self._reactions(state, d, forces)
+        held, added = self._constraint_forces(state, dt, d, forces[prescribed])
+        reactions, moments = self._reactions(state, d, held)
+        alternating = np.zeros((2, 3))
+        if self._of_held is not None:
+            rest = self._reactions(state, d, forces[prescribed] - held)
+            alternating += dt * np.array([sum(of.values(), np.zeros(3)) for of in rest])
         touches, increments = actions.touches(), prolongation.increments
         by_kind = actions.dissipated(self.equilibrium.d, dt, increments)
         local = [
@@ -267,16 +293,37 @@ class System:
         supports += sum(touch.work for touch in touches.values())
         joints, springs = JointReports(), dict[str, SpringDamperReport]()
         if self.linkage is not None:
-            joints, springs = self.linkage.told(), self.linkage.points.told()
+            joints, springs = self.linkage.told(added), self.linkage.points.told()
             driven, damped = self.linkage.work()
             loads += driven
             for kind, energy in damped.items():
                 dissipated[kind] = dissipated.get(kind, 0.0) + energy
-        named = reactions, moments, touches, joints, springs
+        named = reactions, moments, alternating, touches, joints, springs
         return Work(loads, supports, dissipated, *named)
 
+    def _constraint_forces(
+        self, state: State, dt: float, d: Array, held: Array
+    ) -> tuple[Array, Callable[[], tuple[Array, Array]] | None]:
+        """Forces of supports on held rows, and addition to joints' forces, that do not alternate.
+
+        Collective; `constraint_forces` says why.
+        """
+        if self._of_held is None:
+            return held, None
+        v0, at = self._v0.array_r, self.equilibrium.prolongation.prescribed
+        v1 = 2 / dt * d - v0
+        if self._prescribed.moves:
+            held = held - self._of_held.find(state, dt, d, v1 - v0) / dt
+            v1 = v1 - self._of_held.w.array_r
+        if self._of_joints is None:
+            return held, None
+        added = self._of_joints.find(v0, v1, self.increments, dt)
+        if self._of_joints.on_supports:
+            held = held + self._of_joints.on_nodes(added()[1], self._of_held.w)[at]
+        return held, added
+
     def _reactions(
-        self, state: State, d: Array, forces: Array
+        self, state: State, d: Array, held: Array
     ) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
         """Force and moment of each support on the structure, by the name of its set. Collective."""
         if not self._prescribed.active:
@@ -285,13 +332,16 @@ class System:
         at = prescribed // 3
         u = state.u.x.array.reshape(-1, 3)[rows.nodes[at]]
         x = rows.X[at] + u + 0.5 * d.reshape(-1, 3)[at]
-        return self._prescribed.reactions(forces[prescribed], x)
+        return self._prescribed.reactions(held, x)
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
         solved = self.newton, self.equilibrium
         for item in (*solved, self.mass, self.energies, self.actions, self._v0):
             item.destroy()
+        for item in (self._reduced, self._of_held):
+            if item is not None:
+                item.destroy()
         if self._dealt is not None:
             self._dealt.destroy()
 

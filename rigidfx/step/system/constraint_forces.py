@@ -1,0 +1,174 @@
+"""Forces of joints and supports without the part that alternates from step to step.
+
+A step has v₁ = 2 Δx/Δt - v₀, and rows of joints and paths of supports hold at its ends. So a
+velocity across them, e = G v - ṡ with the given rate ṡ, changes its sign in each step and stays for
+ever. λ is right in the mean of two steps, and has ∓2 (G M⁻¹ Gᵀ)⁻¹ e/Δt in addition. The velocities
+v - w, M w = Gᵀ (G M⁻¹ Gᵀ)⁻¹ e, fulfil the rows. A step between such velocities has the multipliers
+
+    λ* = λ + (G M⁻¹ Gᵀ)⁻¹ (e₁ - e₀)/Δt,
+
+with an error of order Δt² at its middle. They need no other step, so that nothing is smeared over
+switches, impacts, or ends of windows. The motion, its work and its energy are those of λ.
+
+The rate of a path is that of the parabola through its values at start, middle and end of a step.
+ṡ₀ is that at the end of the step before, so that a kink between two steps counts in the later one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from rigidfx.base.matrices import dense
+from rigidfx.coupling.ports import Ports
+from rigidfx.effects.joints.elements import end_rates
+from rigidfx.effects.joints.linkage import Linkage
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.body_step import Increments
+from rigidfx.mechanics.rotation import orthonormalized
+from rigidfx.state import State
+from rigidfx.step.newton.parted import parted
+from rigidfx.step.system.reduced_mass import ReducedMass
+from rigidfx.step.system.supports import PrescribedDofs
+
+__all__ = ["HeldForces", "JointForces"]
+
+Array = npt.NDArray[np.float64]
+
+
+class HeldForces:
+    """w of supports that move, M w and their forces."""
+
+    def __init__(self, prescribed: PrescribedDofs, reduced: ReducedMass) -> None:
+        """Take the supports. Collective.
+
+        Args:
+            prescribed: Dofs that they hold.
+            reduced: The mass.
+        """
+        self._prescribed, self._reduced = prescribed, reduced
+        rows = reduced.p.layout.rows
+        self._held, self._last = rows.dofs[reduced.p.prescribed], np.empty(0)
+        self.w, self._momenta = rows.vector(), rows.vector()
+
+    def find(self, state: State, dt: float, d: Array, gained: Array) -> Array:
+        """Change of M w of held rows in the step that has been solved, `w` that of w. Collective.
+
+        Args:
+            state: The state at its start.
+            dt: Its length [s].
+            d: Increments of the division's rows [m].
+            gained: Changes of their velocities [m/s].
+
+        Returns:
+            Shape (held rows,) [kg m/s].
+        """
+        at, t = self._reduced.p.prescribed, state.t
+        middle = self._prescribed.increments(t, t + 0.5 * dt, state.u.x.array, watched=False)
+        first, self._last = end_rates(np.zeros(at.size), d[at], middle, dt)
+        if state.path_rates is not None:
+            known = state.path_rates[self._held]
+            first = np.where(np.isnan(known), first, known)
+        self.w.set(0.0)
+        self.w.array[at] = gained[at] - (self._last - first)
+        self._reduced.followed(self.w, self._momenta)
+        return self._momenta.array_r[at].copy()
+
+    def accept(self, state: State) -> None:
+        """Keep the rates of paths at the end of the step."""
+        state.follow_paths(self._held, self._last)
+
+    def destroy(self) -> None:
+        """Free the vectors. Collective."""
+        self.w.destroy()
+        self._momenta.destroy()
+
+
+class JointForces:
+    """λ* - λ of the joints of a division; arrays are equal on all ranks.
+
+    Attributes:
+        on_supports: Whether joints take hold of nodes that supports hold.
+    """
+
+    def __init__(
+        self, linkage: Linkage, ports: Ports, reduced: ReducedMass, bodies: Bodies
+    ) -> None:
+        """Find the inverse mass at the ports. Collective.
+
+        Args:
+            linkage: The joints.
+            ports: Where they take hold of the unknowns.
+            reduced: The mass.
+            bodies: The bodies that it is of.
+        """
+        self._linkage, self._ports, self._R = linkage, ports, bodies.R[ports.bodies]
+        Y = parted(reduced.matrix, ports.entries).responses(reduced.solve)
+        self._C = np.ascontiguousarray((ports.entries.T @ Y).toarray())
+        comm = reduced.p.comm
+        comm.Allreduce(MPI.IN_PLACE, self._C)
+        held = np.isin(linkage.at, reduced.p.prescribed // 3).any()
+        self.on_supports: bool = comm.allreduce(bool(held), op=MPI.LOR)
+
+    def find(
+        self, v0: Array, v1: Array, increments: Increments, dt: float
+    ) -> Callable[[], tuple[Array, Array]]:
+        """λ* - λ of the step that has been solved, as a function that finds it once. Collective.
+
+        Args:
+            v0: Velocities of the division's rows at its start [m/s].
+            v1: Those at its end, less the change of w of supports.
+            increments: Step of the bodies.
+            dt: Its length [s].
+
+        Returns:
+            A function to λ* - λ of each row that has a force [N], and to the forces of these on
+            vectors, as a resistance, shape (vectors, 3) [N].
+        """
+        linkage = self._linkage.kept()
+        ends = (v0, increments.start), (v1, increments.end)
+        start, end = (linkage.moving(*given) for given in ends)
+        given, found = linkage.drives.given, list[tuple[Array, Array]]()
+
+        def added() -> tuple[Array, Array]:
+            if not found:
+                off = linkage.across(1.0, end) - linkage.across(0.0, start)
+                off[linkage.active.size :] += given
+                more, bound = np.zeros(off.size), linkage.compliance() == 0.0
+                D = dense(linkage.test() @ self._ports.lead(increments.L))[bound]
+                more[bound] = _inverse(D @ self._turned(increments) @ D.T) @ off[bound] / dt
+                found.append((more, linkage.on_vectors(more)))
+            return found[0]
+
+        return added
+
+    def on_nodes(self, on_vectors: Array, f: PETSc.Vec) -> Array:
+        """Forces on vectors as those on the division's rows, f overwritten."""
+        f.set(0.0)
+        self._linkage.resist_nodes(f, on_vectors)
+        return np.asarray(f.array_r)
+
+    def _turned(self, increments: Increments) -> Array:
+        """The inverse mass in the middle of the step, as bodies have turned."""
+        if not len(self._R):
+            return self._C
+        turned = orthonormalized(increments.R_av[self._ports.bodies]) @ self._R.swapaxes(1, 2)
+        Q = np.eye(len(self._C))
+        first = 3 * self._ports.averages.size
+        for k, own in enumerate(turned):
+            for at in (first + 6 * k, first + 6 * k + 3):
+                Q[at : at + 3, at : at + 3] = own
+        return np.asarray(Q @ self._C @ Q.T)
+
+
+def _inverse(S: Array) -> Array:
+    """A pseudo-inverse, as rows of a nearly singular pose have no force of their own."""
+    own = np.sqrt(np.diagonal(S))
+    own = np.divide(1.0, own, out=np.zeros_like(own), where=own > 0)
+    least = np.finfo(np.float64).eps ** (2 / 3)
+    inverse = np.linalg.pinv(own[:, None] * S * own, rcond=least, hermitian=True)
+    return np.asarray(own[:, None] * inverse * own)

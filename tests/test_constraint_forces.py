@@ -1,0 +1,136 @@
+"""Forces of motors, joints and supports do not alternate from step to step, and converge."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from test_contact_pairs import boxes
+
+import rigidfx as rf
+
+STEEL = rf.StVenantKirchhoff(rho=7800.0, E=2.1e11, nu=0.3)
+PIN = rf.Revolute("ground", "disc", at=(0, 0, 0), axis=(0, 0, 1), name="pin")
+SPIN = 60.0  # rad/s
+DT = 1e-3  # s
+ABOUT_AXIS = 7800.0 * 0.4 * 0.4 * 0.04 * (0.4**2 + 0.4**2) / 12  # kg m², of the plate
+RINGING = ABOUT_AXIS * SPIN**3 * DT / 6  # N m, that alternates without a correction
+
+
+def _plate(*effects, **options):
+    """A plate that spins about z, one body."""
+    domain = rf.box((-0.2, -0.2, -0.02), (0.2, 0.2, 0.02), (2, 2, 1))
+    domain = domain.with_cells("disc", lambda x: x[0] < 1.0)
+    turning = rf.InitialVelocity(angular=(0, 0, SPIN))
+    return rf.Scene(domain, STEEL, [rf.Rigid("disc"), turning, *effects], **options)
+
+
+def _steps(scene, dt, steps):
+    """Reports of the steps."""
+    return list(rf.simulate(scene, dt, steps * dt))[1:]
+
+
+@pytest.mark.parametrize("given", [{"speed": SPIN}, {"angle": lambda t: SPIN * t}])
+def test_a_motor_that_turns_steadily_has_no_torque(given):
+    """It had ± RINGING, with the mean zero; the work stays that of the multiplier."""
+    reports = _steps(_plate(PIN, rf.Motor("pin", **given)), DT, 6)
+    torques = [r.joints["pin"].efforts["Motor of 'pin'"] for r in reports]
+    moments = [r.joints["pin"].moment[2] for r in reports]
+    assert np.abs([*torques, *moments]).max() <= 2e-3 * RINGING
+    gained = reports[-1].energy - 0.5 * reports[0].energy - 0.5 * reports[1].energy
+    assert abs(gained) < 1e-2 * reports[0].energy
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_support_that_turns_steadily_has_no_moment(mass, whole):
+    """It had ± RINGING where all of a part follows the support; books are exact by `impulse`."""
+    turned = rf.PrescribedRotation("disc", axis=(0, 0, 1), angle=lambda t: SPIN * t)
+    scene = _plate(turned, mass=mass)
+    if not whole:  # flexible cells, whose nodes the support holds
+        effects = [effect for effect in scene.effects if not isinstance(effect, rf.Rigid)]
+        scene = rf.Scene(scene.domain, STEEL, effects, mass=mass)
+    reports = _steps(scene, DT, 6)
+    assert max(abs(r.reaction_moments["disc"][2]) for r in reports) <= 2e-3 * RINGING
+    for before, after in pairwise(reports):
+        held = DT * after.reaction_moments["disc"] + after.angular_impulse
+        gained = after.angular_momentum - before.angular_momentum
+        assert gained == pytest.approx(held, abs=1e-9 * np.abs(before.angular_momentum).max())
+
+
+def _pendulum(*effects):
+    """Two rigid links that hang from hinges."""
+    domain = boxes(
+        ((0, 0, 0), (0.5, 0.05, 0.05), (1, 1, 1)), ((0.52, 0, 0), (1.02, 0.05, 0.05), 3 * (1,))
+    )
+    domain = domain.with_cells("a", lambda x: x[0] < 0.51).with_cells("b", lambda x: x[0] > 0.51)
+    hinges = [
+        rf.Revolute("ground", "a", at=(-0.01, 0.025, 0.025), axis=(0, 0, 1), name="upper"),
+        rf.Revolute("a", "b", at=(0.51, 0.025, 0.025), axis=(0, 0, 1), name="lower"),
+    ]
+    parts = rf.Rigid("a"), rf.Rigid("b"), rf.Gravity((0, -9.81, 0))
+    return rf.Scene(domain, STEEL, [*parts, *hinges, *effects])
+
+
+@pytest.mark.parametrize(
+    "motor",
+    [
+        (),
+        (rf.Motor("upper", angle=lambda t: 0.5 - 0.5 * np.cos(9 * t)),),
+        (rf.Motor("upper", speed=lambda t: 4 * np.sin(5 * t)),),
+    ],
+)
+def test_forces_of_a_mechanism_converge_with_second_order(motor):
+    """From the first step on, without a smooth start: forces jump there."""
+    found = []
+    for n in (1, 3, 9):
+        reports = _steps(_pendulum(*motor), 0.02 / n, 10 * n)[n // 2 :: n]  # of the same middles
+        joints = [(r.joints["upper"], r.joints["lower"]) for r in reports]
+        efforts = [list(upper.efforts.values())[:1] for upper, _ in joints]
+        found.append(np.hstack([[[*a.force, *b.force] for a, b in joints], efforts]))
+    off = [np.abs(own - found[-1]).max() for own in found[:2]]
+    assert off[1] <= off[0] / 7  # 10 of order 2 against a third as long a step
+    assert off[1] <= 2e-3 * np.abs(found[-1]).max()
+
+
+def test_a_chain_at_rest_bears_its_weight_in_each_step():
+    """After a swing; velocities across rows went on to alternate, and forces with them."""
+    domain = boxes(
+        ((0, 0.52, 0), (0.05, 1.02, 0.05), 3 * (1,)), ((0, 0, 0), (0.05, 0.5, 0.05), 3 * (1,))
+    )
+    domain = domain.with_cells("a", lambda x: x[1] > 0.51).with_cells("b", lambda x: x[1] < 0.51)
+    ends = ("ground", "a", "upper", 1.03), ("a", "b", "lower", 0.51)
+    hinges = [
+        rf.Revolute(one, other, at=(0.025, y, 0.025), axis=(0, 0, 1), name=name)
+        for one, other, name, y in ends
+    ]
+    dampers = [rf.JointSpring(name, damping=20.0) for name in ("upper", "lower")]
+    swing = rf.InitialVelocity(angular=(0, 0, 6.0), centre=(0.025, 1.03, 0.025))
+    parts = rf.Rigid("a"), rf.Rigid("b"), rf.Gravity((0, -9.81, 0))
+    reports = _steps(rf.Scene(domain, STEEL, [*parts, *hinges, *dampers, swing]), 0.02, 250)
+    weight = 7800.0 * 0.5 * 0.05**2 * 9.81
+    for r in reports[-3:]:
+        assert r.joints["upper"].force[1] == pytest.approx(2 * weight, rel=5e-3)
+        assert r.joints["lower"].force[1] == pytest.approx(weight, rel=5e-3)
+
+
+def test_a_polygon_of_a_path_accelerates_in_the_steps_after_its_corners():
+    """Its corners are at ends of steps, so that no second difference within a step has them."""
+    corners = DT * np.arange(12)
+    angles = SPIN * corners + 50.0 * corners * (corners - DT)
+    path = rf.Motor("pin", angle=lambda t: np.interp(t, corners, angles))
+    reports = _steps(_plate(PIN, path, mass="consistent"), DT, 10)
+    torques = [r.joints["pin"].efforts["Motor of 'pin'"] for r in reports[1:]]
+    assert torques == pytest.approx(np.full(9, 100.0 * ABOUT_AXIS), rel=5e-3)
+
+
+def test_a_window_and_a_blow_smear_nothing():
+    """The torque of a window's last step and of the next one are those of their own time."""
+    pushed = rf.Motor("pin", angle=lambda t: 50.0 * t**2 + SPIN * t, until=5 * DT)
+    reports = _steps(_plate(PIN, pushed, mass="consistent"), DT, 8)
+    torques = [r.joints["pin"].efforts.get("Motor of 'pin'", 0.0) for r in reports]
+    assert torques[:5] == pytest.approx(np.full(5, 100.0 * ABOUT_AXIS), rel=2e-2)
+    assert np.abs(torques[5:]).max() == 0.0
+    moments = [r.joints["pin"].moment[2] for r in reports]
+    assert moments == pytest.approx(torques, abs=2e-3 * max(torques))
