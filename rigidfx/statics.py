@@ -313,7 +313,7 @@ def _check_held(scene: Scene, ends: Sequence[float]) -> None:
             )
             return
         raise SceneError(
-            f"{what}free, of {free}, so there is no static equilibrium without loads. Add supports, "
-            "or a weak Spring. A pendulum or a chain comes to rest by simulate with a MassDamping; "
+            f"{what}free, of {free}, so there is no static equilibrium without loads. Add "
+            "supports, or a weak Spring. A pendulum or a chain comes to rest by simulate with a MassDamping; "
             "modes take that report."
         )
