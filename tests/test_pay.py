@@ -22,8 +22,8 @@ def steps(*rows):
 
 def report(step, bodies, wall, unknowns=None, events=0, named=0):
     """What is asked of one, with bodies found and parts named rigid."""
-    found = [SimpleNamespace(name="part 2", cells=9, is_found=True, named=())]
-    parts = [SimpleNamespace(name="lug", cells=9, is_found=False, named=("lug",))]
+    found = [SimpleNamespace(name="part 2", cells=9, size=9, named=())]
+    parts = [SimpleNamespace(name="lug", cells=9, size=9, named=("lug",))]
     records = bodies * found + named * parts
     return SimpleNamespace(
         step=step,

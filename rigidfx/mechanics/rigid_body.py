@@ -104,11 +104,6 @@ class RigidBody:
         """Whether it is a rigid face: nodes without cells."""
         return self.size == 0
 
-    @property
-    def is_found(self) -> bool:
-        """Whether a run has found it: it is neither a face nor just a part named rigid."""
-        return not self.is_face and self.named != (self.name,)
-
     @cached_property
     def inertia_ratio(self) -> float:
         """Largest ratio, about any axis, of J to that without lumping."""

@@ -23,7 +23,15 @@ class Pay:
     """
 
     remembered: ClassVar[Remembered] = same(
-        "_most", "_flexible", "_rigid", "_switching", "_spared", "_time", "_bodies", "_named"
+        "_most",
+        "_flexible",
+        "_rigid",
+        "_switching",
+        "_spared",
+        "_time",
+        "_bodies",
+        "_named",
+        "_fewest",
     )
 
     def __init__(self) -> None:
@@ -34,6 +42,7 @@ class Pay:
         self._switching = 0.0  # ... and of those of them in which bodies changed
         self._spared = self._time = 0.0  # ∫ unknowns dt, of bodies and of all [s]
         self._bodies = self._named = False  # whether there are any, found and named
+        self._fewest: int | None = None  # cells of bodies, those named
         self._compiled = len(SPENT)
 
     def follow(self, report: Report) -> None:
@@ -42,7 +51,9 @@ class Pay:
         self._compiled = len(SPENT)
         self._most = max(self._most, report.unknowns)
         records = report.rigid.of.records
-        before, self._bodies = self._bodies, any(body.is_found for body in records)
+        cells = sum(body.size for body in records)  # a body found may have a named part's name
+        self._fewest = cells if self._fewest is None else min(self._fewest, cells)
+        before, self._bodies = self._bodies, cells > self._fewest
         self._named |= any(body.named for body in records)
         if not report.step:
             return

@@ -92,6 +92,7 @@ class BudgetRule:
             "_largest",
             "_shown",
             "_frozen",
+            "_named",
             "_froze",
         )
         | dict.fromkeys(("tol", "_strains", "_weights"), ON_CELLS)
@@ -128,6 +129,7 @@ class BudgetRule:
         self._budget = self._spending.rigidity * budget  # what rigidity may spend
         self._size, self._largest = 0.0, 0.0  # |e| and U [m]
         self._shown = False  # whether e is added to what is shown
+        self._named = -1  # cells of parts named rigid
         self._frozen, self._froze = 0, ""  # cells of the bodies found; tolerances that froze them
         self.tol: Array = np.zeros(cells)
 
@@ -202,7 +204,9 @@ class BudgetRule:
         self._free = rested > self._spending.at_rest * seen.dt
         self._size, self._shown = seen.error
         self._largest, self._t = control.length.displacement, seen.t
-        frozen = sum(body.size for body in seen.bodies if body.is_found)
+        cells = sum(body.size for body in seen.bodies)  # a body may have a named part's name
+        self._named = cells if self._named < 0 else min(self._named, cells)
+        frozen = cells - self._named
         if frozen > self._frozen:
             self._note(~seen.flexible)
         self._frozen = frozen
