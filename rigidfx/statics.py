@@ -24,6 +24,7 @@ from rigidfx.effects import (
     Effect,
     InitialDisplacement,
     InitialVelocity,
+    Joint,
     MeanFace,
     Motor,
     Preload,
@@ -106,9 +107,9 @@ def static(
     ends = sorted({*ends, *(t for t in scene.breakpoints if 0 < t < last)})
     ramped = copy(scene)
     ramped.effects = tuple(_ramped(effect, last) for effect in scene.effects)
-    _check_held(ramped, ends)
+    loose = _check_held(ramped, ends)
     solver = SolverOptions({} if petsc_options is None else petsc_options, None)
-    return _reports(scene, ramped, ends, verbose, solver)
+    return _reports(scene, ramped, ends, verbose, solver, loose)
 
 
 @dataclass(frozen=True)
@@ -196,7 +197,12 @@ def _with_mean_faces(effect: Effect, scene: Scene) -> Effect:
 
 
 def _reports(
-    scene: Scene, ramped: Scene, ends: Sequence[float], verbose: bool | None, solver: SolverOptions
+    scene: Scene,
+    ramped: Scene,
+    ends: Sequence[float],
+    verbose: bool | None,
+    solver: SolverOptions,
+    loose: bool,
 ) -> Iterator[Report]:
     """Load step by load step."""
     state = State(scene)
@@ -210,6 +216,7 @@ def _reports(
         ramped.effects,
         lambda acting: divide(ramped, forces, state, supports_of(acting)),
         "static",
+        loose=loose,
     )
     probes, number = Probes(scene), 0
     looks = Whereabouts(scene.comm, ends[-1]), Stillness(scene)
@@ -288,32 +295,37 @@ def _ramped_motor(motor: Motor, t_end: float) -> Motor:
     return replace(motor, **grown)
 
 
-def _check_held(scene: Scene, ends: Sequence[float]) -> None:
+def _check_held(scene: Scene, ends: Sequence[float]) -> bool:
     """Refuse statics that leave a rigid motion free, and warn where contacts do. Collective.
+
+    Returns:
+        Whether loads on a mechanism, or contacts, are to hold a rigid motion.
 
     Raises:
         SceneError: On every rank.
     """
+    loose, warned = False, False
     for begin, end in zip([0.0, *ends], ends, strict=False):
         acting = [e for e in scene.named(Windowed) if e.acts(0.5 * (begin + end))]
         contacts = [e for e in acting if isinstance(e, Contact)]
-        if any(isinstance(contact.against, str) for contact in contacts):
-            continue  # where two surfaces will meet is not known
         held = PrescribedDofs(scene, supports_of(acting))
-        directions = [c.directions(scene) for c in contacts]
-        free = free_to_move(scene, held, directions, acting)
-        if not free:
+        if not (free := free_to_move(scene, held, acting=acting)):
             continue
         what = f"static: from t = {begin:g} s on supports, springs and joints leave a rigid motion "
-        if contacts:
+        if not contacts and not scene.named(Joint):
+            raise SceneError(
+                f"{what}free, of {free}, so there is no static equilibrium. Add supports, or a "
+                "weak Spring."
+            )
+        loose = True
+        if warned or not contacts or any(isinstance(c.against, str) for c in contacts):
+            continue  # where two surfaces will meet is not known
+        directions = [c.directions(scene) for c in contacts]
+        if free := free_to_move(scene, held, directions, acting):
+            warned = True
             warn(
                 scene.comm,
                 f"{what}free, of {free}, along which contacts without friction do not hold either: "
                 "the place along it is arbitrary. Add supports, friction, or a weak Spring.",
             )
-            return
-        raise SceneError(
-            f"{what}free, of {free}, so there is no static equilibrium without loads. Add "
-            "supports, or a weak Spring. A pendulum or a chain comes to rest by simulate with a MassDamping; "
-            "modes take that report."
-        )
+    return loose

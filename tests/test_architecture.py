@@ -416,7 +416,7 @@ CEILINGS = {
     "recovery": 6,
     "report": 30,
     "scene": 19,
-    "step": 7,
+    "step": 15,
     "step/equations": 4,
     "step/length": 34,
     "step/linear": 20,

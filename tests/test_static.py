@@ -11,6 +11,7 @@ from mpi4py import MPI
 from parallel import report as tell
 from parallel import run as mpirun
 from test_contact_pairs import arrays
+from test_modes import chain, swinging
 
 import rigidfx as rf
 from rigidfx.output.history import read_history
@@ -211,6 +212,34 @@ def test_a_path_ends_at_its_limit():
             break
     assert re.search("static: no equilibrium .* limit load, where", found)
     assert exact * 0.998 < reached < exact * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(("joint", "count"), [("Revolute", 1), ("Revolute", 3), ("Spherical", 2)])
+def test_a_chain_falls_until_it_hangs(joint, count):
+    """Links that begin level are held by their weight alone, and then swing as links do."""
+    how = {"axis": (0, 1, 0)} if joint == "Revolute" else {}
+    level = chain(
+        count, lambda a, b, at: getattr(rf, joint)(a, b, at, **how), along=(1.0, 0.0, 0.0)
+    )
+    *_, hangs = rf.static(level, 2)
+    for link in hangs.bodies:
+        k = int(link.name.split()[1])
+        np.testing.assert_allclose(link.centre, (0, 0, -k - 0.5), atol=1e-8)
+    swings = rf.modes(level, 2 * count, about=hangs).frequencies
+    np.testing.assert_allclose(swings[:: 1 if how else 2], swinging(count), rtol=1e-7)
+
+
+def test_a_gap_closes_at_the_first_load():
+    """Nothing but a floor 1 mm below holds a block, without cuts of load steps."""
+    block = rf.box((0, 0, 1e-3), (1, 1, 1.001), (2, 2, 2))
+    floor = rf.Contact(
+        "z0", against=rf.Plane((0, 0, 0), (0, 0, 1)), friction=0.3, creep=1e-4, title="floor"
+    )
+    reports = list(rf.static(rf.Scene(block, SOFT, [floor, rf.Gravity()]), 4))
+    weight = SOFT.rho * 9.81
+    for k, report in enumerate(reports[1:], 1):
+        assert (report.t, report.cuts) == (k / 4, 0)
+        np.testing.assert_allclose(report.touches["floor"].force[2], k / 4 * weight, rtol=1e-8)
 
 
 def test_refused():

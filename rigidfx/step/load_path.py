@@ -22,6 +22,7 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures
 from rigidfx.step.newton.solution import Solution
+from rigidfx.step.settling import Settling
 from rigidfx.step.step_result import StepResult
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.statics import StaticSystem
@@ -73,6 +74,7 @@ class LoadPath:
         owner: str,
         fixed: float | None = None,
         control: PathControl | None = None,
+        loose: bool = False,
     ) -> None:
         """Begin at the state as it is. Collective.
 
@@ -86,7 +88,9 @@ class LoadPath:
             fixed: Time at which functions of time are taken [s]; that of the path if None. See
                 `StaticSystem`.
             control: When a load step is cut.
+            loose: Whether contacts or loads alone hold a rigid motion: see `Settling`.
         """
+        self._settling = Settling(scene) if loose else None
         self._fixed, self.t = fixed, state.t
         self.scene, self.state, self._forces = scene, state, forces
         self._effects, self._divide, self._owner = tuple(effects), divide, owner
@@ -118,15 +122,17 @@ class LoadPath:
         division = self._divide(acting)
         self.close()
         self._inversion.bind(division.flexible)
+        drags = [] if self._settling is None else [self._settling.effect]
         self.system = StaticSystem(
             self.scene,
             self._forces,
             self.state,
-            self._effects,
+            [*self._effects, *drags],
             acting,
             division,
             self._failures,
             self._fixed,
+            bool(drags),
         )
         self._bound, self._rate = True, 0.0
 
@@ -150,7 +156,10 @@ class LoadPath:
             dt = self._trial if longer(left, self._trial) else left
             t1 = end if dt == left else t0 + dt
             self._failures.t = t0
-            solution = self.system.solve(t0, t1)
+            if self._settling is None:
+                solution = self.system.solve(t0, t1)
+            else:
+                solution = self._settling.solve(self.system, t0, t1)
             error, size = self._objection(solution, t0, dt, jumped)
             if error is None:
                 self._trial = np.inf if dt == left and cuts == 0 else 2 * dt
@@ -173,7 +182,8 @@ class LoadPath:
             advice = f"{overload(self.scene, t0 + dt)} {remedy(self.scene)}".strip()
             return InversionError(f"{found}{turned}{INVERTED}", advice), np.inf
         size = self.system.size
-        grown = self._rate > 0 and size > self._control.jump * self._rate * dt
+        known = self._rate > 0 and self._settling is None
+        grown = known and size > self._control.jump * self._rate * dt
         if grown and (jumped == np.inf or size > self._control.shrinks * jumped):
             return self._ended(t0, f"the next equilibrium is {size:.3g} m away", t0 + dt), size
         return None, size

@@ -171,16 +171,18 @@ class Linkage:
         size = float(np.mean(self._sizes)) if self._sizes.size else self._length
         return self._stiffness * size, size
 
-    def scale(self, dt: float) -> Array:
+    def scale(self, dt: float, drag: float = 0.0) -> Array:
         """κ of each active row: force over displacement of its parts [N/m].
 
         Args:
             dt: Length of a step [s]; of no meaning in statics.
+            drag: Drag per mass that resists in statics, in place of stiffness [1/s²].
         """
-        if self.drives.static:
-            out = self._stiffness * np.concatenate([self._sizes[self.active], self.drives.sizes])
+        if self.drives.static and not drag:
+            sizes = np.concatenate([self._sizes[self.active], self.drives.sizes])
+            out: Any = self._stiffness * sizes
         else:
-            out = 2.0 / dt**2 * self.masses
+            out = (drag or 2.0 / dt**2) * self.masses
         self.drives.kappa = out[self.active.size :]
         return np.asarray(out)
 

@@ -34,7 +34,7 @@ from rigidfx.mechanics.body_step import Increments
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.equations.trial import Trial
 
-__all__ = ["JoinedEquilibrium"]
+__all__ = ["DraggedEquilibrium", "JoinedEquilibrium"]
 
 Array = npt.NDArray[np.float64]
 
@@ -49,6 +49,7 @@ class JoinedEquilibrium(Equilibrium):
         linkage: The joints.
         ports: Where they take hold of the unknowns.
         anchored: Whether springs on ports make the tangent of statics regular.
+        drag: Drag per mass of a load step that does so in their place; 0 without [1/s²].
     """
 
     anchored = True
@@ -62,7 +63,7 @@ class JoinedEquilibrium(Equilibrium):
             given: See `Equilibrium`.
         """
         super().__init__(*given)
-        self.linkage = linkage
+        self.linkage, self.drag = linkage, 0.0
         self.ports = Ports(self.prolongation, linkage)
         anchored = self.anchored and not self.inertial
         if anchored:
@@ -121,7 +122,7 @@ class JoinedEquilibrium(Equilibrium):
     def begin(self, dt: float, v0: PETSc.Vec | None, imposed: Array, start: Bodies) -> Trial:
         """See `Equilibrium`."""
         trial = super().begin(dt, v0, imposed, start)
-        self._scale = self.linkage.scale(dt)
+        self._scale = self.linkage.scale(dt, self.drag)
         self.linkage.begin(start)
         return trial
 
@@ -240,3 +241,9 @@ class JoinedEquilibrium(Equilibrium):
         super().destroy()
         self._inner.destroy()
         self._rest.destroy()
+
+
+class DraggedEquilibrium(JoinedEquilibrium):
+    """Statics of loose parts with joints, under a drag on their increments."""
+
+    anchored = False

@@ -17,6 +17,7 @@ from math import nextafter
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from rigidfx.base.errors import together
 from rigidfx.base.failures import Failures
@@ -31,7 +32,7 @@ from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.energies import Energies
 from rigidfx.step.equations.equations import Equilibrium
-from rigidfx.step.equations.joined import JoinedEquilibrium
+from rigidfx.step.equations.joined import DraggedEquilibrium, JoinedEquilibrium
 from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.linear.linear_solver import PREFIX, default_options
 from rigidfx.step.newton.first_guess import Guess
@@ -68,6 +69,7 @@ class StaticSystem:
         division: Division,
         failures: Failures,
         fixed: float | None = None,
+        loose: bool = False,
     ) -> None:
         """Bind everything to a division and to the effects that act. Collective.
 
@@ -81,6 +83,7 @@ class StaticSystem:
             failures: Keeps exceptions of a user's functions until all ranks are told.
             fixed: Time at which functions of time are taken [s]: then loads grow in proportion to
                 the path, supports and obstacles rest. The time of the path if None.
+            loose: Whether a `StepDrag` is among the effects.
         """
         self._fixed, self.share = fixed, 1.0
         self._scene, self._forces, self._state = scene, forces, state
@@ -116,22 +119,24 @@ class StaticSystem:
         bound = static_forces(scene, forces, cells, interior, interface, driven, acting)
         given = scene, forces, bound, None, p, self.actions
         self._linkage = self.energies.linkage = linked(structure, state, acting)
+        joined = DraggedEquilibrium if loose else JoinedEquilibrium
         self._equations = (
             Equilibrium(*given)
             if self._linkage is None
-            else JoinedEquilibrium(self._linkage, state.bodies, *given)
+            else joined(self._linkage, state.bodies, *given)
         )
         self._newton = Newton(self._equations, scene)
         self._searching: Newton | None = None
         self._last: tuple[Array, Array, float] | None = None  # increments and length of a step
         self._before: Array | None = None  # forces of supports there [N]
 
-    def solve(self, t0: float, t1: float) -> Solution:
+    def solve(self, t0: float, t1: float, first: Guess | None = None) -> Solution:
         """Find the equilibrium at t₁ from that at t₀; the state is not changed. Collective.
 
         Args:
             t0: Start of the load step [s].
             t1: Its end [s]; loads whose window ends then act still.
+            first: Where the iteration begins; by the last load step if None.
 
         Raises:
             SceneError: On every rank, if a user's function fails on any, or gives no numbers.
@@ -146,15 +151,17 @@ class StaticSystem:
         else:
             imposed = np.zeros(self._prolongation.prescribed.size)
         self._equations.begin(dt, None, imposed, self._state.bodies)
-        rest = Guess(np.zeros(self._layout.rows.dofs.size), np.zeros((len(self._state.bodies), 6)))
-        guesses: tuple[Guess, ...] = (rest,)
-        if self._last is not None:
+        rest, _ = self.at_rest
+        guesses: tuple[Guess, ...] = (rest if first is None else first,)
+        if self._last is not None and first is None:
             d, six, before = self._last
             guesses = (rest, Guess(dt / before * d, dt / before * six))
         solution = self._newton.solve(guesses)
         if not solution.converged:
             self.actions.failures.settle()
-            solution = self._search().solve((rest,)).after(solution)
+            solution = self._search().solve(guesses[:1]).after(solution)
+            if not solution.converged:
+                self._renew()
         self.actions.failures.settle()
         return solution
 
@@ -170,11 +177,16 @@ class StaticSystem:
         self.actions.moments *= t
         self.actions.torques *= t
 
-    def load(self) -> float:
-        """Size of all dead loads at the end of a path whose time is fixed [N]. Collective."""
-        self._set_loads(1.0, 1.0)
+    def take_drag(self, drag: float) -> None:
+        """Have joints know the drag per mass of a load step [1/s²]."""
+        if isinstance(self._equations, DraggedEquilibrium):
+            self._equations.drag = drag
+
+    def load(self, t: float = 1.0, dt: float = 1.0) -> float:
+        """Size of all dead loads at the end t of a load step of length dt [N]. Collective."""
+        self._set_loads(t, dt)
         of_bodies = np.abs(self.actions.moments).sum() + np.abs(self.actions.torques).sum()
-        return float(self.actions.external.norm() + of_bodies)
+        return float(self.actions.external.norm(PETSc.NormType.NORM_1) + of_bodies)
 
     def _search(self) -> Newton:
         """Newton's method with a line search, made when it is first needed. Collective."""
@@ -183,12 +195,38 @@ class StaticSystem:
                 self._searching = Newton(self._equations, self._scene)
         return self._searching
 
+    def _renew(self) -> None:
+        """Make solvers anew: MUMPS may refuse to go on after a singular matrix. Collective."""
+        for newton in (self._newton, self._searching):
+            if newton is not None:
+                newton.destroy()
+        self._newton, self._searching = Newton(self._equations, self._scene), None
+
     @property
     def size(self) -> float:
         """Largest increment of a node in the last solution [m]. Collective."""
         own = np.linalg.norm(self._equations.d.array_r.reshape(-1, 3), axis=1).max(initial=0.0)
         six = self._prolongation.increments.six
         own = max(float(own), float(np.abs(six).max(initial=0.0)))
+        return float(self._scene.comm.allreduce(own, op=MPI.MAX))
+
+    @property
+    def at_rest(self) -> tuple[Guess, Array]:
+        """No increments, and poses of bodies at the start, shape (bodies, 4, 3)."""
+        bodies = self._state.bodies
+        none = np.zeros(self._layout.rows.dofs.size), np.zeros((len(bodies), 6))
+        return Guess(*none), bodies.pose
+
+    @property
+    def found(self) -> tuple[Guess, Array]:
+        """Increments of the last solution, and poses of bodies there, shape (bodies, 4, 3)."""
+        increments = self._prolongation.increments
+        return Guess(self._equations.d.array_r.copy(), increments.six), increments.end.pose
+
+    def distance(self, a: Guess, b: Guess) -> float:
+        """Largest difference of two increments [m]. Collective."""
+        nodes = np.abs(a.increment - b.increment).max(initial=0.0)
+        own = max(float(nodes), float(np.abs(a.bodies - b.bodies).max(initial=0.0)))
         return float(self._scene.comm.allreduce(own, op=MPI.MAX))
 
     def accept(self, t0: float, t1: float) -> None:
