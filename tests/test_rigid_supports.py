@@ -284,3 +284,26 @@ def main():
 
 if __name__ == "__main__":
     main()
+
+
+def swung(width, *planes):
+    """Places of the tip of a bar that hangs by a rigid face at a ball joint, and its energy."""
+    bar = rf.box((0, *(-w for w in width), 0), (3, 0.5, 1), (6, 2 if width[0] else 1, 2))
+    soft = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)
+    ball = rf.Spherical("ground", rf.RigidFace("x0"), (0, 0, 0.5), name="ball")
+    scene = rf.Scene(bar, soft, [rf.Gravity(), ball, *planes], probes={"tip": (3, 0, 0.5)})
+    reports = list(rf.simulate(scene, 0.02, 0.2, progress=False))
+    return np.array([[*r.probes["tip"], r.energy] for r in reports]), scene
+
+
+def test_symmetry_cuts_a_rigid_face():
+    """Half of a pendulum moves as all of it: its rigid face tilts about the plane's normal only."""
+    whole, _ = swung((0.5,))
+    with pytest.warns(rf.RigidfxWarning, match="Symmetry on 'y0' - RigidFace 'x0': normal"):
+        half, scene = swung((0.0,), rf.Symmetry("y0"))
+    assert np.abs(whole[:, 2]).max() > 0.1
+    assert half[:, :3] == pytest.approx(whole[:, :3], abs=1e-9)
+    assert 2 * half[:, 3] == pytest.approx(whole[:, 3], rel=1e-9)
+    rf.Scene(scene.domain, next(iter(scene.materials))[0], scene.effects)  # keeps what it has
+    with pytest.raises(rf.SceneError, match=r"'y0' cuts RigidFace 'x0'.*MeanFace\('x0'\)"):
+        swung((0.0,), rf.Symmetry("y0", until=1.0))

@@ -195,7 +195,8 @@ def _check_faces(scene: Any) -> None:
             if scene.sum(np.intersect1d(nodes, held).size) > 0:
                 raise SceneError(
                     f"{face.name}: {support.owner} holds some of its nodes, which move as one "
-                    "body. Join the 'ground', or separate the two sets."
+                    f"body. Join the 'ground', take MeanFace('{face.where}'), or separate the two "
+                    "sets."
                 )
         parts = {k for some in scene.comm.allgather(np.unique(taken[nodes])) for k in some.tolist()}
         if parts == {0}:

@@ -26,6 +26,7 @@ from rigidfx.base.same_input import check_same
 from rigidfx.base.taken import read_only
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.domain.domain import Domain
+from rigidfx.effects.joints.cut_faces import cut_by_symmetry
 from rigidfx.mechanics.assumed import AssumedStrains
 from rigidfx.mechanics.element import Element
 from rigidfx.mechanics.materials import Material
@@ -151,7 +152,10 @@ class Scene:
         """Look the effects up on the mesh, supports first. Collective."""
         self.effects = tuple(effect.placed(self) for effect in self.effects)
         supports = self.named(fx.Support)
-        self.supports = tuple((s, read_only(self.nodes(s.where, s.kind))) for s in supports)
+        held = tuple((s, self.nodes(s.where, s.kind)) for s in supports)
+        joints, held = cut_by_symmetry(self, held)
+        self.effects += joints
+        self.supports = tuple((s, read_only(nodes)) for s, nodes in held)
         check_supports(self)
         for effect in self.effects:
             effect.check(self)

@@ -22,7 +22,9 @@ class Symmetry(Fixed):
     It is the plane of the nodes after an `InitialDisplacement`.
 
     Loads, reactions and energies are those of the modelled half. Give half of a force that acts in
-    the plane itself.
+    the plane itself. A `RigidFace` that the plane cuts, such as half of a hole, moves along the
+    plane and turns about its normal only. A joint of the name "Symmetry on 'plane' - RigidFace
+    'hole'" holds it, and tells its force.
 
     Attributes:
         components: The normal: found by the scene.
