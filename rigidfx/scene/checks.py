@@ -34,6 +34,8 @@ __all__ = [
 
 Array = npt.NDArray[np.float64]
 
+HEAVY = 1e7  # kg: a steel part of 0.1 m weighs more if millimetres are taken for metres
+
 # Degree of the one quadrature rule that W, H and the residual share, by polynomial degree.
 STIFFNESS_DEGREE = {1: 2, 2: 4}
 NEARLY_INCOMPRESSIBLE = 0.49  # ν above which first-order cells are warned of
@@ -117,7 +119,7 @@ def check_masses(scene: Any) -> None:
             f"of {J:.3g} kg m² about the origin: too large for the arithmetic. Check the "
             "densities, the PointMass effects and the units."
         )
-    if m > 10**7:  # kg; steel parts of 0.1 m with millimetres for metres weigh more
+    if m > HEAVY:
         warn(
             scene.comm,
             f"Scene: its mass is {m:.3g} kg. Are lengths in millimetres? They have to be in metres "

@@ -27,6 +27,10 @@ __all__ = ["Alternation"]
 
 Array = npt.NDArray[np.float64]
 
+BACK = -0.6  # r of a period of 1.6 steps, below which motion counts as alternating
+LARGE = 0.25  # of displacements: smaller increments do not matter
+FIRST = 4  # steps that are looked at together; twice as many each next time
+
 
 class Alternation(WarnsOnce):
     """Looks at increments of flexible nodes and of bodies; warns once."""
@@ -58,7 +62,7 @@ class Alternation(WarnsOnce):
         """See `Watch`."""
         self._before: Array = np.empty(0)
         self._sums: Array = np.zeros(3)
-        self._steps, self._end = 0, 4  # steps that are looked at together, and twice as many next
+        self._steps, self._end = 0, FIRST
 
     def accept(self, attempt: Attempt) -> None:
         """See `Watch`. Collective in some steps."""
@@ -75,8 +79,7 @@ class Alternation(WarnsOnce):
         way = np.concatenate([u1.ravel(), (bodies.r - bodies.of.frozen[:, 0] + six[:, :3]).ravel()])
         of_way = np.concatenate([self._mass, np.repeat(once * bodies.of.mass, 3)])
         both = m @ (d * self._before), 0.5 * (m @ (d * d + self._before**2))
-        # Increments matter that are a quarter of displacements, and no rounding.
-        size = of_way @ (way / 4) ** 2 + of_way.sum() * self._floor**2
+        size = LARGE**2 * of_way @ way**2 + of_way.sum() * self._floor**2
         self._sums += [*both, size / attempt.dt**2]
         self._before = d
         self._steps += 1
@@ -87,8 +90,7 @@ class Alternation(WarnsOnce):
     def _judge(self, attempt: Attempt) -> None:
         """Warn where increments alternate. Collective."""
         product, square, least = self._scene.sum(self._sums)
-        # With ωΔt = 4, a period of 1.6 steps, r is -3/5.
-        if not square > least or 5 * product >= -3 * square:
+        if not square > least or product >= BACK * square:
             return
         self.say(
             f"Up to t = {attempt.t + attempt.dt:.6g} s most of the motion goes back and forth from "
