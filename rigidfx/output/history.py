@@ -283,7 +283,8 @@ def components(name: str, vector: Iterable[float]) -> dict[str, float]:
 def read_history(path: str | Path) -> Any:
     """The columns of a history.csv by name: a pandas table, or arrays where there is no pandas.
 
-    `history["t"]` is a column in either case, of shape (steps,), and `list(history)` their names.
+    pandas is optional. `history["t"]` is a column in either case, of shape (steps,), and
+    `list(history)` are their names; `np.asarray(history["t"])` is an array in either case.
 
     Args:
         path: The file, or the folder of a `Recorder` with it; its run may go on, or was killed.
