@@ -120,9 +120,10 @@ WARNINGS = {
     "effects/loads/body_force.py": ["a force per volume"],
     "error/validity.py": ["forces change faster than e", "e is not small"],
     "report/brief_contacts.py": [
-        "a contact closed and opened",
+        "a contact or `Stop` opened again",
         "a contact closed and opened again:",
     ],
+    "report/brief_stops.py": ["a contact or `Stop` opened again"],
     "report/energy_balance.py": [
         "the balance of energy is off",
         "the balance of energy is lost",
