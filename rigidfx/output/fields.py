@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.effects import Contact
+from rigidfx.effects import Contact, PointMass
 from rigidfx.flexible.nodal_stress import NodalStress, material_groups
 from rigidfx.flexible.stress import CauchyStress, tensors, von_mises
 from rigidfx.output.paraview import Body
@@ -54,7 +54,8 @@ class Fields:
         self._nodal = NodalStress(scene) if stress else None
         self._mean = CauchyStress(scene, self._nodal.points) if self._nodal else None
         self._scene, self._contacts = scene, scene.named(Contact)
-        self._may_be_rigid = any(effect.is_rigid for effect in scene.effects)
+        masses = any(effect.is_carried for effect in scene.named(PointMass))
+        self._may_be_rigid = masses or any(effect.is_rigid for effect in scene.effects)
 
     def may_have_bodies(self, report: Report) -> bool:
         """Whether there are rigid bodies in a run, or may be."""

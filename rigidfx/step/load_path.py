@@ -27,6 +27,7 @@ from rigidfx.step.step_result import StepResult
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.statics import StaticSystem
 from rigidfx.step.watches.judge import INVERTED, remedy
+from rigidfx.step.watches.unresolved import NEGLIGIBLE
 from rigidfx.step.watches.why import course, overload
 
 __all__ = ["LoadPath", "PathControl"]
@@ -98,7 +99,9 @@ class LoadPath:
         self._failures = Failures(scene.comm)
         self._inversion = Inversion(scene, forces)
         self._trial = self._whole = np.inf
-        self._rate = self._first = 0.0  # increment per load of the last step, and of the first
+        # Increment per load of the last step that was more than rounding, and of the first.
+        self._rate = self._first = 0.0
+        self._least = NEGLIGIBLE * scene.mean_cell_size
         self._bound = False
         self.system: StaticSystem
 
@@ -219,8 +222,9 @@ class LoadPath:
         system.accept(t0, t1)
         self.t = t1
         gained = self.measure().energy - before.energy
-        self._rate = size / (t1 - t0)
-        self._first = self._first or self._rate
+        if size > self._least:
+            self._rate = size / (t1 - t0)
+            self._first = self._first or self._rate
         return StepResult(
             dt=t1 - t0,
             solution=solution,
