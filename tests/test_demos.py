@@ -87,6 +87,7 @@ SUMMARY = {
         "first_rigid_time",
         "energy_jump",
         "tol",
+        *("largest_displacement", "largest_von_mises", "numerically_damped"),
     },
 }
 BENCHMARK_SUMMARY = {
@@ -253,6 +254,7 @@ BRACKET = ROOT / "meshes" / "bracket.geo"
         (["part.msh", "--set", "a=1"], 2, "--set is for .geo"),
         (["part.msh", "--size", 1], 2, "--size is for what is meshed here"),
         (["part.step", "--set", "a=1"], 2, "--set is for .geo"),
+        (["part.msh", "--encoding", "gb18030"], 2, "--encoding is for .inp"),
         (["part.step", "--name", "a=1", "--name", "a=2"], 2, "the name 'a' is given twice"),
         (["part.step", "--name", "a"], 2, "'a' should be NAME=VALUE"),
         (["--set", "no=1"], 2, "has no parameter 'no'"),

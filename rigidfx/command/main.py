@@ -15,6 +15,7 @@ from mpi4py import MPI
 
 from rigidfx.command.acting import supports_and_loads
 from rigidfx.command.files import conclude
+from rigidfx.command.largest import Largest
 from rigidfx.command.options import Example, ask
 from rigidfx.command.pair import Pair
 from rigidfx.command.parser import say
@@ -28,6 +29,7 @@ from rigidfx.output.recorder import Recorder
 from rigidfx.plot import Shapes, curves
 from rigidfx.scene.scene import Scene
 from rigidfx.simulation import simulate
+from rigidfx.vibration.modes import periods
 
 __all__ = ["main", "materials", "run"]
 
@@ -52,13 +54,20 @@ def main(prog: str | None = None, example: Example | None = None) -> dict[str, A
         scene = _scene(read(parser, options), options)
         dt = options.dt or options.t_end / STEPS
         shapes = Shapes(scene, options.t_end * np.array(PICTURES), colour="rigid")
-        recorder = Recorder(scene, options.out, interval=options.t_end / 100)
+        _tell_of_times(scene, dt, options)
+        interval = options.t_end / 100
+        recorder = Recorder(scene, options.out, interval=interval)
+        largest = Largest(scene, options.t_end, interval)
         with recorder, _pair(scene, dt, options) as run:
             for report in run:
                 recorder.write(report)
                 shapes.add(report)
+                largest.add(report)
         summary = _summary(scene, run, options) | {"dt": dt, "tol_found": found}
+        summary |= largest.numbers()
         conclude(options.out, summary)
+        say("\n".join(largest.lines()))
+        say("Pictures are being drawn ...")
         _draw(run, options)
         view = (0.7, -1.0, 0.45)
         shapes.draw(options.out / "rigid_parts.png", view=view, title=options.file.name)
@@ -90,6 +99,14 @@ def materials(options: Namespace) -> StVenantKirchhoff | dict[str, StVenantKirch
         name: StVenantKirchhoff(E=float(E), nu=float(nu), rho=float(rho))
         for name, (E, nu, rho) in options.material.items()
     }
+
+
+def _tell_of_times(scene: Scene, dt: float, options: Namespace) -> None:
+    """Until when loads act, and the longest periods with their steps. Collective."""
+    if options.load:
+        say(f"loads act until t = {options.until:.4g} s (--until)")
+    for period in periods(scene):
+        say(f"period {period:.4g} s: {period / dt:.3g} steps of {dt:.4g} s (--dt)")
 
 
 def _pair(scene: Scene, dt: float, options: Namespace) -> Pair:

@@ -63,6 +63,8 @@ def ask(prog: str | None, example: Example | None) -> tuple[RankParser, Namespac
     options.parameters = _pairs(parser, options, "set", GEO)
     if options.size and options.kind not in CAD + GEO:
         parser.error(f"--size is for what is meshed here, not for '{options.file.name}'")
+    if options.encoding and options.kind != ".inp":
+        parser.error(f"--encoding is for .inp only, not for '{options.file.name}'")
     options.load = [(n, _three(parser, f"load {n}", texts)) for n, *texts in options.load]
     given = options.material
     options.material = {n: _three(parser, f"material {n}", texts) for n, *texts in given}
@@ -94,6 +96,7 @@ def _of_geometry(parser: RankParser, optional: bool) -> None:
     group.add_argument(
         "--name", metavar="NAME=3,4", action="append", default=[], help="surfaces of CAD, by number"
     )
+    group.add_argument("--encoding", help="of an .inp that is not in UTF-8, such as gb18030")
     group.add_argument("--order", type=int, choices=[1, 2], help="of the displacement (2)")
 
 

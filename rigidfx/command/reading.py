@@ -53,7 +53,9 @@ def _domain(options: Namespace) -> Domain:
     if options.kind in GEO:
         parameters = {name: _value(text) for name, text in options.parameters.items()}
         return read_geo(path, parameters, size=size, scale=scale)
-    return (read_inp if options.kind == ".inp" else read_msh)(path, scale=scale)
+    if options.kind == ".inp":
+        return read_inp(path, scale=scale, encoding=options.encoding)
+    return read_msh(path, scale=scale)
 
 
 def _value(text: str) -> float | str:
