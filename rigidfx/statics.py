@@ -32,6 +32,7 @@ from rigidfx.effects import (
     Resultant,
     Rigid,
     RigidFace,
+    SpringDamper,
     Table,
     Windowed,
     rigid_faces,
@@ -312,7 +313,7 @@ def _check_held(scene: Scene, ends: Sequence[float]) -> bool:
         if not (free := free_to_move(scene, held, acting=acting)):
             continue
         what = f"static: from t = {begin:g} s on supports, springs and joints leave a rigid motion "
-        if not contacts and not scene.named(Joint):
+        if not contacts and not scene.named(Joint) and not scene.named(SpringDamper):
             raise SceneError(
                 f"{what}free, of {free}, so there is no static equilibrium. Add supports, or a "
                 "weak Spring."

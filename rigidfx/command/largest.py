@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from rigidfx.command.pair import SAME
 from rigidfx.report.peaks import Peak, Peaks
@@ -32,7 +33,11 @@ class Largest:
         names = sorted(name for name, dim in scene.domain.sets if dim == 3)
         self._scene, self._peaks = scene, Peaks(scene, names, "rigidfx")
         self._interval, self._next, self._end = interval, 0.0, t_end
-        self._u = (0.0, 0.0, np.zeros(3))  # size [m], time [s], place [m]
+        self._u: tuple[float, float, npt.NDArray[np.float64]] = (
+            0.0,
+            0.0,
+            np.zeros(3),
+        )  # size [m], time [s], place [m]
         self._stress = (Peak(0.0, np.zeros(3)), 0.0)
         self._reactions: dict[str, tuple[float, float]] = {}  # size [N], time [s]
         self._energy = self._damped = 0.0  # largest and dissipated [J]
@@ -41,14 +46,9 @@ class Largest:
         """Take note of a report. Collective."""
         scene, t = self._scene, report.t
         moved = report.shown()[0].x.array.reshape(-1, 3)[: scene.owned_nodes]
-        sizes = np.linalg.norm(moved, axis=1)
-        at = int(sizes.argmax()) if sizes.size else None
-        own = (-1.0, [0.0] * 3)
-        if at is not None:
-            own = float(sizes[at]), scene.space.tabulate_dof_coordinates()[at].tolist()
-        size, place = max(scene.comm.allgather(own))
+        size, place = self._peaks.largest(np.linalg.norm(moved, axis=1)[None])
         if size > self._u[0]:
-            self._u = size, t, np.array(place)
+            self._u = size, t, place
         for name, force in report.reactions.items():
             found = float(np.linalg.norm(force))
             if found > self._reactions.get(name, (-1.0, 0.0))[0]:

@@ -97,10 +97,18 @@ class Peaks:
         state.rebuild()
         values = self._nodal.measure(state.u, report.recovered() if report.recovers else None)
         sizes = von_mises(tensors(values[:, : scene.owned_nodes, :6]))
-        return {name: self._largest(np.where(m, sizes, -1.0)) for name, m in self._masks.items()}
+        return {
+            name: Peak(*self.largest(np.where(m, sizes, -1.0))) for name, m in self._masks.items()
+        }
 
-    def _largest(self, sizes: Array) -> Peak:
-        """The largest value, and of nodes that have it up to rounding the one all ranks choose."""
+    def largest(self, sizes: Array) -> tuple[float, Array]:
+        """The largest value at owned nodes, and its place. Collective.
+
+        Of nodes that have it up to rounding all ranks choose the same one.
+
+        Args:
+            sizes: Shape (values of a node, nodes).
+        """
         scene = self._scene
         own = sizes.max(axis=0, initial=-1.0)
         largest = scene.comm.allreduce(float(own.max(initial=-1.0)), op=MPI.MAX)
@@ -108,4 +116,4 @@ class Peaks:
         X = scene.space.tabulate_dof_coordinates()[near]
         offers = zip(X.round(9).tolist(), X.tolist(), strict=True)
         best = max(scene.comm.allgather(max(offers, default=([], []))))
-        return Peak(largest, np.array(best[1]))
+        return largest, np.array(best[1])

@@ -224,7 +224,8 @@ class Drives:
                 continue
             if motor.by in ("angle", "travel"):
                 drive.wanted = motor.at(t), motor.at(t + dt)
-                drive.given = end_rates(*drive.wanted, motor.at(t + 0.5 * dt), dt)
+                if not self.static:
+                    drive.given = end_rates(*drive.wanted, motor.at(t + 0.5 * dt), dt)
             elif motor.prescribes:
                 start = q[drive.key] if drive.wanted is None else self._begun(drive)
                 drive.given = motor.at(t), motor.at(t + dt)

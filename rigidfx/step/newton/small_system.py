@@ -44,6 +44,8 @@ def small_system(C: Matrix, H: Matrix, D: Matrix, D1: Matrix, R: Array) -> Facto
 
 def _by_arrays(C: Array, H: Array, D: Array, D1: Array, R: Array) -> Factors | None:
     rows, n = D.shape
+    if not n + rows:  # supports hold all that joints and springs take hold of
+        return lambda q, s: (q, s)
     matrix = np.empty((n + rows,) * 2, order="F")
     matrix[:n, :n] = C @ H
     matrix[np.arange(n), np.arange(n)] += 1.0

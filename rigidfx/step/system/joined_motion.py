@@ -60,6 +60,7 @@ def joint_rows(
         (a, b), by = look(spring.averages)
         if spring.taut:
             out.append(((b - a) @ (by[1] - by[0]))[None])
-    rows = np.concatenate(out)
+    none = motions(np.empty(0, np.int64))
+    rows = np.concatenate([none.reshape(0, none.shape[2]), *out])
     sizes = np.linalg.norm(rows, axis=1, keepdims=True)
     return np.asarray(np.divide(rows, sizes, out=np.zeros_like(rows), where=sizes > NOTHING))
