@@ -60,7 +60,7 @@ class Alternation(WarnsOnce):
 
     def refresh(self) -> None:
         """See `Watch`."""
-        self._before: Array = np.empty(0)
+        self._before: Array | None = None
         self._sums: Array = np.zeros(3)
         self._steps, self._end = 0, FIRST
 
@@ -71,7 +71,7 @@ class Alternation(WarnsOnce):
         bodies, six = attempt.increments.start, attempt.increments.six
         u0, u1 = (f.x.array.reshape(-1, 3)[self._nodes] for f in (self._forces.u0, self._forces.u1))
         d = np.concatenate([(u1 - u0).ravel(), six.ravel()]) / attempt.dt
-        if self._before.size != d.size:
+        if self._before is None:  # on all ranks, also on those without nodes
             self._before = d
             return
         once = float(self._comm.rank == 0)  # all ranks know all bodies
