@@ -101,7 +101,6 @@ class Newton:
         self._keeping = False  # whether the present solve is by the chord method ...
         self._kept = False  # ... and whether that has found the last solution
         self._offered, self._best = 0, 0  # first guesses of the last choice, and what it was
-        self._took = 0  # iterations after that choice, as long as no later solve takes more
         self.known = False
         self._tangents, self._failed = 0, False  # and whether the last iteration has failed
         self._ending, self._saved_norm = 0, 0.0  # reason to stop at a solution, and its ‖R‖ [N]
@@ -245,10 +244,7 @@ class Newton:
         self.stop.restart(0.0 if guesses else self._began)
         self.conserving.restart()
         self.known = False
-        if len(guesses) == self._offered and self._took and not self._keeping:
-            guesses = [guesses[self._best]]  # the other one costs a residual in each step
-        chosen = len(guesses) > 1
-        if chosen:
+        if len(guesses) > 1:
             # The likely one comes last, so that SNES finds its residual.
             order = sorted(range(len(guesses)), key=lambda k: k == self._best)
             norms = [self._norm_at(guesses[k]) for k in order]
@@ -264,9 +260,6 @@ class Newton:
             self._snes.solve(None, self._y)
         reason = judged(int(self._snes.getConvergedReason()))
         self._failed = reason < 0
-        took = len(self.stop.history) - 1
-        if chosen or reason < 0 or took > self._took:
-            self._took = took if chosen and reason > 0 else 0
         self._left = self.stop.history[-1] if self.stop.history else np.inf
         if self.conserving.following and (reason < 0 or not self.conserving.best):
             self._saved.copy(self._y)
