@@ -170,6 +170,7 @@ def test_flat_cells():
         Domain(mesh)
 
 
+@pytest.mark.filterwarnings("ignore:Scene. its mass is")
 def test_a_tiny_mesh_is_not_flat():
     """Volumes are judged relative to the cells' size: a box of a micrometre is fine."""
     for size in (1e-6, 1e6):
