@@ -365,6 +365,25 @@ def test_description_has_them_where_they_are_cheap(monkeypatch, capsys):
         scene.describe(periods=-1)
 
 
+@pytest.mark.parametrize(
+    "load", [rf.Motor("pin", torque=1.0), rf.Gravity((0, 0, -9.81)), rf.Gravity((0, -9.81, 0))]
+)
+def test_a_motion_that_no_load_resists_is_no_mode(load):
+    """A rigid block turns about its centre: a torque, and weights, leave rounding in ω²."""
+    domain = rf.box((0, 0, 0), (0.1, 0.1, 0.1), (1, 1, 1)).with_cells("block", lambda x: x[0] > -1)
+    pin = rf.Revolute("ground", "block", (0.05, 0.05, 0), (0, 0, 1), name="pin")
+    assert rf.modes(rf.Scene(domain, STEEL, [rf.Rigid("block"), pin, load]), 3).squares.size == 0
+
+
+def test_a_motor_of_given_angle_locks_modes():
+    """As a tie at the same face."""
+    face, at = rf.MeanFace("x0"), (0, WIDE / 2, HIGH / 2)
+    hinge = rf.Revolute("ground", face, at, (0, 1, 0), name="pin")
+    locked = rf.modes(beam(hinge, rf.Motor("pin", angle=0.0), n=(5, 1, 1)), 2)
+    tied = rf.modes(beam(rf.Tied("ground", face, at), n=(5, 1, 1)), 2)
+    assert locked.squares == pytest.approx(tied.squares, rel=1e-9)
+
+
 if __name__ == "__main__":
     found = on_ranks()
     if MPI.COMM_WORLD.rank == 0:

@@ -379,6 +379,39 @@ def test_ranks_find_the_same(ranks):
     assert (np.abs(several - one).max(axis=0) <= 1e-9 * np.abs(one).max(axis=0)).all()
 
 
+@pytest.mark.parametrize("slack", [0.0, 0.005])
+def test_a_box_hangs_on_four_cables_without_joints(slack):
+    """Statics find its place from taut and slack cables, by the springs' own elasticity."""
+    box = rf.box((0, 0, 0), (0.1, 0.1, 0.1), (1, 1, 1)).with_cells("box", lambda x: x[0] > -1)
+    metal, k, long = rf.StVenantKirchhoff(rho=2000.0, E=1e9, nu=0.3), 2000.0, 1.0
+    corners = [(x, y) for x in (0, 0.1) for y in (0, 0.1)]
+    cables = [
+        rf.SpringDamper(
+            "ground", "box", k, length=long + slack, pulls_only=True, name=f"cable {n}",
+            at_a=(*at, 0.1 + long), at_b=(*at, 0.1),
+        )
+        for n, at in enumerate(corners)
+    ]  # fmt: skip
+    effects = [rf.Rigid("box"), *cables, rf.Gravity((0, 0, -9.81))]
+    *_, hung = rf.static(rf.Scene(box, metal, effects, probes={"mid": (0, 0, 0)}), 1, verbose=False)
+    exact = -(slack + 2.0 * 9.81 / (4 * k))
+    assert hung.probes["mid"] == pytest.approx((0, 0, exact), abs=1e-9)
+
+
+def test_a_spring_of_a_held_face_has_its_force():
+    """No unknown is left for it."""
+    bar = rf.box((0, 0, 0), (1, 0.1, 0.1), (2, 1, 1))
+    spring = rf.SpringDamper("ground", rf.MeanFace("x0"), 1e3, at_a=(-1, 0.05, 0.05), length=0.5)
+    metal = rf.StVenantKirchhoff(rho=2000.0, E=1e9, nu=0.3)
+    for run in (
+        lambda scene: rf.static(scene, 1, verbose=False),
+        lambda scene: rf.simulate(scene, 1e-3, 1e-3),
+    ):
+        *_, last = run(rf.Scene(bar, metal, [rf.Fixed("x0"), spring]))
+        (found,) = last.spring_dampers.values()
+        assert found.force == pytest.approx(500.0)
+
+
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
     found = history()

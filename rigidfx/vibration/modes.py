@@ -207,7 +207,7 @@ def _found(scene: Scene, about: Report | None, count: int, turns: bool = True) -
 
 
 def _modes(scene: Scene, problem: Problem, count: int) -> Modes:
-    pairs = lowest(problem.K, problem.M, count, problem.motions)
+    pairs = lowest(problem.K, problem.M, count, problem.motions, scale=problem.of_loads)
     squares = pairs.values
     impulses = problem.impulses(scene.centre_of(1.0, problem.places))
     gamma = np.array([y.mDot(impulses) for y in pairs.vectors]).reshape(-1, 6)
@@ -279,7 +279,7 @@ def periods(scene: Scene, count: int = 3) -> Array:
     count = whole("periods", "count", count, least=1)
     check_same(scene.comm, "periods", {"count": count})
     problem = Problem(scene)
-    pairs = lowest(problem.K, problem.M, count, problem.motions)
+    pairs = lowest(problem.K, problem.M, count, problem.motions, scale=problem.of_loads)
     squares = pairs.values
     pairs.destroy()
     problem.destroy()

@@ -26,6 +26,7 @@ from rigidfx.flexible.static_forces import static_forces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
+from rigidfx.scene.weights import inertial_masses
 from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.equations import Equilibrium
@@ -52,6 +53,8 @@ class Problem:
         K: Stiffness [N/m].
         M: Mass [kg].
         motions: Rigid motions of the connected parts, where some may take no energy.
+        of_loads: Loads and forces of joints over mass and extent: ω² whose rounding may be all of
+            that of a motion without energy [1/s²].
     """
 
     def __init__(self, scene: Scene, about: Report | None = None, turns: bool = True) -> None:
@@ -144,6 +147,11 @@ class Problem:
         left = float(np.sqrt(self._scene.sum((r.array_r[: p.owned] ** 2).sum())))
         y.destroy()
         r.destroy()
+        parts = self._scene.parts
+        extent = float(np.linalg.norm(parts.upper.max(axis=0) - parts.lower.min(axis=0)))
+        mass = float(self._scene.sum(inertial_masses(self._scene).sum()))
+        efforts = 0.0 if linkage is None else float(np.abs(linkage.multipliers).sum())
+        self.of_loads = (float(size) + efforts) / (mass * extent)
         return left / size if size > 0 else 0.0
 
     def _unbind(self) -> None:

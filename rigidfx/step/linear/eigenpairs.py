@@ -88,6 +88,7 @@ def lowest(
     count: int,
     motions: Sequence[PETSc.Vec] = (),
     control: EigenControl | None = None,
+    scale: float = 0.0,
 ) -> Eigenpairs:
     """The lowest eigenpairs, zero ones left out; the last cluster is whole. Collective.
 
@@ -98,6 +99,7 @@ def lowest(
         motions: Rigid motions, some combinations of which may take no energy; they stay the
             caller's.
         control: Limits of the search.
+        scale: λ of loads, whose rounding may be all of an eigenvalue [1/s²].
 
     Raises:
         SceneError: If SLEPc is not installed, or finds no eigenpairs.
@@ -109,7 +111,7 @@ def lowest(
     K = K.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
     for A in (K, M):
         A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-    search = _Search(K, M, control)
+    search = _Search(K, M, control, scale)
     try:
         return search.lowest(count, motions)
     except PETSc.Error as error:
@@ -136,8 +138,8 @@ def clusters(values: Array, gap: float) -> npt.NDArray[np.int64]:
 class _Search:
     """One search: K, M, and the factors for the present shift."""
 
-    def __init__(self, K: PETSc.Mat, M: PETSc.Mat, control: EigenControl) -> None:
-        self._K, self._M, self._control = K, M, control
+    def __init__(self, K: PETSc.Mat, M: PETSc.Mat, control: EigenControl, scale: float) -> None:
+        self._K, self._M, self._control, self._of_loads = K, M, control, scale
         self._size = int(K.getSize()[0])
         self._diagonal = K.getDiagonal()
         self._work = K.createVecRight()
@@ -237,6 +239,7 @@ class _Search:
             sizes.append(abs(self._work.dot(vector)))
         # What LAPACK leaves of values that are found together:
         left = np.finfo(np.float64).eps * values.size * np.abs(values).max(initial=0.0)
+        left += self._control.rounding * self._of_loads
         return np.asarray(np.abs(values) <= self._control.rounding * np.array(sizes) + left)
 
     def _next(self, eps: Any, count: int, found: list[PETSc.Vec]) -> list[PETSc.Vec]:
