@@ -352,6 +352,30 @@ def test_the_command_reads_them(tmp_path, monkeypatch, capsys):
     assert "names: 'body' (cells), 'bottom' (facets), 'slope' (facets)" in capsys.readouterr().out
 
 
+def test_the_command_gives_statics_modes_and_a_description(tmp_path, monkeypatch, capsys):
+    """A tetrahedron that hangs: its weight is the reaction; no time of a run is asked for."""
+    options = "--hold bottom --gravity 0 0 -9.81 --rho 1000 --static --modes 1 --describe"
+    given = [str(written(tmp_path, TETS)), *options.split(), "--out", str(tmp_path / "out")]
+    monkeypatch.setattr(sys, "argv", ["rigidfx", *given])
+    summary = main("rigidfx")
+    scene = rf.Scene(
+        rf.read_inp(tmp_path / "part.inp"),
+        rf.StVenantKirchhoff(rho=1000.0, E=2.1e11, nu=0.3),
+        [rf.Fixed("bottom"), rf.Gravity((0, 0, -9.81))],
+        order=2,
+        mass="consistent",
+    )
+    told = capsys.readouterr().out
+    assert "Scene of" in told
+    weight = 9.81 * rf.modes(scene, 1).mass
+    assert f"largest reaction of bottom: {weight:.4g} N" in told
+    assert summary["frequencies"] == pytest.approx(rf.modes(scene, 1).frequencies.tolist())
+    *_, last = rf.static(scene, 4, verbose=False)
+    u = last.state.u.x.array.reshape(-1, 3)
+    assert summary["largest_displacement"] == pytest.approx(np.linalg.norm(u, axis=1).max())
+    assert (tmp_path / "out" / "stress.png").stat().st_size > 1000
+
+
 @pytest.mark.parallel
 def test_on_two_ranks(tmp_path):
     """The same sets; an error comes on both."""

@@ -14,6 +14,7 @@ import numpy as np
 from mpi4py import MPI
 
 from rigidfx.command.acting import supports_and_loads
+from rigidfx.command.at_rest import at_rest, is_at_rest
 from rigidfx.command.files import conclude
 from rigidfx.command.largest import Largest
 from rigidfx.command.options import Example, ask
@@ -52,6 +53,8 @@ def main(prog: str | None = None, example: Example | None = None) -> dict[str, A
     found = options.tol is None
     with told(parser):
         scene = _scene(read(parser, options), options)
+        if is_at_rest(options):
+            return at_rest(scene, options)
         dt = options.dt or options.t_end / STEPS
         shapes = Shapes(scene, options.t_end * np.array(PICTURES), colour="rigid")
         _tell_of_times(scene, dt, options)

@@ -56,13 +56,16 @@ def ask(prog: str | None, example: Example | None) -> tuple[RankParser, Namespac
     options.order = options.order or 2
     if options.out is None:
         options.out = Path("out", options.file.stem)
-    if options.until is None and options.t_end is not None:
-        options.until = options.t_end / 10
+    if options.until is None:  # loads stay in statics
+        run = options.t_end is not None and not options.static
+        options.until = options.t_end / 10 if run else np.inf
     options.kind = options.file.suffix.lower()
     options.surfaces = _pairs(parser, options, "name", CAD)
     options.parameters = _pairs(parser, options, "set", GEO)
     if options.size and options.kind not in CAD + GEO:
         parser.error(f"--size is for what is meshed here, not for '{options.file.name}'")
+    if options.per_circle and options.kind not in CAD:
+        parser.error(f"--per-circle is for CAD files only, not for '{options.file.name}'")
     if options.encoding and options.kind != ".inp":
         parser.error(f"--encoding is for .inp only, not for '{options.file.name}'")
     options.load = [(n, _three(parser, f"load {n}", texts)) for n, *texts in options.load]
@@ -83,6 +86,9 @@ def _of_geometry(parser: RankParser, optional: bool) -> None:
     )
     group.add_argument("--list", action="store_true", help="show what is in the file, and stop")
     group.add_argument("--size", type=positive, help="largest edge of a cell [m] (.geo and CAD)")
+    group.add_argument(
+        "--per-circle", type=positive, help="cells around a full circle, along curved edges (CAD)"
+    )
     group.add_argument(
         "--scale", type=positive, default=1.0, help="metres per unit of the file (1)"
     )
@@ -134,6 +140,9 @@ def _of_run(parser: RankParser, example: Example | None) -> None:
     group.add_argument("--out", type=Path, help="folder for results (out/NAME OF THE FILE)")
     if example is not None:
         group.add_argument("--short", action="store_true", help="coarse, and for a short time")
+    group.add_argument("--describe", action="store_true", help="show what would be run, and stop")
+    group.add_argument("--modes", metavar="N", type=int, help="the lowest N modes, and no run")
+    group.add_argument("--static", action="store_true", help="equilibrium under loads, and no run")
     group.add_argument("--dt", type=positive, help="time step [s] (a 400th of the run)")
     group.add_argument("--t-end", type=positive, help="end of the run [s]")
     group.add_argument("--tol", type=nonnegative, help="rigid below this rate [1/s] (found)")

@@ -8,6 +8,7 @@ from argparse import Namespace
 import numpy as np
 from mpi4py import MPI
 
+from rigidfx.command.at_rest import is_at_rest
 from rigidfx.command.options import CAD, GEO
 from rigidfx.command.parser import RankParser, say
 from rigidfx.domain.cad import list_cad, read_cad
@@ -37,8 +38,8 @@ def read(parser: RankParser, options: Namespace) -> Domain:
         say("Say what is held and loaded: --hold NAME --load NAME FX FY FZ. See also --help.")
     if options.list or nothing:
         sys.exit(0)
-    if options.t_end is None:
-        parser.error("--t-end is missing: how long is the run [s]?")
+    if options.t_end is None and not is_at_rest(options):
+        parser.error("--t-end is missing: how long is the run [s]? Or take --static or --modes.")
     return domain
 
 
@@ -49,7 +50,8 @@ def _domain(options: Namespace) -> Domain:
             name: [int(n) if n.isdecimal() else n for n in numbers.split(",")]
             for name, numbers in options.surfaces.items()
         }
-        return read_cad(path, surfaces=surfaces, size=size, scale=scale)
+        per_circle = options.per_circle or 0.0
+        return read_cad(path, surfaces=surfaces, size=size, scale=scale, per_circle=per_circle)
     if options.kind in GEO:
         parameters = {name: _value(text) for name, text in options.parameters.items()}
         return read_geo(path, parameters, size=size, scale=scale)

@@ -1,0 +1,54 @@
+"""Description, modes and statics in place of a run."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from typing import Any
+
+from rigidfx.command.files import conclude
+from rigidfx.command.largest import Largest
+from rigidfx.command.parser import say
+from rigidfx.output.recorder import Recorder
+from rigidfx.plot import Shapes
+from rigidfx.scene.scene import Scene
+from rigidfx.statics import static
+from rigidfx.vibration.modes import modes
+
+__all__ = ["at_rest", "is_at_rest"]
+
+
+def is_at_rest(options: Namespace) -> bool:
+    """Whether the options ask for something in place of a run."""
+    return bool(options.describe or options.modes or options.static)
+
+
+def at_rest(scene: Scene, options: Namespace) -> dict[str, Any]:
+    """What the options ask for, printed and left in the folder; content of `summary.json`.
+
+    Collective.
+    """
+    summary: dict[str, Any] = {"file": options.file.name}
+    if options.describe:
+        scene.describe()
+    if options.modes:
+        found = modes(scene, options.modes)
+        for number, frequency in enumerate(found.frequencies, start=1):
+            say(f"mode {number}: {frequency:.6g} Hz")
+        found.write(options.out)
+        say("Pictures are being drawn ...")
+        found.draw(options.out / "modes.png")
+        summary["frequencies"] = found.frequencies.tolist()
+    if options.static:
+        largest, shapes = Largest(scene, 1.0, 1.0), Shapes(scene, [1.0], colour="von_mises")
+        with Recorder(scene, options.out) as recorder:
+            for report in static(scene):
+                for follow in (recorder.write, shapes.add, largest.add):
+                    follow(report)
+        say("\n".join(largest.lines()))
+        say("Pictures are being drawn ...")
+        shapes.draw(options.out / "stress.png", title=options.file.name)
+        summary |= largest.numbers()
+    if options.modes or options.static:
+        conclude(options.out, summary)
+        say(f"Pictures and fields are in {options.out}")
+    return summary
