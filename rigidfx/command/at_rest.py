@@ -23,9 +23,10 @@ def is_at_rest(options: Namespace) -> bool:
 
 
 def at_rest(scene: Scene, options: Namespace) -> dict[str, Any]:
-    """What the options ask for, printed and left in the folder; content of `summary.json`.
+    """Print description, modes or statics, and leave their files. Collective.
 
-    Collective.
+    Returns:
+        Content of `summary.json`.
     """
     summary: dict[str, Any] = {"file": options.file.name}
     if options.describe:

@@ -96,7 +96,11 @@ class FaceSide:
     """
 
     def __init__(self, nodes: Averages) -> None:
-        """Take the nodes with their weights."""
+        """Find the averages.
+
+        Args:
+            nodes: The nodes with their weights.
+        """
         self.size, self.mass, self.axes = nodes.size, nodes.mass, nodes.axes
         self.nodes, self.centre, self.moments = nodes.nodes, nodes.centre, nodes.moments
         self._count = nodes.count  # of terms in a sum for the centre
