@@ -23,7 +23,6 @@ from rigidfx.effects.initial.initial_velocity import agree_with_support, given_v
 from rigidfx.mechanics.bodies import BODIES, Bodies
 from rigidfx.mechanics.eased import EASED, Eased
 from rigidfx.mechanics.rigid_body import Body
-from rigidfx.mechanics.rotation import cross
 from rigidfx.scene.scene import Scene
 
 __all__ = ["State", "initial_velocity"]
@@ -124,8 +123,7 @@ class State:
             body, coordinates, _ = self.bodies.of.holding(len(self.X))
             inside = np.flatnonzero(body[nodes] >= 0)
             of = body[nodes[inside]]
-            arms = (coordinates[nodes[inside], None, 1:] @ self.bodies.pose[of, 1:])[:, 0]
-            v[inside] = self.bodies.velocity[of] + cross(self.bodies.angular_velocity[of], arms)
+            v[inside] = (coordinates[nodes[inside], None] @ self.bodies.pose_rate[of])[:, 0]
         return v
 
     @property
@@ -142,7 +140,7 @@ class State:
         """
         v, largest = self.v.x.array.reshape(-1, 3), 0.0
         for body, some in zip(bodies, at, strict=True):
-            own = body.motion.velocities(body.data.offsets[some])
+            own = body.velocities[some]
             apart = np.linalg.norm(v[body.data.nodes[some]] - own, axis=1)
             largest = max(largest, float(apart.max(initial=0.0)))
         return largest

@@ -113,7 +113,7 @@ def begun(scene, bodies=()):
         state = run.stepper.state
         state.rebuild()
         measures = run.stepper.measure()
-        return state.bodies.six, state.v.x.array.copy(), measures.stored, measures.kinetic
+        return state.bodies.rates, state.v.x.array.copy(), measures.stored, measures.kinetic
 
 
 def test_it_is_what_a_freeze_does():

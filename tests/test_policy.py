@@ -124,7 +124,7 @@ class Told:
                 state.v.x.array,
                 [id(body) for body in state.bodies.of.records],
                 state.bodies.pose,
-                state.bodies.six,
+                state.bodies.rates,
                 id(stepper.system),
                 stepper.indicator.values,
                 ends,

@@ -229,7 +229,7 @@ class Impact:
         stepper = self.run.stepper
         state = stepper.state
         v = state.v.x.array[self.layout.rows.dofs].copy()
-        return v, state.bodies.six, stepper.measure().kinetic
+        return v, state.bodies.rates, stepper.measure().kinetic
 
     @property
     def held(self):

@@ -22,6 +22,7 @@ __all__ = [
     "Each",
     "Items",
     "Kind",
+    "Maybe",
     "Own",
     "Record",
 ]
@@ -237,6 +238,26 @@ class Each(Kind):
     def own(self, whole: Any, order: MeshOrder) -> Any:
         """See `Kind`."""
         return tuple(self._kind.own(one, order) for one in whole)
+
+
+class Maybe(Kind):
+    """A value of a kind, or None, alike on all ranks."""
+
+    def __init__(self, kind: Kind) -> None:
+        """Take the kind of the value."""
+        self._kind = kind
+
+    def part(self, value: Any, order: MeshOrder) -> Any:
+        """See `Kind`."""
+        return None if value is None else self._kind.part(value, order)
+
+    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
+        """See `Kind`."""
+        return None if value is None else self._kind.whole(value, parts, orders)
+
+    def own(self, whole: Any, order: MeshOrder) -> Any:
+        """See `Kind`."""
+        return None if whole is None else self._kind.own(whole, order)
 
 
 class Items(Kind):

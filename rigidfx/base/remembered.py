@@ -27,6 +27,7 @@ from rigidfx.base.kinds import (
     Each,
     Items,
     Kind,
+    Maybe,
     Own,
     Record,
 )
@@ -47,6 +48,7 @@ __all__ = [
     "Forgetful",
     "Items",
     "Kind",
+    "Maybe",
     "Part",
     "Record",
     "Remembered",

@@ -1,9 +1,10 @@
-"""Rows of nodes that bodies hold: how a body's twelve numbers move them, and their sums.
+"""Rows of nodes that bodies hold: how a body's numbers move them, and their sums.
 
-The body-fixed coordinates [1, V] of a body's nodes never change; each node moves by them times a
-matrix of four rows, see `Increments`, which is all that turns. So the increments of these rows are
+The body-fixed coordinates a = [1, V, Φ₁, ..., Φ_m] of a body's nodes never change; each node moves
+by them times a matrix of n = 4 + 3 m rows, see `Increments`, which is all that turns. So the
+increments of these rows are
 
-    d = N [twelve numbers of each body],    N constant and sparse,
+    d = N [3 n numbers of each body],    N constant and sparse,
 
 and moments of forces at them come by Nᵀ. PETSc multiplies, by vectors whose numbers are NumPy's: a
 product of SciPy's takes three times as long where bodies are small.
@@ -31,7 +32,7 @@ class AttachedRows:
     Attributes:
         rows: These rows, sorted.
         displacement: Displacement at the freeze, in their order [m].
-        entries: N, with a row for each row of the layout, shape (rows, 12 · bodies) [1, m].
+        entries: N, with a row for each row of the layout, shape (rows, 3 n · bodies) [1, m].
     """
 
     def __init__(self, layout: DofLayout) -> None:
@@ -40,15 +41,17 @@ class AttachedRows:
         Args:
             layout: Division of the dofs.
         """
-        rows, count = layout.rows, 12 * len(layout.bodies)
+        rows, self._shape = layout.rows, layout.ensemble.frozen.shape
+        height, count = 3 * self._shape[1], layout.ensemble.frozen.size
         parts: list[tuple[Ints, Ints, Array]] = []  # rows, columns, values
         displacement = np.zeros(rows.dofs.size)
         for k, (body, at) in enumerate(zip(layout.bodies, layout.attached, strict=True)):
-            coordinates = np.c_[np.ones(at.size), body.offsets[at]]
-            node, axis, j = (i.reshape(-1) for i in np.indices((at.size, 3, 4)))
+            coordinates = body.coordinates(at)
+            shape = at.size, 3, coordinates.shape[1]
+            node, axis, j = (i.reshape(-1) for i in np.indices(shape))
             places = 3 * rows.positions(body.nodes[at])[node] + axis
             displacement[places] = body.displacement[at][node, axis]
-            parts.append((places, 12 * k + 3 * j + axis, coordinates[node, j]))
+            parts.append((places, height * k + 3 * j + axis, coordinates[node, j]))
         none = np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
         row, column, value = map(np.concatenate, zip(none, *parts, strict=True))
         self.entries = csr_array((value, (row, column)), shape=(rows.dofs.size, count))
@@ -71,18 +74,18 @@ class AttachedRows:
         """Their values, in their order; to be used before the next call.
 
         Args:
-            numbers: Twelve of each body.
+            numbers: Those of each body, shape (bodies, n, 3), or as many.
         """
         self._numbers[:] = numbers.reshape(-1)
         self._N.mult(self._of_bodies, self._of_rows)
         return self._at_rows
 
     def moments(self, f: Array) -> Array:
-        """Sums over them, twelve of each body, shape (bodies, 4, 3).
+        """Sums over them, shape (bodies, n, 3).
 
         Args:
             f: One number per row of the layout.
         """
         self._at_rows[:] = f[self.rows]
         self._N.multTranspose(self._of_rows, self._of_bodies)
-        return self._numbers.reshape(-1, 4, 3).copy()
+        return self._numbers.reshape(self._shape).copy()

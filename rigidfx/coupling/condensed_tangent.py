@@ -59,8 +59,8 @@ class CondensedMatrix:
         self._interface = Interface(prolongation, interface) if prolongation.touched else None
         if self._interface is not None:
             self._interface.insert_into(self.matrix)
-        bodies = len(prolongation.layout.bodies)
-        prolongation.add_blocks(self.matrix, np.zeros((bodies, 6, 6)))
+        bodies, columns = prolongation.no_bodies.shape
+        prolongation.add_blocks(self.matrix, np.zeros((bodies, columns, columns)))
         self.matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
 
     def assemble(self, other: tuple[fem.Form, fem.Form] | None = None) -> None:
@@ -127,7 +127,8 @@ class CondensedMatrix:
         """Condense the interface and complete the matrix. Collective.
 
         Args:
-            blocks: Addition of the bodies themselves, shape (bodies, 6, 6), equal on all ranks;
+            blocks: Addition of the bodies themselves, shape (bodies, 6 + m, 6 + m), equal on all
+                ranks;
                 nothing if None.
         """
         if self._interface is not None:

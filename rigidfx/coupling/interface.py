@@ -1,14 +1,14 @@
 """PETSc's MatPtAP with a master-slave prolongation condenses the cells at the interface of bodies.
 
-The nodes of a body are slaves of its motion. By its body-fixed coordinates [1, V], which never
-change, a node moves by [1, V] times a matrix of the body, shape (4, 3). So all nodes of the
-interface move by
+The nodes of a body are slaves of its motion. By its body-fixed coordinates a = [1, V, Φ₁ ... Φ_m],
+which never change, a node moves by a times a matrix of the body, shape (n, 3) with n = 4 + 3 m. So
+all nodes of the interface move by
 
-    d = A z,    z = [increments of nodes that no body moves, twelve numbers of each body],
+    d = A z,    z = [increments of nodes that no body moves, 3 n numbers of each body],
 
-where A is *constant* and filled once: a unit column for each dof of the former, twelve columns for
-each body. The twelve numbers depend on the six unknowns of a body, on the test side by L_b and on
-the trial side by P_b, both of shape (12, 6): see `Increments`. Hence, exactly,
+where A is *constant* and filled once: a unit column for each dof of the former, 3 n columns for
+each body. These numbers depend on the 6 + m unknowns of a body, on the test side by L_b and on the
+trial side by P_b, both of shape (3 n, 6 + m): see `Increments`. Hence, exactly,
 
     Lᵀ K P = diag(1, L_b)ᵀ (Aᵀ K A) diag(1, P_b),
 
@@ -70,7 +70,8 @@ class Interface:
         self._C = _product(self._K, self._A)
         of_nodes = nodes.unknowns[nodes.body < 0]
         of_bodies = prolongation.body_columns[self._bodies]
-        self._blocks = ProductBlocks(self._C, of_nodes, of_bodies, prolongation.nodal)
+        height = nodes.coordinates.shape[1]
+        self._blocks = ProductBlocks(self._C, of_nodes, of_bodies, height, prolongation.nodal)
 
     def assemble(self, other: fem.Form | None = None) -> None:
         """Assemble K anew, or that of another form over the same cells."""
@@ -119,13 +120,14 @@ def _expanded(row: Ints, column: Ints, block: Ints) -> tuple[Ints, Ints, Ints, I
 
 
 def _master_slave(nodes: MovedNodes, bodies: Ints) -> PETSc.Mat:
-    """A, in each direction [1, V] for nodes of bodies and 1 for others."""
+    """A, in each direction a for nodes of bodies and 1 for others."""
     others, slaves = np.flatnonzero(nodes.body < 0), np.flatnonzero(nodes.body >= 0)
-    masters = others.size + 4 * np.searchsorted(bodies, nodes.body[slaves])
-    rows = np.r_[others, np.repeat(slaves, 4)]
-    columns = np.r_[np.arange(others.size), np.add.outer(masters, np.arange(4)).reshape(-1)]
+    n = nodes.coordinates.shape[1]
+    masters = others.size + n * np.searchsorted(bodies, nodes.body[slaves])
+    rows = np.r_[others, np.repeat(slaves, n)]
+    columns = np.r_[np.arange(others.size), np.add.outer(masters, np.arange(n)).reshape(-1)]
     values = np.r_[np.ones(others.size), nodes.coordinates[slaves].reshape(-1)]
-    shape = nodes.body.size, others.size + 4 * bodies.size
+    shape = nodes.body.size, others.size + n * bodies.size
     A = kron(csr_array((values, (rows, columns)), shape=shape), eye_array(3), format="csr")
     A.sort_indices()
     csr = A.indptr.astype(Int), A.indices.astype(Int), A.data

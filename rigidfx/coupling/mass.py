@@ -93,8 +93,7 @@ def _add_diagonal(
     reduced: PETSc.Vec,
 ) -> None:
     """Add a multiple of the free dofs' diagonal to an assembled reduced matrix. Collective."""
-    bodies = np.zeros((len(prolongation.layout.bodies), 6))
-    prolongation.collapse(diagonal.array_r, bodies, reduced)
+    prolongation.collapse(diagonal.array_r, prolongation.no_bodies, reduced)
     reduced.scale(factor)
     A.setDiagonal(reduced, PETSc.InsertMode.ADD_VALUES)
 

@@ -24,7 +24,8 @@ class MovedNodes:
     Attributes:
         unknowns: Number of each of a node's dofs as an unknown, -1 if it is none, shape (n, 3).
         body: Body that moves the node, -1 if none.
-        coordinates: [1, V] in the frame of that body, shape (n, 4) [1, m].
+        coordinates: a = [1, V, Φ₁, ..., Φ_m] in the frame of that body, shape (n, 4 + 3 m), with
+            the largest m of all; zero beyond its own [1, m].
     """
 
     unknowns: Ints
@@ -44,20 +45,23 @@ def moved_nodes(prolongation: Prolongation, known: Any) -> MovedNodes:
         known: Index map of nodes whose owned ones are those of the prolongation's space.
     """
     layout, dealt = prolongation.layout, prolongation.dealt
-    of_rows = np.full((layout.rows.nodes.size, 4), -1.0)  # body, V
+    n = int(layout.ensemble.frozen.shape[1])
+    of_rows: Array = np.zeros((layout.rows.nodes.size, 1 + n))  # body, a
+    of_rows[:, 0] = -1.0
     for k, (body, at) in enumerate(zip(layout.bodies, layout.attached, strict=True)):
         places = layout.rows.positions(body.nodes[at])
-        of_rows[places, 0], of_rows[places, 1:] = k, body.offsets[at]
-    found = la.vector(known, 7)
-    values = found.array.reshape(-1, 7)  # three unknowns, body, V
+        a = body.coordinates(at)
+        of_rows[places, 0], of_rows[places, 1 : 1 + a.shape[1]] = k, a
+    found = la.vector(known, 4 + n)
+    values = found.array.reshape(-1, 4 + n)  # three unknowns, body, a
     values[:, :4] = -1.0
     if dealt is None:
         values[layout.rows.nodes, 3:] = of_rows
     else:
         own_nodes = prolongation.space.dofmap.index_map.size_local
         values[:own_nodes, 3:] = dealt.give_nodes(of_rows, -1.0)[:own_nodes]
-    own = prolongation.dofs
-    values[own // 3, own % 3] = prolongation.first_column + np.arange(own.size)
+    dofs = prolongation.dofs
+    values[dofs // 3, dofs % 3] = prolongation.first_column + np.arange(dofs.size)
     found.scatter_forward()
-    numbers, V = values[:, :4].astype(np.int64), values[:, 4:]
-    return MovedNodes(numbers[:, :3], numbers[:, 3], np.c_[np.ones(len(V)), V])
+    numbers: Ints = values[:, :4].astype(np.int64)
+    return MovedNodes(numbers[:, :3], numbers[:, 3], values[:, 4:].copy())

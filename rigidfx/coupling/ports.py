@@ -43,7 +43,7 @@ class Ports:
         columns: list[list[csr_array]] = []
         alive: list[bool] = []
         f, r = p.layout.rows.vector(), p.unknowns()
-        none = np.zeros((len(p.layout.bodies), 6))
+        none = p.no_bodies
         for k in range(linkage.averages):
             if not linkage.used[k]:
                 columns.append([])
@@ -68,8 +68,7 @@ class Ports:
         blocks = [csr_array((p.owned, 0)), *(c for k in self.averages for c in columns[k])]
         for body, place in zip(self.bodies, mine, strict=True):
             here = place < p.owned_bodies.size and p.owned_bodies[place] == body
-            first = p.own_free + 6 * int(place)
-            at = (first + np.arange(6), np.arange(6)) if here else (np.empty(0, int),) * 2
+            at = (p.six[place], np.arange(6)) if here else (np.empty(0, int),) * 2
             blocks.append(csr_array((np.ones(at[0].size), at), shape=(p.owned, 6)))
         self.entries = csr_array(hstack(blocks, format="csr"))
         self._at = 3 * len(self.averages) + 6 * np.arange(len(self.bodies))
@@ -102,7 +101,7 @@ class Ports:
         """
         p = self._p
         p.pose(bodies)
-        mass, none = p.unknowns(), np.zeros((len(bodies), 6))
+        mass, none = p.unknowns(), p.no_bodies
         p.collapse(np.repeat(np.abs(p.layout.masses), 3), none, mass)
         own = mass.array_r.copy()
         mass.destroy()

@@ -1,9 +1,9 @@
 """From the product Aᵀ K A of an interface to the reduced matrix.
 
-The product has rows and columns of nodes, three each, and of bodies, twelve each. Those of nodes
-are unknowns; those of bodies become their six unknowns by two matrices of shape (12, 6) for each
-body, L on the left, P on the right. So there are blocks of three kinds, a node's rows in a body's
-columns, a body's in a node's and a body's in a body's. Each kind is gathered by index and
+The product has rows and columns of nodes, three each, and of bodies, 3 n = 12 + 9 m each. Those of
+nodes are unknowns; those of bodies become their 6 + m unknowns by two matrices for each body, shape
+(3 n, 6 + m), L on the left, P on the right. So there are blocks of three kinds, a node's rows in a
+body's columns, a body's in a node's and a body's in a body's. Each kind is gathered by index and
 multiplied at once, however many bodies there are.
 """
 
@@ -32,7 +32,7 @@ class Kind:
         right: Whether columns are.
         row: Node or body of each block's rows.
         column: Node or body of its columns.
-        places: Where the values of each are in the product's, shape (blocks, 3 or 12, 3 or 12).
+        places: Where the values of each are in the product's, shape (blocks, 3 or 3 n, 3 or 3 n).
     """
 
     left: bool
@@ -42,12 +42,12 @@ class Kind:
     places: Ints
 
     def condensed(self, values: Array, LT: Array, P: Array) -> Array:
-        """The blocks with 3 or 6 rows and columns, cut into 3×3 blocks, one after the other.
+        """The blocks in unknowns, cut into 3×3 blocks, one after the other.
 
         Args:
             values: Those of the product.
-            LT: Shape (bodies, 6, 12).
-            P: Shape (bodies, 12, 6).
+            LT: Shape (bodies, 3 k, 3 n), 3 k being 6 + m and what is missing to threes.
+            P: Shape (bodies, 3 n, 3 k).
         """
         K = values[self.places]
         if self.right:
@@ -90,21 +90,26 @@ class BlockPlaces:
 class ProductBlocks:
     """Where the values of a product go."""
 
-    def __init__(self, C: PETSc.Mat, of_nodes: Ints, of_bodies: Ints, nodal: bool) -> None:
+    def __init__(
+        self, C: PETSc.Mat, of_nodes: Ints, of_bodies: Ints, height: int, nodal: bool
+    ) -> None:
         """Sort the blocks of the product.
 
         Args:
             C: The product: its rows and columns are of the nodes, then of the bodies.
             of_nodes: Unknown of each of a node's dofs, -1 if it is none, shape (nodes, 3).
-            of_bodies: The unknowns of each body, shape (bodies, 6).
+            of_bodies: The unknowns of each body, -1 where it has fewer, shape (bodies, 6 + m).
+            height: n.
             nodal: As `BlockPlaces` takes it.
         """
         indptr, columns, values = C.getValuesCSR()
         places = csr_array((np.arange(values.size), columns, indptr), shape=C.size)
         pattern = places.tobsr((3, 3))
         sides = (False, True), (True, False), (True, True)
-        self._kinds = [_kind(pattern, len(of_nodes), left, right) for left, right in sides]
-        unknowns = of_nodes[:, None], of_bodies.reshape(-1, 2, 3)
+        self._kinds = [_kind(pattern, len(of_nodes), height, *side) for side in sides]
+        self._missing = -of_bodies.shape[1] % 3
+        whole = np.pad(of_bodies, ((0, 0), (0, self._missing)), constant_values=-1)
+        unknowns = of_nodes[:, None], whole.reshape(len(whole), whole.shape[1] // 3, 3)
         numbers = zip(*(_unknowns(kind, unknowns) for kind in self._kinds), strict=True)
         row, column = (np.concatenate([n.reshape(-1, 3) for n in side]) for side in numbers)
         self._places = BlockPlaces(row, column, nodal)
@@ -115,20 +120,22 @@ class ProductBlocks:
         Args:
             matrix: The reduced matrix.
             C: The product.
-            L: Shape (bodies, 12, 6).
-            P: Shape (bodies, 12, 6).
+            L: Shape (bodies, 3 n, 6 + m).
+            P: Likewise.
         """
+        if self._missing:
+            L, P = (np.pad(side, ((0, 0), (0, 0), (0, self._missing))) for side in (L, P))
         values, LT = C.getValuesCSR()[2], L.swapaxes(1, 2)
         blocks = [kind.condensed(values, LT, P) for kind in self._kinds]
         self._places.add(matrix, np.concatenate(blocks))
 
 
-def _kind(pattern: bsr_array, nodes: int, left: bool, right: bool) -> Kind:
+def _kind(pattern: bsr_array, nodes: int, n: int, left: bool, right: bool) -> Kind:
     """Join 3×3 blocks to those of one kind; the first rows and columns are of so many nodes."""
     row = np.repeat(np.arange(pattern.indptr.size - 1), np.diff(pattern.indptr))
     column = pattern.indices.astype(np.int64)
     mine = np.flatnonzero(((row >= nodes) == left) & ((column >= nodes) == right))
-    height, width = 4 if left else 1, 4 if right else 1
+    height, width = n if left else 1, n if right else 1
     row, i = np.divmod(row[mine] - nodes * left, height)
     column, j = np.divmod(column[mine] - nodes * right, width)
     order = np.lexsort((j, i, column, row))
@@ -143,7 +150,7 @@ def _unknowns(kind: Kind, unknowns: tuple[Ints, Ints]) -> tuple[Ints, ...]:
 
     Args:
         kind: The blocks.
-        unknowns: Those of nodes, shape (nodes, 1, 3), and of bodies, shape (bodies, 2, 3).
+        unknowns: Those of nodes, shape (nodes, 1, 3), and of bodies, shape (bodies, k, 3).
     """
     row, column = unknowns[kind.left][kind.row], unknowns[kind.right][kind.column]
     return tuple(np.broadcast_arrays(row[:, :, None], column[:, None]))

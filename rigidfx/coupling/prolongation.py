@@ -1,15 +1,16 @@
 """Between the increments of the active nodes and the unknowns of a step.
 
-The unknowns y are the increments of the free dofs and, for each rigid body, Δr and ℓθ. The step's
-displacement lies exactly in the range of L,
+The unknowns y are the increments of the free dofs and, for each body, Δr, ℓθ and those of its m
+shapes, Δq. The step's displacement lies exactly in the range of L,
 
-    d = L y + d_s,    rows [I, -v̂_av/ℓ] at attached nodes, unit rows at free dofs,
+    d = L y + d_s,    rows [I, -v̂_av/ℓ, S Φ] at attached nodes, unit rows at free dofs,
 
 so the residual is restricted by Lᵀ, equations (5) and (13); the derivative of d is P, with rows
-[I, -v̂₁ T/ℓ]. A dof that a support prescribes has no column, its increment is in d_s; a node inside
-a body has no row at all. So no rows of ones, no penalties and no empty rows ever reach the solver.
+[I, -v̂₁ T/ℓ, R₁ Φ]. A dof that a support prescribes has no column, its increment is in d_s; a node
+inside a body has no row at all. So no rows of ones, no penalties and no empty rows ever reach the
+solver.
 
-Rows of a body's nodes follow twelve numbers of that body, see `attached_rows`. A tangent passes L
+Rows of a body's nodes follow 12 + 9 m numbers of that body, see `attached_rows`. A tangent passes L
 and P by a MatPtAP, see `interface`; a matrix that is condensed once per layout, such as a mass
 matrix, by a MatPtAP with P itself.
 """
@@ -29,8 +30,9 @@ from rigidfx.coupling.couplings import Lengths
 from rigidfx.coupling.dealt_rows import DealtRows
 from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.coupling.rows import mapped_matrix
-from rigidfx.mechanics.bodies import TRANSLATIONS, Bodies
-from rigidfx.mechanics.body_step import Increments, Step, prepare
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.body_step import Step, prepare
+from rigidfx.mechanics.shaped_step import increments_of
 
 __all__ = ["Prolongation"]
 
@@ -52,6 +54,7 @@ class Prolongation:
         size: Number of unknowns over all ranks.
         owned: Number of this rank's.
         nodal: Whether free dofs come in whole nodes, three at a time.
+        no_bodies: Zero for each unknown of each body, shape (bodies, 6 + m).
         increments: Trial step of the bodies, set by `rotate` and `expand`; equal on all ranks.
         touched: Whether flexible cells touch any body.
         attached: Rows of the bodies' nodes, sorted.
@@ -62,7 +65,9 @@ class Prolongation:
         own_free: Number of this rank's unknowns that are free dofs.
         numbers: Number of each row as an unknown, -1 if it is none.
         owned_bodies: Bodies whose unknowns are this rank's, sorted.
-        body_columns: Numbers of the unknowns of each body, shape (bodies, 6), equal on all ranks.
+        six: Places of Δr and ℓθ of each of these among this rank's unknowns, shape (bodies, 6).
+        body_columns: Numbers of the unknowns of each body, shape (bodies, 6 + m) with the largest
+            m, -1 where a body has fewer; equal on all ranks.
     """
 
     def __init__(
@@ -88,7 +93,14 @@ class Prolongation:
         self.own_free = int(np.count_nonzero(self.free_of_nodes))
         self.prescribed = np.flatnonzero(layout.prescribed[rows.dofs])
         self.owned_bodies = np.flatnonzero(_owners(layout, comm) == comm.rank)
-        self.owned = self.own_free + 6 * self.owned_bodies.size
+        of_bodies = layout.ensemble.unknowns
+        self._known = np.arange(layout.ensemble.columns) < of_bodies[:, None]
+        self._own_known = self._known[self.owned_bodies]
+        self.no_bodies: Array = np.zeros(self._known.shape)
+        self._alike = bool(self._known.all())
+        own = of_bodies[self.owned_bodies]
+        self.owned = self.own_free + int(own.sum())
+        self.six = self.own_free + (np.cumsum(own) - own)[:, None] + np.arange(6)
         every = self.owned_bodies.size == len(layout.bodies)
         self._own_bodies = slice(None) if every else self.owned_bodies
         self.size = int(comm.allreduce(self.owned))
@@ -97,26 +109,41 @@ class Prolongation:
         every = self.free.size == rows.dofs.size
         self._rows_of_free = slice(None) if every else self.free
         self._places = np.flatnonzero(self.free_of_nodes)
-        self.nodal = comm.allreduce(broken) == 0
+        self.nodal = comm.allreduce(broken) == 0 and not (of_bodies % 3).any()
         self.first_column: int = comm.exscan(self.owned) or 0
         self.numbers = np.full(rows.dofs.size, -1, dtype=np.int64)
         own_numbers = self.first_column + np.arange(self.own_free, dtype=np.float64)
         self.numbers[self.free] = self._at_rows(own_numbers)
         self.body_columns = self._number_bodies()
-        own = self.body_columns[self.owned_bodies].astype(Int)
-        self._own_rows = own.reshape(-1)
-        self._own_csr = np.arange(0, 6 * own.size + 1, 6, dtype=Int), np.repeat(own, 6, axis=0)
+        each = [columns[columns >= 0] for columns in self.body_columns[self.owned_bodies]]
+        lengths = [np.repeat(columns.size, columns.size) for columns in each]
+        self._own_rows = np.concatenate([np.empty(0), *each]).astype(Int)
+        self._own_csr = (
+            np.r_[0, np.cumsum(np.concatenate([np.empty(0), *lengths]))].astype(Int),
+            np.concatenate([np.empty(0), *(np.tile(c, c.size) for c in each)]).astype(Int),
+        )
+        both = self._own_known
+        self._own_entries = both[:, :, None] & both[:, None, :]
         self.touched = comm.allreduce(sum(map(len, layout.attached))) > 0
         self._held = AttachedRows(layout)
         self.attached = self._held.rows
 
     def _number_bodies(self) -> Ints:
         """Numbers of the bodies' unknowns, which come last among their owner's. Collective."""
-        columns = np.zeros((len(self.layout.bodies), 6), dtype=np.int64)
+        columns = np.zeros(self._known.shape, dtype=np.int64)
         first = self.first_column + self.own_free
-        columns[self.owned_bodies] = first + np.arange(6 * self.owned_bodies.size).reshape(-1, 6)
+        columns[self.owned_bodies] = self._by_body(first + np.arange(self.owned - self.own_free))
         self.comm.Allreduce(MPI.IN_PLACE, columns)
+        columns[~self._known] = -1
         return columns
+
+    def _by_body(self, own: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Numbers of the unknowns of this rank's bodies, a row for each, zero where it has none."""
+        if self._alike:
+            return own.reshape(-1, self._known.shape[1])
+        values = np.zeros(self._own_known.shape, dtype=own.dtype)
+        values[self._own_known] = own
+        return values
 
     # Vectors ------------------------------------------------------------------------------------
 
@@ -168,19 +195,19 @@ class Prolongation:
             self.rotate(self._gathered(y), step)
         self._multiply(y, imposed, self.increments.displacement, d)
 
-    def apply(self, y: PETSc.Vec, six: Array, imposed: Array, d: PETSc.Vec) -> None:
+    def apply(self, y: PETSc.Vec, of_bodies: Array, imposed: Array, d: PETSc.Vec) -> None:
         """Evaluate d = L y + d_s with L as it is.
 
         Args:
             y: Unknowns.
-            six: Those of the bodies, shape (bodies, 6), as `bodies_part` gives them.
+            of_bodies: Those of the bodies, as `bodies_part` gives them.
             imposed: Increments of the prescribed dofs [m], in their order.
             d: Increments of the active nodes, overwritten.
         """
-        self._multiply(y.array_r, imposed, self.increments.L @ six[:, :, None], d)
+        self._multiply(y.array_r, imposed, self.increments.L @ of_bodies[:, :, None], d)
 
     def _multiply(self, y: Array, imposed: Array, moved: Array, d: PETSc.Vec) -> None:
-        """Evaluate d by the unknowns and by the twelve numbers of each body that moves rows."""
+        """Evaluate d by the unknowns and by the numbers of each body that moves rows."""
         out = d.array
         out[self._rows_of_free] = self._at_rows(y[: self.own_free])
         if self.prescribed.size:
@@ -194,22 +221,22 @@ class Prolongation:
 
     def pose(self, bodies: Bodies) -> None:
         """Set L and P to those of θ = 0, where they agree and map velocities, equation (25)."""
-        self.rotate(np.zeros((len(bodies), 6)), Step(bodies, 1.0))
+        self.rotate(np.zeros((len(bodies), bodies.of.columns)), Step(bodies, 1.0))
 
-    def rotate(self, six: Array, step: Step) -> None:
-        """Set the bodies' increments, and so L, to their unknowns, shape (bodies, 6)."""
-        self.increments = Increments(step, six)
+    def rotate(self, unknowns: Array, step: Step) -> None:
+        """Set the bodies' increments, and so L, to their unknowns, shape (bodies, 6 + m)."""
+        self.increments = increments_of(step, unknowns)
 
     def bodies_part(self, y: PETSc.Vec) -> Array:
-        """The six unknowns of each body, shape (bodies, 6), on all ranks. Collective."""
+        """The unknowns of each body, shape (bodies, 6 + m), on all ranks. Collective."""
         return self._gathered(y.array_r.copy())
 
     def _gathered(self, y: Array) -> Array:
         """The same of unknowns that nobody changes. Collective."""
-        own = y[self.own_free :].reshape(-1, 6)
+        own = self._by_body(y[self.own_free :])
         if self.comm.size == 1:
             return own
-        values = np.zeros((len(self.layout.bodies), 6))
+        values = np.zeros(self._known.shape)
         values[self.owned_bodies] = own
         return self._sum(values)
 
@@ -220,33 +247,34 @@ class Prolongation:
         return values
 
     def collapse(self, d: Array, bodies: Array, y: PETSc.Vec) -> None:
-        """Collect unknowns (or residuals) from the free dofs and six numbers per body. Collective.
+        """Collect unknowns (or residuals) from the free dofs and numbers of bodies. Collective.
 
         Args:
             d: One number per row; those that are not free count for nothing.
-            bodies: Shape (bodies, 6), equal on all ranks.
+            bodies: Shape (bodies, 6 + m), equal on all ranks.
             y: Unknowns, overwritten.
         """
         values = y.array
         values[: self.own_free] = self.at_unknowns(d)
         if self.owned > self.own_free:
-            values[self.own_free :] = bodies[self._own_bodies].reshape(-1)
+            own = bodies[self._own_bodies]
+            values[self.own_free :] = own.reshape(-1) if self._alike else own[self._own_known]
 
     def moments(self, f: PETSc.Vec) -> Array:
-        """Sum f and V fᵀ over each body's attached nodes, shape (bodies, 4, 3). Collective.
+        """Sum a fᵀ over each body's attached nodes, shape (bodies, 4 + 3 m, 3). Collective.
 
         Their `Increments.resultant` is the part of Lᵀ f in the bodies' rows.
         """
         if not self.touched:
-            return np.zeros((len(self.layout.bodies), 4, 3))
+            return np.zeros_like(self.layout.ensemble.frozen)
         return self._sum(self._held.moments(f.array_r))
 
     def restrict(self, f: PETSc.Vec, bodies: Array, r: PETSc.Vec) -> None:
-        """Evaluate r = Lᵀ f plus the bodies' own six numbers each. Collective.
+        """Evaluate r = Lᵀ f plus the bodies' own numbers. Collective.
 
         Args:
             f: One number per row.
-            bodies: Shape (bodies, 6), equal on all ranks.
+            bodies: Shape (bodies, 6 + m), equal on all ranks.
             r: Overwritten.
         """
         self.collapse(f.array_r, bodies + self.increments.resultant(self.moments(f)), r)
@@ -279,16 +307,16 @@ class Prolongation:
 
     def trial(self) -> PETSc.Mat:
         """P where L is, as a new matrix, which the caller destroys. Collective."""
-        pattern = TRANSLATIONS.copy()
-        pattern[3:, 3:] = 1.0
-        row, column = np.nonzero(pattern)
-        bodies = 12 * np.arange(len(self.layout.bodies))
+        bodies, height = len(self.layout.bodies), 3 * self.layout.ensemble.frozen.shape[1]
+        pattern = np.ones((bodies, height, self._known.shape[1]), dtype=bool)
+        pattern[:, :3, 3:] = pattern[:, 3:, :3] = False
+        body, row, column = np.nonzero(pattern & self._known[:, None])
         turning = csr_array(
             (
-                self.increments.P[:, row, column].reshape(-1),
-                ((bodies[:, None] + row).reshape(-1), self.body_columns[:, column].reshape(-1)),
+                self.increments.P[body, row, column],
+                (height * body + row, self.body_columns[body, column]),
             ),
-            shape=(12 * bodies.size, self.size),
+            shape=(height * bodies, self.size),
         )
         ones = np.ones(self.free.size), (self.free, self.numbers[self.free])
         P = csr_array(ones, shape=(self.numbers.size, self.size)) + self._held.entries @ turning
@@ -311,13 +339,13 @@ class Prolongation:
         return out
 
     def add_blocks(self, C: PETSc.Mat, blocks: Array) -> None:
-        """Add a 6×6 block per body to a reduced matrix and complete it. Collective.
+        """Add a block per body to a reduced matrix and complete it. Collective.
 
         Args:
             C: Reduced tangent.
-            blocks: Shape (bodies, 6, 6), equal on all ranks.
+            blocks: Shape (bodies, 6 + m, 6 + m), equal on all ranks.
         """
-        values = blocks[self.owned_bodies].reshape(-1)
+        values = blocks[self.owned_bodies][self._own_entries]
         C.setValuesIJV(*self._own_csr, values, PETSc.InsertMode.ADD_VALUES, self._own_rows)
         C.assemble()
 

@@ -35,7 +35,8 @@ def condensed_row_lengths(
         interface: The form over flexible cells that touch a body; of no meaning without bodies.
     """
     lengths = np.zeros((prolongation.owned, 2))
-    lengths[prolongation.own_free :, 0] = 6.0  # the bodies' own blocks
+    widths = prolongation.layout.ensemble.unknowns[prolongation.owned_bodies]
+    lengths[prolongation.own_free :, 0] = np.repeat(widths, widths)  # the bodies' own blocks
     for form in (interior, interface) if prolongation.touched else (interior,):
         _add_coupled(lengths, prolongation, form)
     most = np.array([prolongation.owned, prolongation.size - prolongation.owned])
@@ -57,16 +58,15 @@ def _add_coupled(lengths: Array, prolongation: Prolongation, form: fem.Form) -> 
         slaves = np.flatnonzero(nodes.body >= 0)
         entries = np.ones(slaves.size), (slaves, nodes.body[slaves])
         slave_of = csr_array(entries, shape=(nodes.body.size, rank_of_body.size))
-        bodies_at_nodes = _ones(pattern @ slave_of)
-        coupled += bodies_at_nodes @ parted(6, rank_of_body == rank)
+        bodies_at_nodes, widths = _ones(pattern @ slave_of), prolongation.layout.ensemble.unknowns
+        coupled += bodies_at_nodes @ parted(widths, rank_of_body == rank)
         nodes_at_bodies = _ones(slave_of[: pattern.shape[0]].T.tocsr() @ pattern)
         bodies_at_bodies = _ones(nodes_at_bodies @ slave_of)
-        six = np.full(rank_of_body.size, 6)
         of_bodies = _summed(nodes_at_bodies, unknowns, rank_of_node, rank_of_body)
-        of_bodies += _summed(bodies_at_bodies, six, rank_of_body, rank_of_body)
+        of_bodies += _summed(bodies_at_bodies, widths, rank_of_body, rank_of_body)
         prolongation.comm.Allreduce(MPI.IN_PLACE, of_bodies)
-        own = of_bodies[prolongation.owned_bodies]
-        lengths[prolongation.own_free :] += np.repeat(own, 6, axis=0)
+        own = prolongation.owned_bodies
+        lengths[prolongation.own_free :] += np.repeat(of_bodies[own], widths[own], axis=0)
     node, axis = np.nonzero(nodes.unknowns[: pattern.shape[0]] >= 0)
     lengths[nodes.unknowns[node, axis] - prolongation.first_column] += coupled[node]
 

@@ -1,7 +1,8 @@
-"""The rigid bodies of a run as arrays: their data and their motions.
+"""The bodies of a run as arrays: their data and their motions.
 
 All arrays begin with an axis over the bodies, so that a step with many of them takes as many calls
-of NumPy as one with a single body.
+of NumPy as one with a single body. Below, m is the largest number of shapes of a body (`shapes`),
+which is zero where all are rigid, and n = 4 + 3 m.
 """
 
 from __future__ import annotations
@@ -14,10 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.mesh_order import MeshOrder
-from rigidfx.base.remembered import Each, Kind, Record
+from rigidfx.base.remembered import Each, Kind, Maybe, Record
 from rigidfx.base.taken import read_only, seal
-from rigidfx.mechanics.rigid_body import Body, BodyMotion, Frozen, RigidBody, at_rest
+from rigidfx.mechanics.rigid_body import Body, BodyMotion, Frozen, RigidBody
 from rigidfx.mechanics.rotation import UNIT_SKEWS, skew
+from rigidfx.mechanics.shapes import Shapes, ShapesOfBodies, times
 
 __all__ = ["BODIES", "TRANSLATIONS", "Bodies", "Ensemble", "times"]
 
@@ -39,9 +41,12 @@ class Ensemble:
         excessive: Whether there is any.
         length: ℓ, shape (bodies,) [m].
         square_length: ℓ², shape (bodies, 1, 1) [m²].
-        frames: The part of `Increments.L` that does not turn, shape (bodies, 12, 6).
+        frames: The part of `Increments.L` that does not turn, shape (bodies, 3 n, 6 + m).
         stored: Energy that they keep for their release [J].
-        frozen: Rows r and Rᵀ = I at the freeze, shape (bodies, 4, 3) [m, 1].
+        frozen: The pose at the freeze, shape (bodies, n, 3) [m, 1].
+        shapes: Those of the bodies; None if all are rigid.
+        columns: 6 + m, the largest number of unknowns of a body.
+        unknowns: Number of unknowns of each body, shape (bodies,).
         skews: v times them is -v̂/ℓ, row by row; shape (bodies, 3, 9) [1/m].
     """
 
@@ -54,11 +59,21 @@ class Ensemble:
         self.excessive = bool(self.excess.any())
         self._holding: tuple[npt.NDArray[np.int32], Array, Array] | None = None
         self.stored = float(sum(body.frozen.energy for body in records))
-        self.frozen = np.reshape([[body.origin, *np.eye(3)] for body in records], (-1, 4, 3))
+        deform = any(body.shapes is not None for body in records)
+        self.shapes = ShapesOfBodies([body.shapes for body in records]) if deform else None
+        m = 0 if self.shapes is None else self.shapes.most
+        self.columns = 6 + m
+        self.unknowns = np.full(len(self.records), 6)
+        if self.shapes is not None:
+            self.unknowns += self.shapes.counts
+        self.frozen = np.zeros((len(self.records), 4 + 3 * m, 3))
+        frames = [[body.origin, *np.eye(3)] for body in records]
+        self.frozen[:, :4] = np.reshape(frames, (-1, 4, 3))
         self.length = np.array([body.length for body in records], dtype=np.float64)
         self.square_length = (self.length**2)[:, None, None]
         self.skews = UNIT_SKEWS / -self.length[:, None, None]
-        self.frames = np.tile(TRANSLATIONS, (self.mass.size, 1, 1))
+        self.frames = np.zeros((self.mass.size, 12 + 9 * m, self.columns))
+        self.frames[:, :12, :6] = TRANSLATIONS
         seal(self)
 
     def __len__(self) -> int:
@@ -76,12 +91,11 @@ class Ensemble:
             displacement at the freeze, shapes (nodes,), (nodes, 4) [1, m] and (nodes, 3) [m].
         """
         if self._holding is None:
-            body, coordinates = np.full(count, -1, dtype=np.int32), np.zeros((count, 4))
-            displacement = np.zeros((count, 3))
+            body, n = np.full(count, -1, dtype=np.int32), self.frozen.shape[1]
+            coordinates, displacement = np.zeros((count, n)), np.zeros((count, 3))
             for k, record in enumerate(self.records):
                 body[record.nodes] = k
-                coordinates[record.nodes, 0] = 1.0
-                coordinates[record.nodes, 1:] = record.offsets
+                coordinates[record.nodes, : 4 + 3 * record.deforms_by] = record.coordinates()
                 displacement[record.nodes] = record.displacement
             self._holding = body, coordinates, displacement
         return self._holding
@@ -89,50 +103,86 @@ class Ensemble:
     @property
     def at_rest(self) -> Bodies:
         """The bodies where they were frozen, without velocity."""
-        return Bodies.of_each(Body(body, at_rest(body)) for body in self.records)
+        none = np.zeros((len(self), 3)), np.zeros((len(self), 3))
+        return Bodies(self, self.frozen[:, :4], *none)
 
 
 class Bodies:
-    """The rigid bodies at an instant, a value: nothing changes them, and arrays are read-only.
+    """The bodies at an instant, a value: nothing changes them, and arrays are read-only.
 
     Attributes:
         of: Their constant data.
-        pose: Rows r and Rᵀ, shape (bodies, 4, 3) [m, 1]: a node is at [1, V] times them.
+        pose: Rows r, Rᵀ and q_k Rᵀ of each shape, shape (bodies, n, 3) [m, 1]: a node is at
+            a = [1, ξ, Φ₁, ..., Φ_m] times them.
         R: Rotations since the freeze, shape (bodies, 3, 3).
         velocity: ṙ, shape (bodies, 3) [m/s].
         angular_velocity_body: W, angular velocities in the bodies' frames, shape (bodies, 3)
             [rad/s].
+        q: Coordinates of the shapes, shape (bodies, m) [m].
+        q_rate: Their rates, likewise [m/s].
     """
 
     def __init__(
-        self, of: Ensemble, pose: Array, velocity: Array, angular_velocity_body: Array
+        self,
+        of: Ensemble,
+        frame: Array,
+        velocity: Array,
+        angular_velocity_body: Array,
+        q: Array | None = None,
+        q_rate: Array | None = None,
     ) -> None:
-        """Take arrays over, from then on not to be changed."""
-        self.of, self.pose = of, read_only(np.ascontiguousarray(pose))
-        self.R = self.pose[:, 1:].swapaxes(1, 2)
+        """Take arrays over, from then on not to be changed.
+
+        Args:
+            of: Constant data.
+            frame: Rows r and Rᵀ, shape (bodies, 4, 3) [m, 1].
+            velocity: ṙ.
+            angular_velocity_body: W.
+            q: Coordinates of the shapes; zero if None.
+            q_rate: Their rates, likewise.
+        """
+        self.of, self.frame = of, read_only(np.ascontiguousarray(frame))
+        self.R = self.frame[:, 1:].swapaxes(1, 2)
         self.velocity = read_only(np.ascontiguousarray(velocity))
         self.angular_velocity_body = read_only(angular_velocity_body)
+        none = np.zeros((len(of), of.columns - 6))
+        self.q, self.q_rate = (read_only(none if v is None else v) for v in (q, q_rate))
 
     @classmethod
     def of_each(cls, bodies: Iterable[Body]) -> Bodies:
         """These bodies, in this order."""
         each = tuple(bodies)
         motions = [body.motion for body in each]
+        of = Ensemble([body.data for body in each])
+        q, rate = np.zeros((2, len(each), of.columns - 6))
+        for k, motion in enumerate(motions):
+            q[k, : motion.q.size], rate[k, : motion.q.size] = motion.q, motion.q_rate
         return cls(
-            Ensemble([body.data for body in each]),
+            of,
             np.reshape([[m.r, *m.R.T] for m in motions], (-1, 4, 3)),
             np.reshape([m.velocity for m in motions], (-1, 3)),
             np.reshape([m.angular_velocity_body for m in motions], (-1, 3)),
+            q,
+            rate,
         )
 
-    def moving(self, velocity: Array, angular_velocity_body: Array) -> Bodies:
-        """These bodies in the same pose with other velocities, shapes (bodies, 3)."""
-        return Bodies(self.of, self.pose, velocity, angular_velocity_body)
+    def moving(
+        self, velocity: Array, angular_velocity_body: Array, q_rate: Array | None = None
+    ) -> Bodies:
+        """These bodies in the same pose with other velocities, shapes (bodies, 3), (bodies, m).
 
-    def with_six(self, six: Array) -> Bodies:
-        """These bodies in the same pose with other velocities, ṙ and ℓω, shape (bodies, 6)."""
-        W = times(self.R.swapaxes(1, 2), six[:, 3:] / self.of.length[:, None])
-        return self.moving(six[:, :3], W)
+        Args:
+            velocity: ṙ [m/s].
+            angular_velocity_body: W [rad/s].
+            q_rate: Rates of shapes; those that they have if None [m/s].
+        """
+        rate = self.q_rate if q_rate is None else q_rate
+        return Bodies(self.of, self.frame, velocity, angular_velocity_body, self.q, rate)
+
+    def with_rates(self, rates: Array) -> Bodies:
+        """These bodies in the same pose with other `rates`, shape (bodies, 6 + m)."""
+        W = times(self.R.swapaxes(1, 2), rates[:, 3:6] / self.of.length[:, None])
+        return self.moving(rates[:, :3], W, rates[:, 6:])
 
     def __len__(self) -> int:
         """Number of bodies."""
@@ -144,13 +194,23 @@ class Bodies:
 
     def __getitem__(self, k: int) -> Body:
         """One of the bodies."""
-        motion = BodyMotion(self.r[k], self.R[k], self.velocity[k], self.angular_velocity_body[k])
-        return Body(self.of.records[k], motion)
+        data, frame = self.of.records[k], (self.r[k], self.R[k])
+        deforming = (values[k, : data.deforms_by] for values in (self.q, self.q_rate))
+        motion = BodyMotion(*frame, self.velocity[k], self.angular_velocity_body[k], *deforming)
+        return Body(data, motion)
+
+    @cached_property
+    def pose(self) -> Array:
+        """See the class."""
+        if self.of.shapes is None:
+            return self.frame
+        shaped = self.q[:, :, None, None] * self.frame[:, None, 1:]
+        return read_only(np.concatenate([self.frame, shaped.reshape(len(self), -1, 3)], axis=1))
 
     @property
     def r(self) -> Array:
         """Positions of the centres of mass, shape (bodies, 3) [m]."""
-        return self.pose[:, 0]
+        return self.frame[:, 0]
 
     @property
     def angular_velocity(self) -> Array:
@@ -158,20 +218,34 @@ class Bodies:
         return times(self.R, self.angular_velocity_body)
 
     @property
-    def six(self) -> Array:
-        """Velocities of the centres and ℓω, shape (bodies, 6) [m/s]."""
-        return np.hstack([self.velocity, self.of.length[:, None] * self.angular_velocity])
+    def rates(self) -> Array:
+        """Velocities of the centres, ℓω, and rates of shapes, shape (bodies, 6 + m) [m/s]."""
+        turning = self.of.length[:, None] * self.angular_velocity
+        return np.hstack([self.velocity, turning, self.q_rate])
 
     @property
     def pose_rate(self) -> Array:
-        """Rate of the pose, shape (bodies, 4, 3) [m/s, 1/s]."""
-        turning = -skew(self.angular_velocity_body) @ self.R.swapaxes(1, 2)
-        return np.concatenate([self.velocity[:, None], turning], axis=1)
+        """Rate of the pose, shape (bodies, n, 3) [m/s, 1/s]."""
+        back = self.R.swapaxes(1, 2)
+        turning = -skew(self.angular_velocity_body) @ back
+        out = np.concatenate([self.velocity[:, None], turning], axis=1)
+        if self.of.shapes is None:
+            return out
+        shaped = self.q[:, :, None, None] * turning[:, None]
+        shaped = shaped + self.q_rate[:, :, None, None] * back[:, None]
+        return np.concatenate([out, shaped.reshape(len(self), -1, 3)], axis=1)
 
     @property
     def mass_blocks(self) -> Array:
-        """Mass matrices of ṙ and ℓω in space, shape (bodies, 6, 6) [kg]."""
-        return np.reshape([body.mass_block for body in self], (-1, 6, 6))
+        """Mass matrices of `rates`, shape (bodies, 6 + m, 6 + m) [kg]."""
+        out = np.zeros((len(self), self.of.columns, self.of.columns))
+        out[:, :3, :3] = self.of.mass[:, None, None] * np.eye(3)
+        out[:, 3:6, 3:6] = self.R @ self.rotated_inertia / self.of.square_length
+        if (shapes := self.of.shapes) is not None:
+            B = self.R @ shapes.coupling(shapes.weighted(self.q)) / self.of.length[:, None, None]
+            out[:, 3:6, 6:], out[:, 6:, 3:6] = B, B.swapaxes(1, 2)
+            out[:, 6:, 6:] = shapes.mass
+        return out
 
     @property
     def given_mass_blocks(self) -> Array:
@@ -184,11 +258,16 @@ class Bodies:
         """Energy that the bodies keep for their release [J]."""
         return self.of.stored
 
+    @property
+    def strain(self) -> float:
+        """Strain energy U(q) - U₀ of the bodies that deform [J]."""
+        return 0.0 if self.of.shapes is None else float(self.of.shapes.energy(self.q).sum())
+
     @cached_property
     def moved(self) -> Array:
-        """Change of the pose since the freeze, shape (bodies, 4, 3) [m, 1].
+        """Change of the pose since the freeze, shape (bodies, n, 3) [m, 1].
 
-        [1, V] times it is a node's displacement since then, so rounded as that is: a body that has
+        a times it is a node's displacement since then, so rounded as that is: a body that has
         not moved is at rest, and strains nothing beside it.
         """
         return read_only(self.pose - self.of.frozen)
@@ -199,31 +278,50 @@ class Bodies:
         return read_only(self.of.mass[:, None] * self.velocity)
 
     @cached_property
+    def momenta_of_shapes(self) -> tuple[Array, Array]:
+        """What shapes add to J W [kg m²/s], and their own momenta p [kg m/s]."""
+        assert self.of.shapes is not None
+        return self.of.shapes.momenta(self.q, self.angular_velocity_body, self.q_rate)
+
+    @cached_property
     def own_momentum(self) -> Array:
-        """J W in the bodies' frames, shape (bodies, 3) [kg m²/s]."""
-        return read_only(times(self.of.inertia, self.angular_velocity_body))
+        """J W, with B q̇, in the bodies' frames, shape (bodies, 3) [kg m²/s]."""
+        own = times(self.of.inertia, self.angular_velocity_body)
+        return read_only(own if self.of.shapes is None else own + self.momenta_of_shapes[0])
 
     @cached_property
     def angular_momentum(self) -> Array:
-        """π = R J W about the centres of mass, shape (bodies, 3) [kg m²/s]."""
+        """π = R (J W + B q̇) about the centres of mass, shape (bodies, 3) [kg m²/s]."""
         return read_only(times(self.R, self.own_momentum))
+
+    @cached_property
+    def inertia(self) -> Array:
+        """J of the bodies as they are deformed, shape (bodies, 3, 3) [kg m²]."""
+        if (shapes := self.of.shapes) is None:
+            return self.of.inertia
+        return self.of.inertia + shapes.added_inertia(self.q, shapes.weighted(self.q))
 
     @cached_property
     def rotated_inertia(self) -> Array:
         """J Rᵀ, shape (bodies, 3, 3) [kg m²]."""
-        return read_only(self.of.inertia @ self.R.swapaxes(1, 2))
+        return read_only(self.inertia @ self.R.swapaxes(1, 2))
 
     @property
     def kinetic(self) -> float:
-        """Σ ½ m ṙ·ṙ + ½ W·J W [J]."""
+        """Σ ½ m ṙ·ṙ + ½ w·A w [J]."""
         turning = np.vdot(self.own_momentum, self.angular_velocity_body)
+        if self.of.shapes is not None:
+            turning += np.vdot(self.momenta_of_shapes[1], self.q_rate)
         return 0.5 * float(np.vdot(self.momentum, self.velocity) + turning)
 
     @property
     def kinetic_of_each(self) -> Array:
-        """Kinetic energy ½ m ṙ·ṙ + ½ W·J W of each, shape (bodies,) [J]."""
-        translation = (self.momentum * self.velocity).sum(axis=1)
-        return 0.5 * (translation + (self.own_momentum * self.angular_velocity_body).sum(axis=1))
+        """Kinetic energy ½ m ṙ·ṙ + ½ w·A w of each, shape (bodies,) [J]."""
+        twice = (self.momentum * self.velocity).sum(axis=1)
+        twice = twice + (self.own_momentum * self.angular_velocity_body).sum(axis=1)
+        if self.of.shapes is not None:
+            twice = twice + (self.momenta_of_shapes[1] * self.q_rate).sum(axis=1)
+        return np.asarray(0.5 * twice)
 
     @property
     def kinetic_excess(self) -> Array:
@@ -244,12 +342,13 @@ class _Bodies(Kind):
     def __init__(self) -> None:
         """Describe their data."""
         frozen = Record(Frozen, "nodes", ["velocities"])
+        inner = {"frozen": frozen, "shapes": Maybe(Record(Shapes, "nodes", ["modes"]))}
         arrays = "offsets", "displacement"
-        self._data = Each(Record(RigidBody, "nodes", arrays, ["cells"], {"frozen": frozen}))
+        self._data = Each(Record(RigidBody, "nodes", arrays, ["cells"], inner))
 
     def part(self, value: Any, order: MeshOrder) -> Any:
         """See `Kind`."""
-        motions = value.pose, value.velocity, value.angular_velocity_body
+        motions = value.frame, value.velocity, value.angular_velocity_body, value.q, value.q_rate
         return self._data.part(value.of.records, order), motions
 
     def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
@@ -264,8 +363,3 @@ class _Bodies(Kind):
 
 
 BODIES = _Bodies()
-
-
-def times(matrices: Array, vectors: Array) -> Array:
-    """Each matrix times its vector, shapes (n, 3, 3) and (n, 3)."""
-    return (matrices @ vectors[:, :, None])[:, :, 0]

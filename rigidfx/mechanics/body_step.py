@@ -9,7 +9,9 @@ and the body's own part of the balance of momenta (12) reads m (ṙ1 - ṙ0)/Δt
 IJNME 31 (1991) 19). In the vector of unknowns θ is multiplied by the length ℓ, ℓ² = tr J/(2 m), and
 moments are divided by it: all unknowns are lengths and all residuals forces.
 
-All arrays begin with an axis over the bodies.
+Bodies with `shapes` have the unknowns Δq as well: `shaped_step` adds what these change.
+
+All arrays begin with an axis over the bodies; m is the largest number of shapes, n = 4 + 3 m.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ void resultant(int, const double *, const double *, const double *, double *);
 void balance(int, const double *, const double *, const double *, const double *, double *);
 """
 # Numbers of a body that a trial tells, all bodies' of one kind after those of the other.
-SHAPES: dict[str, tuple[int, ...]] = {
+KINDS: dict[str, tuple[int, ...]] = {
     "theta": (3,),
     "T": (3, 3),
     "R1": (3, 3),
@@ -51,8 +53,8 @@ SHAPES: dict[str, tuple[int, ...]] = {
     "displacement": (4, 3),
     "force": (6,),
 }
-ENDS = dict(zip(SHAPES, accumulate(map(prod, SHAPES.values())), strict=True))
-PLACES = {name: (end - prod(SHAPES[name]), end) for name, end in ENDS.items()}
+ENDS = dict(zip(KINDS, accumulate(map(prod, KINDS.values())), strict=True))
+PLACES = {name: (end - prod(KINDS[name]), end) for name, end in ENDS.items()}
 ALL = ENDS["force"]
 LENGTH = 2  # place of ℓ in what the C code is told of a step
 
@@ -85,18 +87,20 @@ class Step:
         start: The bodies at its start.
         dt: Δt [s].
         share: Derivative of the arms that moments are taken with, by those at the end.
+        damping: Derivative of the damping forces of shapes by Δq, shape (bodies, m, m) [N/m].
     """
 
     share = 0.5
 
-    def __init__(self, start: Bodies, dt: float) -> None:
+    def __init__(self, start: Bodies, dt: float, damping: Array | None = None) -> None:
         """Prepare data of every trial.
 
         Args:
             start: The bodies at the start of the step.
             dt: Δt [s].
+            damping: See above; none if None.
         """
-        self.start, self.dt = start, dt
+        self.start, self.dt, self.damping = start, dt, damping
 
     @cached_property
     def _code(self) -> tuple[Any, Any]:
@@ -108,11 +112,11 @@ class Step:
     def _given(self) -> tuple[Any, ...]:
         """Data of the start for the C code."""
         of, start, (_, at) = self.start.of, self.start, self._code
-        arrays = (of.mass, of.inertia, of.length, start.pose, start.velocity)
+        arrays = (of.mass, of.inertia, of.length, start.frame, start.velocity)
         return tuple(map(at, (*arrays, start.own_momentum, start.angular_momentum)))
 
     def trial(self, six: Array) -> Array:
-        """Results of a trial with these unknowns, one kind of `SHAPES` after the other."""
+        """Results of a trial with Δr and ℓθ, one kind of `KINDS` after the other."""
         out = np.empty(ALL * len(six))
         if len(six):
             code, at = self._code
@@ -196,19 +200,19 @@ class Increments:
 
     Attributes:
         step: The step.
-        six: Unknowns Δr and ℓθ, shape (bodies, 6) [m].
+        unknowns: Δr, ℓθ and Δq, shape (bodies, 6 + m) [m].
         dr: Δr, shape (bodies, 3) [m].
     """
 
-    def __init__(self, step: Step, six: Array) -> None:
+    def __init__(self, step: Step, unknowns: Array) -> None:
         """Try unknowns, from then on not to be changed."""
-        self.step, self.six = step, six
-        self.dr = six[:, :3]
-        self._told = step.trial(six)
+        self.step, self.unknowns = step, unknowns
+        self.dr = unknowns[:, :3]
+        self._told = step.trial(unknowns[:, :6])
 
     def __len__(self) -> int:
         """Number of bodies."""
-        return len(self.six)
+        return len(self.unknowns)
 
     @property
     def start(self) -> Bodies:
@@ -216,8 +220,8 @@ class Increments:
         return self.step.start
 
     def _part(self, name: str) -> Array:
-        n, (first, end) = len(self.six), PLACES[name]
-        return self._told[n * first : n * end].reshape(n, *SHAPES[name])
+        n, (first, end) = len(self.unknowns), PLACES[name]
+        return self._told[n * first : n * end].reshape(n, *KINDS[name])
 
     @property
     def theta(self) -> Array:
@@ -267,6 +271,14 @@ class Increments:
         """Evaluate m (ṙ1 - ṙ0)/Δt and (π1 - π0)/(ℓ Δt), shape (bodies, 6) [N]."""
         return self._part("force").copy()
 
+    def blocks(self, moments: Array) -> Array:
+        """`tangent` under forces with these moments, shape (bodies, 6 + m, 6 + m) [N/m].
+
+        Args:
+            moments: Of all forces on their nodes, shape (bodies, n, 3) [N, N m].
+        """
+        return self.tangent(self.couples(moments))
+
     def tangent(self, couples: Array) -> Array:
         """Derivative of the bodies' residual rows that P does not carry, shape (bodies, 6, 6).
 
@@ -283,14 +295,14 @@ class Increments:
         np.divide(rotation, self.start.of.square_length, out=G[:, 3:, 3:])
         return G
 
-    # Nodes of a body. With body-fixed coordinates a = [1, V], shape (n, 4), everything that happens
-    # to them goes through one matrix, shape (4, 3): displacements are a @ matrix, forces f enter as
-    # their moments aᵀ f, with F = Σ f in the first row and A = Σ V fᵀ below. L and P say how its
-    # twelve numbers, row by row, depend on the body's six unknowns.
+    # Nodes of a body. With body-fixed coordinates a = [1, V, Φ₁ ... Φ_m], all that happens to them
+    # goes through one matrix, shape (n, 3): displacements are a @ matrix, forces f enter as their
+    # moments aᵀ f, with F = Σ f in the first row and A = Σ V fᵀ below. L and P say how its 3 n
+    # numbers, row by row, depend on the body's unknowns.
 
     @property
     def displacement(self) -> Array:
-        """The matrices of the displacements in this step, shape (bodies, 4, 3) [m, 1]."""
+        """The matrices of the displacements in this step, shape (bodies, n, 3) [m, 1]."""
         return self._part("displacement")
 
     @cached_property
@@ -339,4 +351,4 @@ class Increments:
 
     def work(self, forces: Array) -> float:
         """Work of forces and moments over ℓ, as `resultant` gives them, in the step [J]."""
-        return float(np.vdot(forces, self.six))
+        return float(np.vdot(forces, self.unknowns))

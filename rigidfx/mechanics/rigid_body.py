@@ -1,7 +1,7 @@
-"""One rigid body: its data and its motion.
+"""One body: its data and its motion.
 
 A body is frozen in the configuration of an instant: Vᵢ = xᵢ - x_s are its nodes' positions relative
-to the centre of mass, and x_i = r + R Vᵢ from then on.
+to the centre of mass, and x_i = r + R Vᵢ from then on; r + R (Vᵢ + Φᵢ q) if it has `shapes`.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.taken import seal
+from rigidfx.mechanics.shapes import Shapes
 
 __all__ = ["Body", "BodyMotion", "Frozen", "RigidBody", "at_rest"]
 
@@ -51,7 +52,7 @@ NOTHING = Frozen(np.empty(0, np.int32), np.empty((0, 3)), 0.0, 0.0)
 
 @dataclass(frozen=True)
 class RigidBody:
-    """The constant data of a rigid body.
+    """The constant data of a body.
 
     Attributes:
         name: Its name in reports, that of a set of cells where a `Rigid` effect named it.
@@ -70,6 +71,7 @@ class RigidBody:
         excess: The part of J due to lumped masses only, shape (3, 3) [kg m²].
         extent: ℓ of a rigid face whose nodes' mass is in the cells beside it, and of a carried
             mass, whose J is next to nothing [m]; None where the body's own mass tells ℓ.
+        shapes: What it deforms by; None if it is rigid.
     """
 
     name: str
@@ -87,6 +89,7 @@ class RigidBody:
     frozen: Frozen = NOTHING
     excess: Array = field(default_factory=lambda: np.zeros((3, 3)))
     extent: float | None = None
+    shapes: Shapes | None = None
 
     def __post_init__(self) -> None:
         """Let nobody change the arrays: reports show them."""
@@ -98,6 +101,23 @@ class RigidBody:
         if self.extent is not None:
             return self.extent
         return float(np.sqrt(np.trace(self.inertia) / (2 * self.mass)))
+
+    @property
+    def deforms_by(self) -> int:
+        """Number of its shapes."""
+        return 0 if self.shapes is None else len(self.shapes)
+
+    def coordinates(self, at: npt.NDArray[np.integer] | slice = slice(None)) -> Array:
+        """a = [1, V, Φ₁, ..., Φ_m] of some of its nodes, shape (nodes, 4 + 3 m) [1, m, 1].
+
+        Args:
+            at: Places of these among its nodes; all if left out.
+        """
+        V = self.offsets[at]
+        parts = [np.ones((len(V), 1)), V]
+        if self.shapes is not None:
+            parts.append(self.shapes.modes[at].reshape(len(V), -1))
+        return np.concatenate(parts, axis=1)
 
     @property
     def is_face(self) -> bool:
@@ -113,6 +133,10 @@ class RigidBody:
         return float(1 / (1 - np.linalg.eigvalsh(L @ self.excess @ L.T)[-1]))
 
 
+def _no_shapes() -> Array:
+    return np.zeros(0)
+
+
 @dataclass(frozen=True)
 class BodyMotion:
     """Pose and velocity of a body.
@@ -122,12 +146,16 @@ class BodyMotion:
         R: Rotation since the freeze, shape (3, 3).
         velocity: ṙ, shape (3,) [m/s].
         angular_velocity_body: W, angular velocity in the body's frame, shape (3,) [rad/s].
+        q: Coordinates of its shapes, shape (m,) [m].
+        q_rate: Their rates, likewise [m/s].
     """
 
     r: Array
     R: Array
     velocity: Array
     angular_velocity_body: Array
+    q: Array = field(default_factory=_no_shapes)
+    q_rate: Array = field(default_factory=_no_shapes)
 
     @property
     def angular_velocity(self) -> Array:
@@ -155,7 +183,7 @@ class BodyMotion:
 
 @dataclass(frozen=True)
 class Body:
-    """A rigid body at an instant.
+    """A body at an instant.
 
     Attributes:
         data: Its constant data.
@@ -166,37 +194,40 @@ class Body:
     motion: BodyMotion
 
     @property
+    def offsets(self) -> Array:
+        """V + Φ q of its owned nodes in its frame, shape (nodes, 3) [m]."""
+        data = self.data
+        return data.offsets if data.shapes is None else data.offsets + self._bent(self.motion.q)
+
+    def _bent(self, q: Array) -> Array:
+        """Φ q at its owned nodes, shape (nodes, 3)."""
+        assert self.data.shapes is not None
+        return np.asarray(np.einsum("nka,k->na", self.data.shapes.modes, q))
+
+    @property
     def positions(self) -> Array:
         """Positions of its owned nodes, shape (nodes, 3) [m]."""
-        return self.motion.positions(self.data.offsets)
+        return self.motion.positions(self.offsets)
 
     @property
     def displacement(self) -> Array:
         """Displacement of its owned nodes, shape (nodes, 3) [m]; see `Bodies.moved`."""
-        data, turned = self.data, self.motion.R - np.eye(3)
-        moved = self.motion.r - data.origin + data.offsets @ turned.T
+        data, motion = self.data, self.motion
+        moved = motion.r - data.origin + data.offsets @ (motion.R - np.eye(3)).T
+        if data.shapes is not None:
+            moved = moved + self._bent(motion.q) @ motion.R.T
         return np.asarray(data.displacement + moved)
 
     @property
     def velocities(self) -> Array:
         """Velocities of its owned nodes, shape (nodes, 3) [m/s]."""
-        return self.motion.velocities(self.data.offsets)
-
-    @property
-    def six(self) -> Array:
-        """Velocity of the centre and ℓω, shape (6,) [m/s]."""
-        return np.r_[self.motion.velocity, self.data.length * self.motion.angular_velocity]
-
-    @property
-    def mass_block(self) -> Array:
-        """Mass matrix of ṙ and ℓω in space, shape (6, 6) [kg]."""
-        block = np.zeros((6, 6))
-        block[:3, :3] = self.data.mass * np.eye(3)
-        R, J = self.motion.R, self.data.inertia
-        block[3:, 3:] = R @ J @ R.T / self.data.length**2
-        return block
+        rigid = self.motion.velocities(self.offsets)
+        if self.data.shapes is None:
+            return rigid
+        return np.asarray(rigid + self._bent(self.motion.q_rate) @ self.motion.R.T)
 
 
 def at_rest(body: RigidBody) -> BodyMotion:
     """The motion of a body at the freeze, without velocity."""
-    return BodyMotion(body.origin.copy(), np.eye(3), np.zeros(3), np.zeros(3))
+    none = np.zeros(body.deforms_by)
+    return BodyMotion(body.origin.copy(), np.eye(3), np.zeros(3), np.zeros(3), none, none)

@@ -215,7 +215,7 @@ class Whole:
         f, out = self._layout.rows.vector(), self._y.duplicate()
         for data, force in zip(self._parts, forces, strict=True):
             f.array.reshape(-1, 3)[self._layout.rows.positions(data.nodes)] += force
-        self._prolongation.collapse(f.array_r, np.zeros((len(self._layout.bodies), 6)), out)
+        self._prolongation.collapse(f.array_r, self._prolongation.no_bodies, out)
         f.destroy()
         return out
 

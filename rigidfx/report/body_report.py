@@ -58,13 +58,15 @@ class BodyReport:
 
 def body_reports(bodies: Bodies) -> tuple[BodyReport, ...]:
     """Reports of the bodies at an instant."""
-    return tuple(map(_body_report, bodies))
+    spins, kinetic = bodies.angular_momentum, bodies.kinetic_of_each
+    each = enumerate(bodies)
+    return tuple(_body_report(body, spins[k], float(kinetic[k])) for k, body in each)
 
 
-def _body_report(body: Body) -> BodyReport:
+def _body_report(body: Body, own: Array, kinetic: float) -> BodyReport:
+    """Report of a body with angular momentum [kg m²/s] and kinetic energy [J]."""
     data, motion = body.data, body.motion
-    W = motion.angular_velocity_body
-    momentum, own = data.mass * motion.velocity, motion.angular_momentum(data)
+    W, momentum = motion.angular_velocity_body, data.mass * motion.velocity
     return BodyReport(
         name=data.name,
         number=data.number,
@@ -77,7 +79,7 @@ def _body_report(body: Body) -> BodyReport:
         linear_momentum=momentum,
         angular_momentum_about_centre=own,
         angular_momentum=skew(motion.r) @ momentum + own,
-        kinetic=motion.kinetic(data),
+        kinetic=kinetic,
         stored=data.frozen.energy,
         inertia_ratio=data.inertia_ratio,
         kinetic_excess=float(0.5 * W @ data.excess @ W),

@@ -91,7 +91,7 @@ class ConsistentExchange:
         records = enumerate(state.bodies.of.records)
         pairs = [(k, row[body.number]) for k, body in records if body.number in row]
         now, was = np.reshape(pairs, (-1, 2)).astype(int).T
-        none = np.zeros((len(state.bodies), 6))
+        none = np.zeros_like(state.bodies.rates)
         of_staying, rigid_bodies = none.copy(), none.copy()
         of_staying[now] = of_given[was]
         held = present.nodal[prescribed]
@@ -197,7 +197,7 @@ class ConsistentExchange:
         present = self._present(state)
         taken = [own for own in state.bodies if own.data.number in faces]
         state.group(Bodies.of_each(own for own in state.bodies if own.data.number not in faces))
-        of_given = np.einsum("kij,kj->ki", state.bodies.given_mass_blocks, state.bodies.six)
+        of_given = np.einsum("kij,kj->ki", state.bodies.given_mass_blocks, state.bodies.rates)
         others = list(state.bodies)
         state.group(Bodies.of_each([*others, body]))
         fields, held = self._fields(state, prescribed, present), present.nodal[prescribed]
@@ -253,7 +253,7 @@ class ConsistentExchange:
 def _take(state: State, field: Field) -> None:
     """Make a field the state's velocity. Collective."""
     state.move(field.nodal)
-    state.group(state.bodies.with_six(field.bodies))
+    state.group(state.bodies.with_rates(field.bodies))
 
 
 def _scale(square: float, mixed: float, missing: float) -> float:

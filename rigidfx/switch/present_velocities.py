@@ -51,7 +51,7 @@ class Present:
         # With lumped masses nodes have one velocity each, those of bodies that of their body.
         touched = nodes_of(scene, {0: flexible})[: scene.owned_nodes] & (scene.mass != "lumped")
         self.difference = np.where(touched[:, None], (outside - self.nodal).reshape(-1, 3), 0.0)
-        self.bodies = state.bodies.six
+        self.bodies = state.bodies.rates
         v, p = mass.createVecRight(), mass.createVecLeft()
         v.array[:] = self.nodal
         mass.mult(v, p)

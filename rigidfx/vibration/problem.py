@@ -229,10 +229,10 @@ class Problem:
         arms = bodies.r - centre
         for axis in range(6):
             e = np.eye(3)[axis % 3]
-            six = np.zeros((len(bodies), 6))
+            six = np.zeros_like(bodies.rates)
             six[:, :3] = np.cross(e, arms) if axis >= 3 else e
             if axis >= 3:
-                six[:, 3:] = bodies.of.length[:, None] * e
+                six[:, 3:6] = bodies.of.length[:, None] * e
             yield (np.cross(e, x) if axis >= 3 else np.tile(e, (len(x), 1))), six
 
     def _rigid_motions(self) -> list[PETSc.Vec]:
@@ -270,11 +270,10 @@ class Problem:
         out.x.array[rows.dofs] = d.array_r
         d.destroy()
         u = out.x.array.reshape(-1, 3)
-        for k, body in enumerate(bodies):
-            own = six[k]
-            arms = body.data.offsets @ body.motion.R.T
-            turn = np.asarray(own[3:] / body.data.length)
-            u[body.data.nodes] = np.asarray(own[:3]) + np.cross(turn, arms)
+        moved: Array = (p.increments.L @ six[:, :, None]).reshape(bodies.pose.shape)
+        for k, body in enumerate(bodies.of.records):
+            a = body.coordinates()
+            u[body.nodes] = a @ moved[k, : a.shape[1]]
         out.x.scatter_forward()
         return np.array(u)
 

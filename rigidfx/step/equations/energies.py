@@ -28,7 +28,7 @@ class Measures:
 
     Attributes:
         kinetic: ½ v·M v [J].
-        strain: ∫ W dV of the flexible cells [J].
+        strain: ∫ W dV of the flexible cells, and U - U₀ of bodies that deform [J].
         stored: Energy that bodies keep for their release [J].
         springs: Potential energy of springs to ground [J].
         contact: Energy stored in contacts [J].
@@ -110,6 +110,7 @@ class Energies:
             self._actions.failures.settle()
         if len(bodies):
             total[0] += bodies.kinetic
+            total[1] += bodies.strain
             total[2:5] += bodies.momentum.sum(axis=0)
             total[5:8] += axial(bodies.r.T @ bodies.momentum) + bodies.angular_momentum.sum(axis=0)
             total[8] += bodies.momentum_scale

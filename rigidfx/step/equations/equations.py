@@ -112,15 +112,15 @@ class Equilibrium:
         """A new vector of unknowns; the caller destroys it."""
         return self.prolongation.unknowns()
 
-    def guess(self, increment: Array, six: Array, y: PETSc.Vec) -> None:
+    def guess(self, increment: Array, bodies: Array, y: PETSc.Vec) -> None:
         """Set unknowns to a first guess. Collective.
 
         Args:
             increment: Increments of the active nodes, one number per row [m].
-            six: Those of the bodies, shape (bodies, 6) [m].
+            bodies: Those of the bodies, shape (bodies, 6 + m) [m].
             y: Unknowns, overwritten.
         """
-        self.prolongation.collapse(increment, six, y)
+        self.prolongation.collapse(increment, bodies, y)
 
     def largest(self, y: PETSc.Vec) -> float:
         """Largest increment among unknowns [m]. Collective."""
@@ -190,10 +190,10 @@ class Equilibrium:
         self._actions.resist_bodies(increments, self._moments)
 
     def _body_forces(self) -> Array:
-        """Residual of the bodies, shape (bodies, 6) [N]. Collective."""
+        """Residual of the bodies, shape (bodies, 6 + m) [N]. Collective."""
         increments = self.prolongation.increments
-        if not len(increments.six):  # without bodies nothing of them is computed
-            return increments.six
+        if not len(increments):  # without bodies nothing of them is computed
+            return increments.unknowns
         self._moments = self.prolongation.moments(self.forces_out_of_balance)
         self._resist_bodies(increments)
         return increments.balance(self._moments, self._actions.torques)
@@ -226,7 +226,7 @@ class Equilibrium:
     def _blocks(self) -> Array:
         """Derivative of the bodies' rows that the condensed tangent does not hold."""
         increments = self.prolongation.increments
-        blocks = increments.tangent(increments.couples(self._moments))
+        blocks = increments.blocks(self._moments)
         self._actions.stiffen_bodies(increments, blocks)
         return blocks
 

@@ -126,9 +126,9 @@ class JoinedEquilibrium(Equilibrium):
         self.linkage.begin(start)
         return trial
 
-    def guess(self, increment: Array, six: Array, y: PETSc.Vec) -> None:
+    def guess(self, increment: Array, bodies: Array, y: PETSc.Vec) -> None:
         """See `Equilibrium`; multipliers are those of the last step."""
-        super().guess(increment, six, self._inner)
+        super().guess(increment, bodies, self._inner)
         self._put(self._inner, self._known / self._scale, y)
 
     def largest(self, y: PETSc.Vec) -> float:

@@ -71,7 +71,8 @@ class Jumping:
         return found.on_all_ranks()
 
     def _blocks(self, increments: Increments) -> Array:
-        blocks = np.zeros((len(increments), 6, 6))
+        columns = increments.unknowns.shape[1]
+        blocks = np.zeros((len(increments), columns, columns))
         for stiffen in self._stiffen_bodies:
             stiffen(blocks, increments)
         return blocks
@@ -96,7 +97,7 @@ class _Entries:
             self._parts.append((*own.coords, own.data))
 
     def add_bodies(self, blocks: Array) -> None:
-        """Add to the bodies' blocks, shape (bodies, 6, 6), equal on all ranks."""
+        """Add to the bodies' blocks, shape (bodies, 6 + m, 6 + m), equal on all ranks."""
         if self._p.comm.rank == 0:
             self._add(self._p.body_columns, blocks)
 

@@ -96,7 +96,7 @@ class Lost:
     def _lost_energy(self, work: float, energy: float) -> float:
         increments = self._p.increments
         if len(increments):
-            gained = float(np.vdot(increments.inertia_force(), increments.six))
+            gained = float(np.vdot(increments.inertia_force(), increments.unknowns))
             energy += increments.start.kinetic + abs(gained)
         self._energy = max(self._energy, energy)
         return abs(work) / self._energy
@@ -111,7 +111,7 @@ class Lost:
         out[4:7], out[7:10] = each @ f, axial(at.T @ f)
         own = p.owned_bodies
         if own.size:
-            six, start = R[n:].reshape(-1, 6), p.increments.start
+            six, start = R[p.six], p.increments.start
             middle = start.r[own] + 0.5 * p.increments.dr[own]
             out[4:7] += six[:, :3].sum(axis=0)
             out[7:10] += axial(middle.T @ six[:, :3]) + start.of.length[own] @ six[:, 3:]

@@ -55,6 +55,7 @@ class Rounding:
         self._comm = prolongation.comm
         self._stiff_parts = StiffParts(scene, prolongation)
         self._p, self._n = prolongation, prolongation.own_free
+        self._translations = prolongation.six[:, :3]
         # Per unknown of this rank, as a step of infinite length has it, and what 1/Δt adds.
         forces.set_rate(0.0)
         self._elastic = self._stiffness = self._undeformed(tangent)  # [N/m]
@@ -157,7 +158,7 @@ class Rounding:
         Infinite where lumping leaves a node no mass, as at vertices of second-order tetrahedra.
         """
         layout, bodies = prolongation.layout, prolongation.owned_bodies
-        of_bodies = np.repeat(layout.ensemble.mass[bodies], 6)
+        of_bodies = np.repeat(layout.ensemble.mass[bodies], layout.ensemble.unknowns[bodies])
         mass = np.concatenate([prolongation.at_unknowns(np.repeat(layout.masses, 3)), of_bodies])
         ratios = np.zeros(2)
         for k, K in enumerate((self._elastic, self._viscous)):
@@ -176,5 +177,7 @@ class Rounding:
         diagonal.destroy()
         # Of bodies the translations tell: those of rotations grow with (V/ℓ)², where a heavy centre
         # makes ℓ small without bound.
-        out[self._n :].reshape(-1, 6)[:, 3:] = 0.0
+        kept = out[self._translations]
+        out[self._n :] = 0.0
+        out[self._translations] = kept
         return np.asarray(out)

@@ -59,7 +59,8 @@ class Aggregates:
         taken = self._free[:, :, None] & of_node[:, None, :]
         columns = np.broadcast_to(numbers[self._leaf][:, None, :], B.shape)[taken]
         lengths = np.broadcast_to(of_node.sum(axis=1)[:, None], self._free.shape)[self._free]
-        own, count = 6 * self._prolongation.owned_bodies.size, int(kept.sum())
+        count = int(kept.sum())
+        own = self._prolongation.owned - self._prolongation.own_free
         lengths = np.r_[lengths, np.ones(own, dtype=np.int64)]
         columns = np.r_[columns, count + np.arange(own)]
         values = np.r_[B[taken], np.ones(own)]

@@ -35,7 +35,7 @@ class Guess:
     Attributes:
         increment: Increments of the active nodes [m], one number per row; those of nodes on bodies
             are of no concern.
-        bodies: Δr and ℓθ of each body, shape (bodies, 6) [m].
+        bodies: Δr, ℓθ and Δq of each body, shape (bodies, 6 + m) [m].
     """
 
     increment: Array
@@ -60,7 +60,7 @@ def predict(
     centre, velocity, omega = _mean_motion(scene, layout.masses, start, x, v)
     theta = dt * omega
     if theta @ theta < SMALL**2:
-        return (Guess((dt * v).reshape(-1), _six(start, dt * start.velocity, turns)),)
+        return (Guess((dt * v).reshape(-1), _unknowns(start, dt * start.velocity, turns, dt)),)
     spin, turn = skew(omega), cayley(theta) - IDENTITY
     half = dt * cayley(theta / (1 + sqrt(1 + 0.25 * theta @ theta)))
 
@@ -71,18 +71,19 @@ def predict(
 
     mean, other = parts(x, v)
     if not len(start):
-        none = np.empty((0, 6))
+        none = np.empty((0, start.of.columns))
         return Guess((mean + other).reshape(-1), none), Guess(mean.reshape(-1), none)
     carried, drifting = parts(start.r, start.velocity)
+    turned = np.broadcast_to(theta, turns.shape)
     return (
-        Guess((mean + other).reshape(-1), _six(start, carried + drifting, turns)),
-        Guess(mean.reshape(-1), _six(start, carried, np.broadcast_to(theta, turns.shape))),
+        Guess((mean + other).reshape(-1), _unknowns(start, carried + drifting, turns, dt)),
+        Guess(mean.reshape(-1), _unknowns(start, carried, turned, 0.0)),
     )
 
 
-def _six(start: Bodies, translations: Array, turns: Array) -> Array:
-    """Δr and ℓθ of the bodies from Δr and θ, shape (bodies, 6) [m]."""
-    return np.hstack([translations, start.of.length[:, None] * turns])
+def _unknowns(start: Bodies, translations: Array, turns: Array, dt: float) -> Array:
+    """Δr, ℓθ and Δq of the bodies from Δr, θ and a time for q̇, shape (bodies, 6 + m) [m]."""
+    return np.hstack([translations, start.of.length[:, None] * turns, dt * start.q_rate])
 
 
 def _mean_motion(

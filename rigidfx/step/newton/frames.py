@@ -4,7 +4,7 @@ A tangent belongs to directions in space. Where the surroundings of a node have 
 was assembled, its rows and columns are turned: A ≈ Q A₀ Qᵀ with a block of Q for each node and each
 body, exactly so for parts in steady rigid rotation, and up to curvature times cell size in parts
 that bend. Increments of a node and residuals at it turn as vectors, and so do Δr and ℓθ of a body.
-A node that supports hold in part keeps its directions.
+Coordinates of shapes do not turn. A node that supports hold in part keeps its directions.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Frames:
         free = prolongation.free_of_nodes
         self._whole = free.all(axis=1)
         first = (np.cumsum(free.reshape(-1)).reshape(-1, 3) - 1)[self._whole, 0]
-        bodies = prolongation.own_free + 3 * np.arange(2 * prolongation.owned_bodies.size)
+        bodies = prolongation.six[:, ::3].reshape(-1)
         self.starts = np.concatenate([first, bodies]).astype(np.int32)
 
     def rotations(self, u: Array) -> Array:

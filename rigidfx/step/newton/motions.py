@@ -38,11 +38,12 @@ def rigid_motions(prolongation: Prolongation, x: Array) -> Array:
     arms = prolongation.at_nodes(x)[nodes] - middle
     turned = np.cross(np.eye(3)[None], arms[:, None])  # [unknown, rotation, axis]
     out[each, 3:] = turned[each, :, axis]
-    six = out[nodes.size :].reshape(-1, 6, 6)  # Δr and ℓθ of each body, by motions
+    six = np.zeros((own.size, 6, 6))  # Δr and ℓθ of each body, by motions
     six[:, :3, :3] = np.eye(3)
     arms = increments.start.r[own] - middle
     six[:, :3, 3:] = np.cross(np.eye(3)[None], arms[:, None]).swapaxes(1, 2)
     six[:, 3:, 3:] = np.eye(3) * increments.start.of.length[own, None, None]
+    out[prolongation.six] = six
     gram = out.T @ out
     comm.Allreduce(MPI.IN_PLACE, gram)
     squares, vectors = np.linalg.eigh(gram)

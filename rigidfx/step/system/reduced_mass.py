@@ -61,7 +61,7 @@ class ReducedMass:
         p = self.p
         given = w.array_r[p.prescribed].copy()
         self.mass.mult(w, momenta)
-        p.restrict(momenta, np.zeros((len(p.layout.bodies), 6)), self._r)
+        p.restrict(momenta, p.no_bodies, self._r)
         if self._r.norm() == 0.0:  # no mass couples held rows to others
             return
         self.solve(-self._r.array_r)

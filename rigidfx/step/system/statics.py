@@ -154,8 +154,8 @@ class StaticSystem:
         rest, _ = self.at_rest
         guesses: tuple[Guess, ...] = (rest if first is None else first,)
         if self._last is not None and first is None:
-            d, six, before = self._last
-            guesses = (rest, Guess(dt / before * d, dt / before * six))
+            d, bodies, before = self._last
+            guesses = (rest, Guess(dt / before * d, dt / before * bodies))
         solution = self._newton.solve(guesses)
         if not solution.converged:
             self.actions.failures.settle()
@@ -206,22 +206,22 @@ class StaticSystem:
     def size(self) -> float:
         """Largest increment of a node in the last solution [m]. Collective."""
         own = np.linalg.norm(self._equations.d.array_r.reshape(-1, 3), axis=1).max(initial=0.0)
-        six = self._prolongation.increments.six
-        own = max(float(own), float(np.abs(six).max(initial=0.0)))
+        bodies = self._prolongation.increments.unknowns
+        own = max(float(own), float(np.abs(bodies).max(initial=0.0)))
         return float(self._scene.comm.allreduce(own, op=MPI.MAX))
 
     @property
     def at_rest(self) -> tuple[Guess, Array]:
         """No increments, and poses of bodies at the start, shape (bodies, 4, 3)."""
         bodies = self._state.bodies
-        none = np.zeros(self._layout.rows.dofs.size), np.zeros((len(bodies), 6))
+        none = np.zeros(self._layout.rows.dofs.size), self._prolongation.no_bodies
         return Guess(*none), bodies.pose
 
     @property
     def found(self) -> tuple[Guess, Array]:
         """Increments of the last solution, and poses of bodies there, shape (bodies, 4, 3)."""
         increments = self._prolongation.increments
-        return Guess(self._equations.d.array_r.copy(), increments.six), increments.end.pose
+        return Guess(self._equations.d.array_r.copy(), increments.unknowns), increments.end.pose
 
     def distance(self, a: Guess, b: Guess) -> float:
         """Largest difference of two increments [m]. Collective."""
@@ -236,7 +236,7 @@ class StaticSystem:
         """
         equations, p = self._equations, self._prolongation
         d, dofs = equations.d.array_r, self._layout.rows.dofs
-        self._last = d.copy(), p.increments.six, t1 - t0
+        self._last = d.copy(), p.increments.unknowns, t1 - t0
         self._before = equations.forces_out_of_balance.array_r[p.prescribed]
         bodies = p.increments.end
         moved = p.displacement(bodies)

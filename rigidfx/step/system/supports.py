@@ -262,13 +262,13 @@ def impose_velocity(
         rhs, dy = prolongation.unknowns(), prolongation.unknowns()
         prolongation.pose(state.bodies)
         bodies = state.bodies
-        prolongation.restrict(p, np.zeros((len(layout.bodies), 6)), rhs)
+        prolongation.restrict(p, prolongation.no_bodies, rhs)
         rhs.scale(-1.0)
         if rhs.norm() > 0.0:
             _solve(prolongation, mass, state, rhs, dy)
             y = prolongation.bodies_part(dy)
             prolongation.apply(dy, y, dv.array_r[prescribed], dv)
-            bodies = bodies.with_six(bodies.six + y)
+            bodies = bodies.with_rates(bodies.rates + y)
         state.kick(rows.dofs, dv.array_r, bodies)
         rhs.destroy()
         dy.destroy()

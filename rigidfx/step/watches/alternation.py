@@ -68,15 +68,16 @@ class Alternation(WarnsOnce):
         """See `Watch`. Collective in some steps."""
         if not self.waits:
             return
-        bodies, six = attempt.increments.start, attempt.increments.six
+        bodies, own = attempt.increments.start, attempt.increments.unknowns[:, :6]
         u0, u1 = (f.x.array.reshape(-1, 3)[self._nodes] for f in (self._forces.u0, self._forces.u1))
-        d = np.concatenate([(u1 - u0).ravel(), six.ravel()]) / attempt.dt
+        d = np.concatenate([(u1 - u0).ravel(), own.ravel()]) / attempt.dt
         if self._before is None:  # on all ranks, also on those without nodes
             self._before = d
             return
         once = float(self._comm.rank == 0)  # all ranks know all bodies
         m = np.concatenate([self._mass, np.repeat(once * bodies.of.mass, 6)])
-        way = np.concatenate([u1.ravel(), (bodies.r - bodies.of.frozen[:, 0] + six[:, :3]).ravel()])
+        gone = bodies.r - bodies.of.frozen[:, 0] + own[:, :3]
+        way = np.concatenate([u1.ravel(), gone.ravel()])
         of_way = np.concatenate([self._mass, np.repeat(once * bodies.of.mass, 3)])
         both = m @ (d * self._before), 0.5 * (m @ (d * d + self._before**2))
         size = LARGE**2 * of_way @ way**2 + of_way.sum() * self._floor**2

@@ -1,0 +1,237 @@
+"""A trial step of bodies that deform by shapes: what Δq changes in the step of rigid bodies.
+
+With w = (W, q̇), w₁ = 2 (R₀ᵀθ, Δq)/Δt - w₀, (Z, p) = A(q) w, q½ = q₀ + ½ Δq and S = (1 + ½θ̂) R₀, the
+rows of a body are, Q = Σ Φᵀ Sᵀ f the forces on its nodes,
+
+    (R₁ Z₁ - R₀ Z₀)/Δt = Σ (x½ - c½) × f,
+    (p₁ - p₀)/Δt - ½ w₁·∂A/∂q(q½) w₀ + f₀ + Ω q½ + C Δq = Q.
+
+A is of second order in q, so that A₁ - A₀ = ∂A/∂q(q½) Δq; the rows times θ and Δq then add up to
+the gain of kinetic energy and of U(q), as nodes move by exactly
+
+    Δx = Δc + θ × (x½ - c½) + S Φ Δq.
+
+The derivative is complete, forces on nodes included: with v₁ = R₁ (V + Φ q₁), moments change by
+½ (T dθ × v₁ + R₁ Φ dq) × f, and Q_k by ½ dθ · (R₀ Φ_k × f).
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.body_step import Increments, Step
+from rigidfx.mechanics.rotation import axial, skew
+from rigidfx.mechanics.shapes import ShapesOfBodies, contracted, times
+
+__all__ = ["increments_of"]
+
+Array = npt.NDArray[np.float64]
+
+
+def increments_of(step: Step, unknowns: Array) -> Increments:
+    """A trial step.
+
+    Args:
+        step: The step.
+        unknowns: Δr, ℓθ and Δq, shape (bodies, 6 + m) [m], from then on not to be changed.
+    """
+    kind = Increments if step.start.of.shapes is None else ShapedIncrements
+    return kind(step, unknowns)
+
+
+class ShapedIncrements(Increments):
+    """A trial step of bodies some of which have shapes."""
+
+    @property
+    def _shapes(self) -> ShapesOfBodies:
+        shapes = self.start.of.shapes
+        assert shapes is not None
+        return shapes
+
+    @property
+    def dq(self) -> Array:
+        """Δq, shape (bodies, m) [m]."""
+        return self.unknowns[:, 6:]
+
+    @cached_property
+    def _q1(self) -> Array:
+        return np.asarray(self.start.q + self.dq)
+
+    @cached_property
+    def _rates(self) -> tuple[Array, Array]:
+        """W and q̇ at the end of the step."""
+        W = self.step.rate * (self.theta[:, None] @ self.start.R)[:, 0]
+        rates = self.step.rate * self.dq - self.start.q_rate
+        return W - self.start.angular_velocity_body, rates
+
+    @cached_property
+    def _S(self) -> Array:
+        """S, with which nodes follow Δq; R₁ in statics, shape (bodies, 3, 3)."""
+        if self.step.share == 1.0:
+            return self.R1
+        R0 = self.start.R
+        return np.asarray(R0 + 0.5 * skew(self.theta) @ R0)
+
+    # Inertia and elastic energy -------------------------------------------------------------------
+
+    @cached_property
+    def _momenta(self) -> tuple[Array, Array]:
+        """Z and p at the end of the step, shapes (bodies, 3) and (bodies, m)."""
+        W, rates = self._rates
+        turning, own = self._shapes.momenta(self._q1, W, rates)
+        return times(self.start.of.inertia, W) + turning, own
+
+    @property
+    def pi1(self) -> Array:
+        """See `Increments`."""
+        if self.step.rate == 0.0:
+            return np.zeros((len(self), 3))
+        return times(self.R1, self._momenta[0])
+
+    @cached_property
+    def end(self) -> Bodies:
+        """See `Increments`."""
+        rigid, (_, rates) = super().end, self._rates
+        velocities = rigid.velocity, rigid.angular_velocity_body
+        return Bodies(self.start.of, rigid.frame, *velocities, self._q1, rates)
+
+    def inertia_force(self) -> Array:
+        """See `Increments`, with (p₁ - p₀)/Δt - ½ w₁·∂A/∂q w₀; shape (bodies, 6 + m) [N]."""
+        out = np.zeros(self.unknowns.shape)
+        out[:, :3] = self._part("force")[:, :3]
+        if self.step.rate == 0.0:
+            return out
+        dt, start = self.step.dt, self.start
+        turned = self.pi1 - start.angular_momentum
+        out[:, 3:6] = turned / (dt * start.of.length)[:, None]
+        (W1, rates), half = self._rates, start.q + 0.5 * self.dq
+        E = self._shapes.weighted(half)
+        C = contracted(W1, start.angular_velocity_body)
+        gradient = np.einsum("bij,bkij->bk", C, E[:, 1:])
+        gradient += 0.5 * times(self._shapes.twisted(W1), start.q_rate)
+        gradient += 0.5 * times(self._shapes.twisted(start.angular_velocity_body), rates)
+        own = (self._momenta[1] - start.momenta_of_shapes[1]) / dt
+        out[:, 6:] = np.where(self._shapes.known, own - gradient, 0.0)
+        return out
+
+    def elastic_force(self) -> Array:
+        """f₀ + Ω q½ + C Δq, shape (bodies, m) [N]; at the end of a step of statics."""
+        share, shapes = self.step.share, self._shapes
+        out = shapes.force + times(shapes.stiffness, self.start.q + share * self.dq)
+        return out if self.step.damping is None else out + times(self.step.damping, self.dq)
+
+    def damped(self) -> float:
+        """Energy Δq·C Δq that damping of shapes takes in the step [J]."""
+        if self.step.damping is None:
+            return 0.0
+        return float(np.vdot(self.dq, times(self.step.damping, self.dq)))
+
+    # Nodes ----------------------------------------------------------------------------------------
+
+    @cached_property
+    def displacement(self) -> Array:
+        """See `Increments`."""
+        rigid, back = self._part("displacement"), self.R1.swapaxes(1, 2)
+        turn = rigid[:, 1:]  # R₁ᵀ - R₀ᵀ
+        own = self.dq[:, :, None, None] * back[:, None]
+        own = own + self.start.q[:, :, None, None] * turn[:, None]
+        return np.concatenate([rigid, own.reshape(len(self), -1, 3)], axis=1)
+
+    def _arms(self, q: Array, R: Array) -> Array:
+        """-v̂/ℓ of the columns of R and of all q_k R, shape (bodies, 3 (n - 1), 3)."""
+        own = self._levers(R).reshape(len(self), 1, 9, 3)
+        return np.concatenate([own, q[:, :, None, None] * own], axis=1).reshape(len(self), -1, 3)
+
+    def _followed_by(self, arms: Array, R: Array) -> Array:
+        """Derivatives of nodes' increments, by arms of rotations and R Φ of shapes."""
+        out = self.start.of.frames.copy()
+        out[:, 3:, 3:6] = arms
+        m = self.start.of.columns - 6
+        own = out[:, 12:, 6:].reshape(len(self), m, 3, 3, m)  # a view: out is changed
+        each = np.arange(m)
+        own[:, each, :, :, each] = R.swapaxes(1, 2) * self._shapes.known.T[:, :, None, None]
+        return out
+
+    @cached_property
+    def L(self) -> Array:
+        """See `Increments`: Δr + θ × (x½ - c½) + S Φ Δq."""
+        if self.step.share == 1.0:
+            return self._followed_by(self._arms(self._q1, self.R1), self.R1)
+        both = self._arms(self.start.q, self.start.R) + self._arms(self._q1, self.R1)
+        return self._followed_by(0.5 * both, self._S)
+
+    @cached_property
+    def P(self) -> Array:
+        """See `Increments`: δr + T δθ × v₁ + R₁ Φ δq."""
+        return self._followed_by(self._arms(self._q1, self.R1) @ self.T, self.R1)
+
+    def resultant(self, moments: Array) -> Array:
+        """See `Increments`."""
+        flat = moments.reshape(len(self), -1, 1)
+        return np.asarray((self.L.swapaxes(1, 2) @ flat)[:, :, 0])
+
+    def balance(self, moments: Array, torques: Array) -> Array:
+        """See `Increments`."""
+        out = self.resultant(moments) + self.inertia_force()
+        out[:, 3:6] -= torques / self.start.of.length[:, None]
+        out[:, 6:] += self.elastic_force()
+        return out
+
+    # Derivatives ----------------------------------------------------------------------------------
+
+    def blocks(self, moments: Array) -> Array:
+        """See `Increments`."""
+        share, shapes, length = self.step.share, self._shapes, self.start.of.length
+        M = moments[:, 1:].reshape(len(self), -1, 3, 3)  # Σ V fᵀ and Σ Φ_k fᵀ
+        every = M[:, 0] + np.einsum("bk,bkij->bij", self._q1, M[:, 1:])
+        G = np.zeros((len(self), *2 * self.unknowns.shape[1:]))
+        G[:, :6, :6] = self._turning(np.concatenate([moments[:, :1], every], axis=1))
+        torques = axial(self.R1[:, None] @ M[:, 1:])  # Σ R₁ Φ_k × f
+        G[:, 3:6, 6:] = share * torques.swapaxes(1, 2)
+        if share == 1.0:
+            G[:, 6:, 3:6] = torques @ self.T
+        else:
+            G[:, 6:, 3:6] = 0.5 * axial(self.start.R[:, None] @ M[:, 1:])
+        G[:, 6:, 6:] = share * shapes.stiffness
+        if self.step.damping is not None:
+            G[:, 6:, 6:] += self.step.damping
+        if self.step.rate:
+            self._add_inertia(G)
+        G[:, 3:6, 6:] /= length[:, None, None]
+        G[:, 6:, 3:6] /= length[:, None, None]
+        return G
+
+    def _turning(self, moments: Array) -> Array:
+        """The part of translations and rotations, but for what inertia gains by shapes."""
+        return super().tangent(super().couples(moments))
+
+    def _add_inertia(self, G: Array) -> None:
+        """Add the inertia of shapes to G, whose rotations are not scaled yet."""
+        shapes, start, dt = self._shapes, self.start, self.step.dt
+        (W1, rates), W0 = self._rates, start.angular_velocity_body
+        back, rate = start.R.swapaxes(1, 2), 2 / dt
+        E = shapes.weighted(self._q1)
+        B = shapes.coupling(E)
+        gained = self.R1 @ (self.end.inertia - start.inertia) @ back
+        G[:, 3:6, 3:6] += rate / dt * gained / start.of.square_length
+        by_q = self._gained(E, W1)
+        by_q += np.einsum("bjkc,bk->bcj", shapes.couplings, rates)
+        G[:, 3:6, 6:] += self.R1 @ (rate * B + by_q) / dt
+        half = shapes.weighted(start.q + 0.5 * self.dq)
+        by_W = 0.5 * self._gained(half, W0)
+        by_W += 0.5 * np.einsum("bjkc,bk->bcj", shapes.couplings, start.q_rate)
+        G[:, 6:, 3:6] += rate * (B / dt - by_W).swapaxes(1, 2) @ back
+        own = (rate * shapes.mass - shapes.twisted(W1) - shapes.twisted(W0)) / dt
+        own -= 0.5 * np.einsum("bij,bklij->bkl", contracted(W1, W0), shapes.moments[:, 1:, 1:])
+        G[:, 6:, 6:] += own
+
+    @staticmethod
+    def _gained(E: Array, W: Array) -> Array:
+        """∂(J W)/∂q = 2 tr(E_k) W - (E_k + E_kᵀ) W, shape (bodies, 3, m)."""
+        own = E[:, 1:]
+        both = np.einsum("bkij,bj->bik", own + own.swapaxes(2, 3), W)
+        return 2 * np.trace(own, axis1=2, axis2=3)[:, None] * W[:, :, None] - both

@@ -1,0 +1,160 @@
+"""Shapes of a body: it deforms by a few given fields in its own frame.
+
+Nodes of a body are at x = c + R (ξ + Φ q), with ξ the shape at the freeze about the centre of mass,
+Φ the shapes, q their coordinates, zero at the freeze. A body without shapes is rigid. Its elastic
+energy is the expansion of that of its cells about the frozen shape,
+
+    U(q) = U₀ + f₀·q + ½ q·Ω q,    f₀ = Φᵀ f_int(ξ),    Ω = Φᵀ K(ξ) Φ,
+
+which rotations do not enter. With w = (W, q̇) in the body's frame and y = ξ + Φ q its kinetic energy
+beside that of the centre is ½ w·A(q) w,
+
+    A = [J B; Bᵀ D],    J = tr Y - Y,    Y = Σ m y yᵀ,    B_k = Σ m y × Φ_k,    D = ΦᵀMΦ.
+
+All of it comes from the second moments G_kl = Σ m Φ_k Φ_lᵀ, with Φ₀ = ξ, which are summed once; a
+step then costs the same whatever the mesh.
+
+Arrays of several bodies have an axis over these first. Bodies may have different numbers of shapes:
+what a body lacks up to the largest number is zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.taken import seal
+from rigidfx.mechanics.rotation import IDENTITY, axial
+
+__all__ = ["Shapes", "ShapesOfBodies"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """The constant data of the m shapes of a body.
+
+    Attributes:
+        nodes: Owned nodes of the body on this rank, sorted.
+        modes: Φ at these nodes in the body's frame, shape (nodes, m, 3).
+        moments: G, shape (m + 1, m + 1, 3, 3) [kg m², kg m, kg]; that of ξ alone is left to the
+            inertia of the body.
+        stiffness: Ω, shape (m, m) [N/m].
+        force: f₀, shape (m,) [N].
+    """
+
+    nodes: npt.NDArray[np.int32]
+    modes: Array
+    moments: Array
+    stiffness: Array
+    force: Array
+
+    def __post_init__(self) -> None:
+        """Let nobody change the arrays: reports show them."""
+        seal(self)
+
+    def __len__(self) -> int:
+        """m."""
+        return len(self.force)
+
+
+class ShapesOfBodies:
+    """The shapes of some bodies as arrays.
+
+    Attributes:
+        counts: m of each body, shape (bodies,).
+        most: The largest m.
+        moments: G of each, shape (bodies, most + 1, most + 1, 3, 3).
+        couplings: Σ m Φ_j × Φ_k, shape (bodies, most, most, 3).
+        mass: D, shape (bodies, most, most) [kg].
+        stiffness: Ω, likewise [N/m].
+        force: f₀, shape (bodies, most) [N].
+    """
+
+    def __init__(self, each: Sequence[Shapes | None]) -> None:
+        """Stack the bodies' data.
+
+        Args:
+            each: The shapes of each body, one of them at least; None if it is rigid.
+        """
+        self.counts = np.array([0 if own is None else len(own) for own in each])
+        self.most = m = int(self.counts.max(initial=0))
+        self.moments = np.zeros((len(each), m + 1, m + 1, 3, 3))
+        self.stiffness, self.force = np.zeros((len(each), m, m)), np.zeros((len(each), m))
+        for k, own in enumerate(each):
+            if own is not None:
+                n = len(own)
+                self.moments[k, : n + 1, : n + 1] = own.moments
+                self.stiffness[k, :n, :n], self.force[k, :n] = own.stiffness, own.force
+        self.couplings = axial(self.moments[:, 1:, 1:])
+        self.mass = np.einsum("bklii->bkl", self.moments[:, 1:, 1:])
+        seal(self)
+
+    @cached_property
+    def known(self) -> npt.NDArray[np.bool_]:
+        """Which coordinates there are, shape (bodies, most)."""
+        return np.arange(self.most) < self.counts[:, None]
+
+    # Functions of q, shape (bodies, most) ---------------------------------------------------------
+
+    def weighted(self, q: Array) -> Array:
+        """E_k = Σ m y Φ_kᵀ, but for the part of ξ ξᵀ, shape (bodies, most + 1, 3, 3)."""
+        with_one = np.concatenate([np.ones((len(q), 1)), q], axis=1)
+        flat = self.moments.reshape(len(q), self.most + 1, -1)
+        return np.asarray(with_one[:, None] @ flat).reshape(-1, self.most + 1, 3, 3)
+
+    def added_inertia(self, q: Array, E: Array) -> Array:
+        """Addition of the shapes to J, shape (bodies, 3, 3) [kg m²].
+
+        Args:
+            q: The coordinates.
+            E: See `weighted`.
+        """
+        Y = E[:, 0] + np.einsum("bk,bkij->bij", q, E[:, 1:])
+        return np.asarray(np.trace(Y, axis1=1, axis2=2)[:, None, None] * IDENTITY - Y)
+
+    @staticmethod
+    def coupling(E: Array) -> Array:
+        """B, shape (bodies, 3, most) [kg m]."""
+        return axial(E[:, 1:]).swapaxes(1, 2)
+
+    def momenta(self, q: Array, W: Array, rates: Array) -> tuple[Array, Array]:
+        """Addition to J W by the shapes [kg m²/s], and p = Bᵀ W + D q̇ [kg m/s].
+
+        Args:
+            q: The coordinates.
+            W: Angular velocities in the bodies' frames, shape (bodies, 3) [rad/s].
+            rates: q̇, shape (bodies, most) [m/s].
+
+        Returns:
+            Shapes (bodies, 3) and (bodies, most).
+        """
+        E = self.weighted(q)
+        B = self.coupling(E)
+        turning = times(self.added_inertia(q, E), W) + times(B, rates)
+        return turning, times(B.swapaxes(1, 2), W) + times(self.mass, rates)
+
+    def twisted(self, a: Array) -> Array:
+        """a · Σ m Φ_j × Φ_k, shape (bodies, most, most), of vectors a, shape (bodies, 3)."""
+        return np.einsum("bjkc,bc->bjk", self.couplings, a)
+
+    def energy(self, q: Array) -> Array:
+        """U(q) - U₀ of each body, shape (bodies,) [J]."""
+        return np.asarray(((self.force + 0.5 * times(self.stiffness, q)) * q).sum(axis=1))
+
+
+def contracted(a: Array, b: Array) -> Array:
+    """C with a·δJ b = C : δY for J = tr Y - Y: (a·b) 1 - ½ (a bᵀ + b aᵀ), shape (bodies, 3, 3)."""
+    outer = a[:, :, None] * b[:, None, :]
+    both = 0.5 * (outer + outer.swapaxes(1, 2))
+    return np.asarray((a * b).sum(axis=1)[:, None, None] * IDENTITY - both)
+
+
+def times(matrices: Array, vectors: Array) -> Array:
+    """Each matrix times its vector, shapes (n, i, j) and (n, j)."""
+    return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])
