@@ -412,7 +412,7 @@ CEILINGS = {
     "flexible": 38,
     "mechanics": 80,
     "output": 40,
-    "plot": 51,
+    "plot": 52,
     "recovery": 6,
     "report": 30,
     "scene": 20,
@@ -424,7 +424,7 @@ CEILINGS = {
     "step/system": 3,
     "step/watches": 29,
     "switch": 5,
-    "vibration": 15,
+    "vibration": 14,
 }
 
 

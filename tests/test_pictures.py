@@ -14,7 +14,11 @@ from parallel import report as tell
 from parallel import run as mpirun
 
 import rigidfx as rf
+from rigidfx.output.history import columns_of
+from rigidfx.plot import joints
 from rigidfx.plot.curves import figure_of
+from rigidfx.plot.enlarged import factor_of
+from rigidfx.plot.panels import MOST, of_joints
 from rigidfx.plot.pictures import pictures
 from rigidfx.plot.renders import Photograph, images, key, pyvista, surface_of
 from rigidfx.plot.shapes import Shapes
@@ -131,9 +135,93 @@ def test_joints_have_arrows(tmp_path):
     assert not blue.any()
 
 
+def test_joints_over_time(tmp_path):
+    """Angles, travels, efforts and forces: the same from reports and from files."""
+    bars = rf.box((0, 0, 0), (3, 1, 1), (3, 1, 1)).with_cells("bar", lambda x: x[0] < 1.01)
+    bars = bars.with_cells("slider", lambda x: x[0] > 1.99)
+    pin = rf.Revolute("ground", "bar", (0, 0.5, 0.5), (0, 1, 0), name="pin_a")
+    guide = rf.Prismatic("ground", "slider", (3, 0, 0), (1, 0, 0), name="guide")
+    acting = [rf.Motor("pin_a", torque=3.0), rf.Stop("guide", high=1e-5, stiffness=1e5)]
+    acting += [rf.Motor("guide", force=30.0), rf.Rigid("bar"), rf.Rigid("slider")]
+    scene = rf.Scene(bars, MATERIAL, [pin, guide, *acting])
+    reports = []
+    with rf.Recorder(scene, tmp_path, every=9) as recorder:
+        for report in rf.simulate(scene, 0.01, 0.06, progress=False):
+            recorder.write(report)
+            reports.append(report)
+    found = of_joints(columns_of(tmp_path))
+    (angle,), unit = found["Angles of joints"]
+    assert (angle.label, unit) == ("pin_a", "angle (rad)")
+    np.testing.assert_allclose(angle.y[1:], [r.joints["pin_a"].angle for r in reports[1:]])
+    (torque,), unit = found["Torques of motors, springs and stops"]
+    assert (torque.label, unit) == ("motor of pin_a", "torque (N m)")
+    np.testing.assert_allclose(torque.y[1:], 3.0)
+    forces, _ = found["Forces of motors, springs and stops"]
+    assert {curve.label for curve in forces} == {"motor of guide", "stop of guide"}
+    stop = next(curve for curve in forces if "stop" in curve.label)
+    assert min(stop.y[1:]) < 0
+    assert pictures(tmp_path, frames=0)[1].name == "joints.png"
+    for source, name in ((reports, "1.png"), (tmp_path, "2.png"), (columns_of(tmp_path), "3.png")):
+        joints(source, tmp_path / name)
+        assert (tmp_path / name).read_bytes() == (tmp_path / "joints.png").read_bytes()
+    with pytest.raises(rf.OutputError, match="there are no joints"):
+        joints(reports[:1], tmp_path / "none.png")
+    with pytest.raises(rf.SceneError, match="a list of reports"):
+        joints([1.0], tmp_path / "none.png")
+
+
+def test_of_many_joints_the_largest_are_drawn():
+    """What is left out is said."""
+    h = {"t": np.arange(2.0)}
+    for k in range(MOST + 2):
+        h |= {f"joint_{k}_{name}": np.full(2, k + 1.0) for name in ("gap", "angle", "travel")}
+        h |= {f"joint_{k}_force_{axis}": np.ones(2) for axis in "xyz"}
+    ((heading, (lines, _)),) = [p for p in of_joints(h).items() if p[0].startswith("Angles")]
+    assert heading == f"Angles of joints, the largest {MOST} of {MOST + 2}"
+    assert [curve.label for curve in lines] == [str(k) for k in range(MOST + 1, 1, -1)]
+
+
+def test_displacements_are_enlarged_by_themselves(tmp_path, monkeypatch):
+    """By 1, 2 or 5 times a power of ten, never made smaller; told on the picture."""
+    line = np.array([[0.0, 0, 0], [3, 4, 0]])  # 5 m; the largest is drawn as half a metre at most
+    for u, factor in ((2e-4, 2000.0), (0.06, 5.0), (0.4, 1.0), (7.0, 1.0), (0.0, 1.0)):
+        assert factor_of("auto", line, [0 * line, np.array([[0, 0, u], [0, 0, 0]])]) == factor
+    assert factor_of(3.0, line, []) == 3.0
+    told = []
+    monkeypatch.setattr("rigidfx.plot.renders.tell_scale", lambda f, s, p: told.append(s))
+    monkeypatch.setattr("rigidfx.plot.film.tell_scale", lambda f, s, p: told.append(s))
+    bar = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1))
+    scene = rf.Scene(bar, MATERIAL, [rf.Fixed("x0"), rf.Traction("x1", (0, 0, 0.01))])
+    shapes = Shapes(scene, [1.0], colour="von_mises")
+    with rf.Recorder(scene, tmp_path, every=1) as recorder:
+        for report in rf.static(scene, 2, verbose=False):
+            recorder.write(report)
+            shapes.add(report)
+            shapes.keep(report, "largest")
+    assert shapes.count == 2
+    shapes.draw(tmp_path / "auto.png", scale="auto")
+    assert told[0] > 1
+    pictures(tmp_path, frames=2, scale="auto")
+    assert told == [told[0]] * 4, "shapes, stress, film"
+
+
+def test_a_terminal_sees_what_is_drawn(tmp_path, monkeypatch, capsys):
+    """A bar for each picture of shapes, which is gone at its end."""
+    run(tmp_path, stress=False)
+    pictures(tmp_path, frames=2)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    pictures(tmp_path, frames=2)
+    told = capsys.readouterr().err
+    for words in ("reading fields", "drawing shapes.png", "drawing film.gif"):
+        assert words in told
+    assert "\n" not in told
+
+
 def test_command_line(tmp_path, monkeypatch):
     run(tmp_path)
     command = ["rigidfx.plot", str(tmp_path), "--frames", "2", "--view", "0", "-1", "0.2"]
+    command += ["--scale", "auto"]
     monkeypatch.setattr(sys, "argv", command)
     monkeypatch.delitem(sys.modules, "rigidfx.plot.__main__", raising=False)
     runpy.run_module("rigidfx.plot", run_name="__main__")
@@ -149,7 +237,7 @@ def test_folder_without_a_run(tmp_path):
     ("name", "value"),
     [
         *(("view", (0, 0, 0)), ("view", (1, 0)), ("view", (0, 0, 2)), ("up", (0, 0, np.nan))),
-        *(("scale", 0), ("scale", "much")),
+        *(("scale", 0), ("scale", "much"), ("scale", None)),
         *(("frames", -1), ("frames", 1.5), ("shapes", 0), ("shapes", "8")),
     ],
 )

@@ -22,7 +22,7 @@ def draw(path: Path) -> None:
     hole = gmsh.model.occ.addCylinder(0.7 * L, B / 2, 0, 0, 0, H, R)
     gmsh.model.occ.cut([(3, plate)], [(3, hole)])
     gmsh.model.occ.synchronize()
-    gmsh.write(str(path))
+    gmsh.write(str(path))  # OpenCASCADE prints lines about it
     gmsh.finalize()
 
 

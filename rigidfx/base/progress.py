@@ -1,13 +1,17 @@
-"""The bar that shows how far a run is."""
+"""Bars that show how far a run is, or a picture."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
+from typing import TypeVar, cast
 
 from mpi4py import MPI
 from tqdm import tqdm
 
-__all__ = ["progress_bar"]
+__all__ = ["bar_over", "progress_bar"]
+
+T = TypeVar("T")
 
 
 def progress_bar(comm: MPI.Intracomm, t_end: float, progress: bool | None) -> tqdm:
@@ -27,6 +31,17 @@ def progress_bar(comm: MPI.Intracomm, t_end: float, progress: bool | None) -> tq
         mininterval=0.1 if terminal else 5.0,
         bar_format="{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]",
     )
+
+
+def bar_over(items: Iterable[T], what: str, count: int) -> Iterable[T]:
+    """The items, with a bar meanwhile where standard error is a terminal.
+
+    Args:
+        items: Each takes a while.
+        what: What is done, before the bar.
+        count: How many there are.
+    """
+    return cast(Iterable[T], tqdm(items, what, count, leave=False, disable=None))
 
 
 class _Lines:

@@ -11,6 +11,8 @@ from __future__ import annotations
 import logging
 import sys
 import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import dolfinx  # noqa: F401 - imports FFCx, whose doing is undone below
@@ -19,9 +21,25 @@ from mpi4py import MPI
 from rigidfx.base.errors import RigidfxWarning
 from rigidfx.base.log import keep
 
-__all__ = ["warn"]
+__all__ = ["warn", "worded"]
 
 PACKAGE = str(Path(__file__).resolve().parent.parent)
+
+_wordings: list[Callable[[str], str]] = []  # under way
+
+
+@contextmanager
+def worded(wording: Callable[[str], str]) -> Iterator[None]:
+    """Have warnings in other words in log.txt meanwhile; Python's filters see them as they are.
+
+    Args:
+        wording: The words for a message.
+    """
+    _wordings.append(wording)
+    try:
+        yield
+    finally:
+        _wordings.remove(wording)
 
 
 def warn(comm: MPI.Intracomm, message: str) -> None:
@@ -33,7 +51,10 @@ def warn(comm: MPI.Intracomm, message: str) -> None:
     """
     if comm.rank != 0:
         return
-    keep(f"warning: {message}")
+    text = message
+    for wording in _wordings:
+        text = wording(text)
+    keep(f"warning: {text}")
     frame, level = sys._getframe(1), 2
     while frame.f_back is not None and frame.f_code.co_filename.startswith(PACKAGE):
         frame, level = frame.f_back, level + 1

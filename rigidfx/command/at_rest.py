@@ -5,11 +5,10 @@ from __future__ import annotations
 from argparse import Namespace
 from typing import Any
 
-from rigidfx.command.files import conclude
+from rigidfx.command.files import write_json
 from rigidfx.command.largest import Largest
 from rigidfx.command.parser import say
 from rigidfx.output.recorder import Recorder
-from rigidfx.plot import Shapes
 from rigidfx.scene.scene import Scene
 from rigidfx.statics import static
 from rigidfx.vibration.modes import modes
@@ -30,7 +29,7 @@ def at_rest(scene: Scene, options: Namespace) -> dict[str, Any]:
     """
     summary: dict[str, Any] = {"file": options.file.name}
     if options.describe:
-        scene.describe()
+        scene.describe(dt=options.dt, periods=3)
     if options.modes:
         found = modes(scene, options.modes)
         for number, frequency in enumerate(found.frequencies, start=1):
@@ -40,16 +39,16 @@ def at_rest(scene: Scene, options: Namespace) -> dict[str, Any]:
         found.draw(options.out / "modes.png")
         summary["frequencies"] = found.frequencies.tolist()
     if options.static:
-        largest, shapes = Largest(scene, 1.0, 1.0), Shapes(scene, [1.0], colour="von_mises")
+        largest = Largest(scene, [1.0])
         with Recorder(scene, options.out) as recorder:
             for report in static(scene):
-                for follow in (recorder.write, shapes.add, largest.add):
-                    follow(report)
-        say("\n".join(largest.lines()))
+                recorder.write(report)
+                largest.add(report)
+        say("\n".join(largest.lines(timed=False)))
         say("Pictures are being drawn ...")
-        shapes.draw(options.out / "stress.png", title=options.file.name)
+        largest.shapes.draw(options.out / "stress.png", title=options.file.name, scale="auto")
         summary |= largest.numbers()
     if options.modes or options.static:
-        conclude(options.out, summary)
-        say(f"Pictures and fields are in {options.out}")
+        write_json(options.out / "summary.json", summary)
+        say(f"Pictures, fields and summary.json are in {options.out}")
     return summary

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
-from rigidfx.command.pair import SAME
+from rigidfx.plot import Shapes
 from rigidfx.report.peaks import Peak, Peaks
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
@@ -16,29 +18,25 @@ __all__ = ["Largest"]
 
 
 class Largest:
-    """Follows the reports of a run, or of a path of static equilibria.
+    """Follows all reports of a run, or of a path of static equilibria.
 
-    Displacements and reactions are looked at in all steps. Stress costs more than they do: it is
-    looked at once in each interval, and at the end.
+    Attributes:
+        shapes: The body at some times and where stress is largest, coloured by it.
     """
 
-    def __init__(self, scene: Scene, t_end: float, interval: float) -> None:
+    def __init__(self, scene: Scene, times: Iterable[float]) -> None:
         """Find cells, and compile stresses. Collective.
 
         Args:
             scene: The problem.
-            t_end: End of the run [s].
-            interval: Time after which stress is looked at again [s].
+            times: Of shapes [s].
         """
         names = sorted(name for name, dim in scene.domain.sets if dim == 3)
         self._scene, self._peaks = scene, Peaks(scene, names, "rigidfx")
-        self._interval, self._next, self._end = interval, 0.0, t_end
-        self._u: tuple[float, float, npt.NDArray[np.float64]] = (
-            0.0,
-            0.0,
-            np.zeros(3),
-        )  # size [m], time [s], place [m]
-        self._stress = (Peak(0.0, np.zeros(3)), 0.0)
+        self.shapes = Shapes(scene, times, colour="von_mises")
+        origin = np.zeros(3)
+        self._u: tuple[float, float, npt.NDArray[np.float64]] = 0.0, 0.0, origin  # [m], [s], [m]
+        self._stress = (Peak(0.0, origin), 0.0)
         self._reactions: dict[str, tuple[float, float]] = {}  # size [N], time [s]
         self._energy = self._damped = 0.0  # largest and dissipated [J]
 
@@ -55,28 +53,41 @@ class Largest:
                 self._reactions[name] = found, t
         self._energy = max(self._energy, report.energy)
         self._damped += report.dissipated.get("NumericalDamping", 0.0)
-        if t >= min(self._next, self._end) * (1 - SAME):
-            self._next = t + self._interval
-            peak = max(self._peaks.measure(report).values(), key=lambda found: found.von_mises)
-            if peak.von_mises > self._stress[0].von_mises:
-                self._stress = peak, t
+        self.shapes.add(report)
+        peak = max(self._peaks.measure(report).values(), key=lambda found: found.von_mises)
+        if peak.von_mises > self._stress[0].von_mises:
+            self._stress = peak, t
+            self.shapes.keep(report, "largest")
 
-    def lines(self) -> list[str]:
-        """The largest values in words, with their places in the reference shape and times."""
+    def lines(self, timed: bool = True) -> list[str]:
+        """The largest values of all steps in words, with places in the reference shape. Collective.
+
+        Args:
+            timed: Whether with their times; in statics these are parts of the loads.
+        """
         (size, t, place), (peak, t_peak) = self._u, self._stress
         lines = [
-            f"largest displacement: {size:.4g} m at {_at(place)}, t = {t:.4g} s",
-            f"largest von Mises stress: {peak.von_mises:.4g} Pa at {_at(peak.place)}, "
-            f"t = {t_peak:.4g} s",
+            f"largest displacement: {size:.4g} m at {_at(place)}{_when(t, timed)}",
+            f"largest von Mises stress: {peak.von_mises:.4g} Pa at {_at(peak.place)}"
+            f"{_when(t_peak, timed)}{self._held_there(peak)}",
         ]
-        for name, (force, when) in self._reactions.items():
-            lines.append(f"largest reaction of {name}: {force:.4g} N, t = {when:.4g} s")
+        for name, (force, t) in self._reactions.items():
+            lines.append(f"largest reaction of {name}: {force:.4g} N{_when(t, timed)}")
         if self._damped and self._energy:
             lines.append(
                 f"numerical damping took {self._damped:.3g} J, {self._damped / self._energy:.0%} "
                 "of the largest energy; --damping 0 has none"
             )
         return lines
+
+    def _held_there(self, peak: Peak) -> str:
+        """A remark on a stress at a support, where it may be infinite. Collective."""
+        X = self._scene.space.tabulate_dof_coordinates()
+        for name in self._reactions:
+            near = np.isclose(X[self._scene.nodes(name, "rigidfx")], peak.place)
+            if self._scene.comm.allreduce(bool(near.all(axis=1).any()), op=MPI.LOR):
+                return f", at the support {name}: at its edge the exact one may be infinite"
+        return ""
 
     def numbers(self) -> dict[str, Any]:
         """The same for `summary.json`."""
@@ -87,6 +98,11 @@ class Largest:
             "largest_von_mises_at": self._stress[0].place.tolist(),
             "numerically_damped": self._damped,
         }
+
+
+def _when(t: float, timed: bool) -> str:
+    """The time of a value, where there are times."""
+    return f", t = {t:.4g} s" if timed else ""
 
 
 def _at(place: np.ndarray) -> str:

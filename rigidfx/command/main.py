@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from rigidfx.command.acting import supports_and_loads
 from rigidfx.command.at_rest import at_rest, is_at_rest
-from rigidfx.command.files import conclude
+from rigidfx.command.files import write_json
 from rigidfx.command.largest import Largest
 from rigidfx.command.options import Example, ask
 from rigidfx.command.pair import Pair
@@ -34,8 +34,7 @@ from rigidfx.vibration.modes import periods
 
 __all__ = ["main", "materials", "run"]
 
-QUIET = 1 / 50  # tolerance, relative to the largest strain rate under the load
-STEPS = 400  # of a run whose Δt is not given
+QUIET = 0.02  # tolerance, relative to the largest strain rate under the load
 PICTURES = 0.05, 0.35, 0.65, 1.0  # of the run's time, of the shapes that are drawn
 
 
@@ -55,12 +54,11 @@ def main(prog: str | None = None, example: Example | None = None) -> dict[str, A
         scene = _scene(read(parser, options), options)
         if is_at_rest(options):
             return at_rest(scene, options)
-        dt = options.dt or options.t_end / STEPS
-        shapes = Shapes(scene, options.t_end * np.array(PICTURES), colour="rigid")
+        dt = options.dt
+        times = options.t_end * np.array(PICTURES)
+        shapes, largest = Shapes(scene, times, colour="rigid"), Largest(scene, times)
         _tell_of_times(scene, dt, options)
-        interval = options.t_end / 100
-        recorder = Recorder(scene, options.out, interval=interval)
-        largest = Largest(scene, options.t_end, interval)
+        recorder = Recorder(scene, options.out, interval=options.t_end / 100)
         with recorder, _pair(scene, dt, options) as run:
             for report in run:
                 recorder.write(report)
@@ -68,13 +66,18 @@ def main(prog: str | None = None, example: Example | None = None) -> dict[str, A
                 largest.add(report)
         summary = _summary(scene, run, options) | {"dt": dt, "tol_found": found}
         summary |= largest.numbers()
-        conclude(options.out, summary)
+        write_json(options.out / "summary.json", summary)
         say("\n".join(largest.lines()))
         say("Pictures are being drawn ...")
         _draw(run, options)
-        view = (0.7, -1.0, 0.45)
-        shapes.draw(options.out / "rigid_parts.png", view=view, title=options.file.name)
-    say(f"Pictures and fields are in {options.out}")
+        look: dict[str, Any] = {
+            "title": options.file.name,
+            "view": (0.7, -1.0, 0.45),
+            "scale": "auto",
+        }
+        shapes.draw(options.out / "rigid_parts.png", **look)
+        largest.shapes.draw(options.out / "stress.png", columns=len(times) + 1, **look)
+    say(f"Pictures, fields and summary.json are in {options.out}")
     return summary
 
 
@@ -90,6 +93,7 @@ def _scene(domain: Domain, options: Namespace) -> Scene:
         materials(options),
         supports_and_loads(options),
         order=options.order,
+        element=options.element,
         mass="consistent" if options.order == 2 else "lumped",
     )
 

@@ -14,6 +14,7 @@ from rigidfx.command.parser import RankParser
 __all__ = ["CAD", "GEO", "Example", "ask"]
 
 GEO = (".geo", ".geo_unrolled")
+STEPS = 400  # of a run whose Δt is not given
 CAD = (".step", ".stp", ".brep", ".iges", ".igs")
 
 
@@ -54,6 +55,8 @@ def ask(prog: str | None, example: Example | None) -> tuple[RankParser, Namespac
     if example is not None:
         _complete(options, example)
     options.order = options.order or 2
+    if options.dt is None and options.t_end is not None:
+        options.dt = options.t_end / STEPS
     if options.out is None:
         options.out = Path("out", options.file.stem)
     if options.until is None:  # loads stay in statics
@@ -66,6 +69,10 @@ def ask(prog: str | None, example: Example | None) -> tuple[RankParser, Namespac
         parser.error(f"--size is for what is meshed here, not for '{options.file.name}'")
     if options.per_circle and options.kind not in CAD:
         parser.error(f"--per-circle is for CAD files only, not for '{options.file.name}'")
+    if options.curved and options.kind not in CAD + GEO:
+        parser.error(f"--curved is for what is meshed here, not for '{options.file.name}'")
+    if options.corners and options.kind != ".inp":
+        parser.error(f"--corners is for .inp only, not for '{options.file.name}'")
     if options.encoding and options.kind != ".inp":
         parser.error(f"--encoding is for .inp only, not for '{options.file.name}'")
     options.load = [(n, _three(parser, f"load {n}", texts)) for n, *texts in options.load]
@@ -90,6 +97,9 @@ def _of_geometry(parser: RankParser, optional: bool) -> None:
         "--per-circle", type=positive, help="cells around a full circle, along curved edges (CAD)"
     )
     group.add_argument(
+        "--curved", action="store_true", help="cells as curved as surfaces (.geo and CAD)"
+    )
+    group.add_argument(
         "--scale", type=positive, default=1.0, help="metres per unit of the file (1)"
     )
     group.add_argument(
@@ -103,6 +113,13 @@ def _of_geometry(parser: RankParser, optional: bool) -> None:
         "--name", metavar="NAME=3,4", action="append", default=[], help="surfaces of CAD, by number"
     )
     group.add_argument("--encoding", help="of an .inp that is not in UTF-8, such as gb18030")
+    group.add_argument("--corners", action="store_true", help="cells of an .inp by their corners")
+    group.add_argument(
+        "--element",
+        choices=["standard", "enhanced"],
+        default="standard",
+        help="enhanced ones bend rightly with --order 1 (hexahedra)",
+    )
     group.add_argument("--order", type=int, choices=[1, 2], help="of the displacement (2)")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from typing import Any, NoReturn
 
@@ -20,6 +21,11 @@ def say(text: str) -> None:
 
 class RankParser(argparse.ArgumentParser):
     """A parser for scripts that run on several ranks: rank 0 alone prints."""
+
+    def __init__(self, *given: Any, **how: Any) -> None:
+        """Make a parser for which -1e4 is a number, as -10000 is, and no option."""
+        super().__init__(*given, **how)
+        self._negative_number_matcher = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
 
     def error(self, message: str) -> NoReturn:
         """Stop with a message and status 2."""

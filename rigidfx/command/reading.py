@@ -31,7 +31,7 @@ def read(parser: RankParser, options: Namespace) -> Domain:
     domain = _domain(options)
     cells = domain.mesh.topology.index_map(3).size_global
     x = np.concatenate(MPI.COMM_WORLD.allgather(domain.mesh.geometry.x))
-    size = np.round(np.ptp(x, axis=0), 6)
+    size = " × ".join(f"{extent:.4g}" for extent in np.ptp(x, axis=0))
     say(f"{options.file}: {cells} cells, {size} m; names: {domain.names}")
     nothing = not (options.hold or options.load or options.gravity)
     if nothing:
@@ -45,18 +45,22 @@ def read(parser: RankParser, options: Namespace) -> Domain:
 
 def _domain(options: Namespace) -> Domain:
     path, size, scale = options.file, options.size, options.scale
+    curved, order = options.curved, 2 if options.curved else 1
     if options.kind in CAD:
         surfaces = {
             name: [int(n) if n.isdecimal() else n for n in numbers.split(",")]
             for name, numbers in options.surfaces.items()
         }
         per_circle = options.per_circle or 0.0
-        return read_cad(path, surfaces=surfaces, size=size, scale=scale, per_circle=per_circle)
+        return read_cad(
+            path, surfaces=surfaces, size=size, scale=scale, per_circle=per_circle, order=order
+        )
     if options.kind in GEO:
         parameters = {name: _value(text) for name, text in options.parameters.items()}
-        return read_geo(path, parameters, size=size, scale=scale)
+        return read_geo(path, parameters, size=size, scale=scale, order=order if curved else None)
     if options.kind == ".inp":
-        return read_inp(path, scale=scale, encoding=options.encoding)
+        corners, encoding = options.corners, options.encoding
+        return read_inp(path, scale=scale, corners=corners, encoding=encoding)
     return read_msh(path, scale=scale)
 
 

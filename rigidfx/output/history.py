@@ -80,7 +80,15 @@ from rigidfx.report.peaks import Peak
 from rigidfx.report.probe_stress import StressAt
 from rigidfx.report.report import Report
 
-__all__ = ["Written", "columns_of", "components", "history_columns", "history_row", "read_history"]
+__all__ = [
+    "Written",
+    "columns_of",
+    "components",
+    "history_columns",
+    "history_row",
+    "joint_columns",
+    "read_history",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -231,6 +239,22 @@ def _of_joints(
             column = f"joint_{title}_{kind.replace('JointSpring', 'Spring').lower()}"
             out[column] = joint.efforts.get(owner, 0.0 if title in told else nan)
     return out
+
+
+def joint_columns(reports: Iterable[Report]) -> dict[str, Array]:
+    """The time and the columns of joints of some reports, as in history.csv.
+
+    Args:
+        reports: Reports of one run.
+    """
+    steps = list(reports)
+    joints: dict[str, list[str]] = {}
+    for report in steps:
+        for title, joint in report.joints.items():
+            known = joints.setdefault(title, [])
+            known += [owner for owner in joint.efforts if owner not in known]
+    rows = [{"t": report.t, **_of_joints(joints, report.joints)} for report in steps]
+    return {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
 
 
 def _of_springs(springs: Sequence[str], told: Mapping[str, SpringDamperReport]) -> dict[str, float]:

@@ -6,11 +6,12 @@
     python3 -m rigidfx.plot out/bar
 
 `pictures` makes the standard ones from the files of a `Recorder`; `Shapes` collects the deformed
-body while a run goes on; `show` shows that of a report in a notebook or a window; `Curve`, `curves`
-and `histories` draw numbers of any runs.
+body while a run goes on; `show` shows that of a report in a notebook or a window; `joints` draws
+angles, travels and forces of joints; `Curve`, `curves` and `histories` draw numbers of any runs.
 """
 
 from rigidfx.plot.curves import Curve, curves, figure_of, histories, on_first_rank, save
+from rigidfx.plot.joints import joints
 from rigidfx.plot.pictures import pictures
 from rigidfx.plot.shapes import Shapes
 from rigidfx.plot.show import show
@@ -21,6 +22,7 @@ __all__ = [
     "curves",
     "figure_of",
     "histories",
+    "joints",
     "on_first_rank",
     "pictures",
     "save",

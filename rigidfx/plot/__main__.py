@@ -10,6 +10,11 @@ from rigidfx.plot.pictures import pictures
 __all__ = ["main"]
 
 
+def _scale(text: str) -> float | str:
+    """A number, or "auto"."""
+    return text if text == "auto" else float(text)
+
+
 def main() -> None:
     """Draw the pictures that the command line asks for."""
     parser = argparse.ArgumentParser(
@@ -20,7 +25,8 @@ def main() -> None:
         text = f"{name} of the camera ({' '.join(f'{x:g}' for x in default)})"
         parser.add_argument(f"--{name}", type=float, nargs=3, default=default, help=text)
     parser.add_argument("--frames", type=int, default=100, help="of the film at most (100)")
-    parser.add_argument("--scale", type=float, default=1.0, help="factor of displacements (1)")
+    text = "factor of displacements, or auto: the largest is a tenth of the body (1)"
+    parser.add_argument("--scale", type=_scale, default=1.0, help=text)
     options = parser.parse_args()
     pictures(
         options.folder,

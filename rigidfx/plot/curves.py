@@ -21,7 +21,16 @@ from rigidfx.base.instants import reached
 from rigidfx.base.taken import take_fields
 from rigidfx.output.history import columns_of
 
-__all__ = ["Curve", "check_time", "curves", "figure_of", "histories", "on_first_rank", "save"]
+__all__ = [
+    "Curve",
+    "check_time",
+    "curves",
+    "figure_of",
+    "histories",
+    "is_table",
+    "on_first_rank",
+    "save",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -69,7 +78,7 @@ def histories(
     """
     path = path_of("histories", "path", path)
     check_time("histories", free_since)
-    if not _is_table(history):
+    if not is_table(history):
         path_of("histories", "history", history)
 
     def draw() -> None:
@@ -124,7 +133,7 @@ def _columns_of(
         OutputError: If one is missing, or there is nothing in them.
     """
     given: Any = history
-    h = {n: np.asarray(given[n]) for n in given} if _is_table(given) else columns_of(given)
+    h = {n: np.asarray(given[n]) for n in given} if is_table(given) else columns_of(given)
     for name in HISTORY:
         if name not in h:
             raise OutputError(f"the history has no column '{name}'")
@@ -137,7 +146,7 @@ def _columns_of(
     return h
 
 
-def _is_table(history: object) -> bool:
+def is_table(history: object) -> bool:
     """Whether it has columns by name: a mapping, or a table of pandas."""
     return isinstance(history, Mapping) or hasattr(history, "columns")
 
@@ -175,7 +184,7 @@ class Curve:
     """A curve of a panel.
 
     Attributes:
-        label: Name in the legend of the first panel; it has the same colour in all of them.
+        label: Name in the legend of the first panel that has it; it has one colour in all panels.
         x: Abscissae.
         y: Ordinates.
         broken: Whether the run behind it broke down at its end; marked by a cross.
@@ -248,7 +257,7 @@ def curves(
                     )
             ax.set_title(heading)
             ax.set_ylabel(label)
-            if group[0].label not in legends:
+            if not {curve.label for curve in group} <= legends:
                 ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
             legends |= {curve.label for curve in group}
         axes[-1, 0].set_xlabel(xlabel)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from rigidfx.base.progress import bar_over
 from rigidfx.plot.curves import figure_of
 from rigidfx.plot.renders import Photograph, images, key, tell_scale
 
@@ -53,9 +54,9 @@ def film(
     left = round(box.x0 + (box.width - side) / 2)
     over = round(SIZE[1] * DPI - box.y1 + (box.height - side) / 2)  # rows are counted from above
     frames = []
-    for photograph, image in zip(
-        photographs, images(photographs, field, view, up, edges, side), strict=True
-    ):
+    taken = images(photographs, field, view, up, edges, side)
+    what = f"drawing {Path(path).name}"
+    for image, photograph in zip(bar_over(taken, what, len(photographs)), photographs, strict=True):
         canvas.restore_region(empty)
         ax.set_title(_time(photograph), loc="center", fontsize=12)
         ax.draw_artist(ax.title)

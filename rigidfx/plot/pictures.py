@@ -11,17 +11,18 @@ They are made from the recorder's files, so also while a run goes on and after o
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import OutputError, SceneError
-from rigidfx.base.inputs import number, path_of, positive, shown
+from rigidfx.base.inputs import number, path_of, shown
+from rigidfx.base.progress import bar_over
 from rigidfx.output.field_reader import read_fields
 from rigidfx.output.history import columns_of
 from rigidfx.plot.arrows import Arrows
@@ -34,22 +35,20 @@ from rigidfx.plot.curves import (
     on_first_rank,
     save,
 )
+from rigidfx.plot.enlarged import Scale, check_scale, factor_of
 from rigidfx.plot.film import film
 from rigidfx.plot.ledger import spent
+from rigidfx.plot.panels import of_joints, of_probes
 from rigidfx.plot.renders import (
     Photograph,
     check_camera,
     sheet,
     surface_of,
 )
-from rigidfx.plot.units import prefixed
 
 __all__ = ["Curve", "curves", "figure_of", "histories", "on_first_rank", "pictures", "save"]
 
 Array = npt.NDArray[np.float64]
-
-SEEN = 0.01  # of the largest value in a panel: what is never as large is left out
-MOST = 18  # curves in a panel of probes or supports; more cannot be told from each other
 
 
 def pictures(
@@ -59,7 +58,7 @@ def pictures(
     frames: int = 100,
     view: Sequence[float] = (1.0, -0.6, 0.5),
     up: Sequence[float] = (0.0, 0.0, 1.0),
-    scale: float = 1.0,
+    scale: Scale = 1.0,
     free_since: float | None = None,
     title: str = "",
     comm: MPI.Intracomm = MPI.COMM_WORLD,
@@ -67,13 +66,14 @@ def pictures(
     """Draw the standard pictures of a run into its folder. Collective.
 
     These are histories.png, energies and momenta against time; probes.png, displacements and
-    stresses of probes, and reactions, as far as there are some and not too many; unknowns.png,
-    their number and that of bodies, if it changed; ledger.png, what was spent of accuracy, if a run
-    estimates that; shapes.png, the deformed body at several times, rigid parts dark, or coloured by
-    displacement where nothing was rigid; stress.png, the same shapes coloured by von Mises stress
-    at nodes, if the run has recorded it; strain_rate.png, by what the criterion measures, on a
-    logarithmic scale, if a run looks for rigid parts; and film.gif, all of the motion. Shapes and
-    film have arrows at joints along the force and the moment on their second sides.
+    stresses of probes, and reactions, as far as there are some; joints.png, see `joints`, if there
+    are some; unknowns.png, their number and that of bodies, if it changed; ledger.png, what was
+    spent of accuracy, if a run estimates that; shapes.png, the deformed body at several times,
+    rigid parts dark, or coloured by displacement where nothing was rigid; stress.png, the same
+    shapes coloured by von Mises stress at nodes, if the run has recorded it; strain_rate.png, by
+    what the criterion measures, on a logarithmic scale, if a run looks for rigid parts; and
+    film.gif, all of the motion. Shapes and film have arrows at joints along the force and the
+    moment on their second sides.
 
     Args:
         folder: Folder of a `Recorder`.
@@ -81,7 +81,8 @@ def pictures(
         frames: How many times the film shows at most; 0 for no film.
         view: Direction from the body to the camera.
         up: Direction that points upwards in the pictures.
-        scale: Factor of displacements in shapes and film; it stands on each of them.
+        scale: Factor of displacements in shapes and film, which stands on each of them; "auto" for
+            one that draws the largest displacement as about a tenth of the body, at least 1.
         free_since: See `histories`.
         title: Heading.
         comm: Ranks that call this.
@@ -95,7 +96,7 @@ def pictures(
     """
     _check(shapes, frames, view, up)
     check_time("pictures", free_since)
-    factor = positive("pictures", "scale", scale)
+    factor = check_scale("pictures", scale)
     place = path_of("pictures", "folder", folder)
     made: list[Path] = []
 
@@ -128,9 +129,9 @@ def _of_numbers(history: Path, free_since: float | None, title: str) -> list[Pat
                 comm=MPI.COMM_SELF,
             )
 
-    panels = _panels(h)
-    of_probes = {heading: lines for heading, (lines, _) in panels.items()}
-    add("probes.png", of_probes, [label for _, label in panels.values()])
+    for name, panels in (("probes.png", of_probes(h)), ("joints.png", of_joints(h))):
+        lines = {heading: curves for heading, (curves, _) in panels.items()}
+        add(name, lines, [label for _, label in panels.values()])
     if np.ptp(h["unknowns"]) > 0:
         numbers = {"Unknowns": "unknowns", "Rigid bodies": "bodies"}
         of_numbers = {heading: [Curve(n, h["t"], h[n])] for heading, n in numbers.items()}
@@ -146,47 +147,25 @@ class _Look:
     view: Sequence[float]
     up: Sequence[float]
     title: str
-    scale: float
+    scale: Scale
 
 
 def _of_shapes(folder: Path, shapes: int, frames: int, look: _Look) -> list[Path]:
     """Draw the fields of a run; the files written, on this rank."""
     run, made = _Run(folder), []
-    as_asked = {**vars(look), "edges": run.edges}
+    factor = factor_of(look.scale, run.points, run.displacements(max(shapes, frames)))
+    as_asked: dict[str, Any] = {**vars(look), "edges": run.edges, "scale": factor}
     first = "rigid" if run.was_rigid() else "displacement"
     others = {"stress": "von_mises", "strain_rate": "strain_rate"}
     wanted = {"shapes": first} | {name: f for name, f in others.items() if run.has(f)}
     for name, field in wanted.items():
         made.append(folder / f"{name}.png")
-        photographs = run.photographs(field, shapes, look.scale)
+        photographs = run.photographs(field, shapes, factor)
         sheet(made[-1], photographs, field, columns=4, **as_asked)
     if frames > 0:
         made.append(folder / "film.gif")
-        film(made[-1], run.photographs(first, frames, look.scale), first, **as_asked)
+        film(made[-1], run.photographs(first, frames, factor), first, **as_asked)
     return made
-
-
-def _panels(h: Mapping[str, Array]) -> dict[str, tuple[list[Curve], str]]:
-    """Panels of a history's probes and supports: heading → curves, and title of the ordinate."""
-    t = h["t"]
-    # Of a run that follows no error motion its columns are zero.
-    h = {k: v for k, v in h.items() if v.any() or not re.match(r"u_.+_e_[xyz]$", k)}
-    out: dict[str, tuple[list[Curve], str]] = {}
-    kinds = {
-        "Displacements of probes": (r"u_(.+)_([xyz])$", "displacement", "m"),
-        "Von Mises stress at probes, from nodes": (r"von_mises_(.+)$", "stress", "Pa"),
-        "Reactions": (r"reaction_(.+)_([xyz])$", "force on the structure", "N"),
-    }
-    for heading, (pattern, what, unit) in kinds.items():
-        found = {" ".join(m.groups()): name for name in h if (m := re.match(pattern, name))}
-        if not found or len(found) > MOST:
-            continue
-        sizes = {label: float(np.abs(h[name]).max()) for label, name in found.items()}
-        factor, unit = prefixed(unit, max(sizes.values()))
-        seen = [label for label, size in sizes.items() if size >= SEEN * max(sizes.values())]
-        lines = [Curve(label, t, factor * h[found[label]]) for label in seen]
-        out[heading] = lines, f"{what} ({unit})"
-    return out
 
 
 def _check(shapes: int, frames: int, view: Sequence[float], up: Sequence[float]) -> None:
@@ -203,6 +182,7 @@ class _Run:
     def __init__(self, folder: Path) -> None:
         """Open the fields."""
         self._fields = read_fields(folder)
+        self.points: Array = self._fields.points
         self.edges = self._fields.cells.shape[1] in (4, 8)  # of first order
         known = [folder / f"joints.{kind}" for kind in ("vtkhdf", "pvd")]
         self._joints = next((read_fields(path) for path in known if path.exists()), None)
@@ -215,12 +195,20 @@ class _Run:
         """Whether any cell is rigid at any time."""
         return self.has("rigid") and bool(self._fields["rigid"].any())
 
-    def photographs(self, field: str, most: int, scale: float) -> list[Photograph]:
-        """The deformed surface at so many times at most, spread evenly."""
+    def _chosen(self, most: int) -> Array:
+        """So many times at most, spread evenly [s]."""
         times = self._fields.times
         chosen = np.linspace(0, len(times) - 1, min(most, len(times))).round().astype(int)
-        out = []
-        for t in times[np.unique(chosen)]:
+        return np.asarray(times[np.unique(chosen)])
+
+    def displacements(self, most: int) -> Iterator[Array]:
+        """Displacements of points at so many times at most [m]."""
+        return (self._fields.at(t)["displacement"] for t in self._chosen(most))
+
+    def photographs(self, field: str, most: int, scale: float) -> list[Photograph]:
+        """The deformed surface at so many times at most, spread evenly."""
+        times, out = self._chosen(most), []
+        for t in bar_over(times, "reading fields", len(times)):
             found = self._fields.at(t)
             values, u = found[field], found["displacement"]
             if values.ndim > 1:

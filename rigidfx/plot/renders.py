@@ -9,7 +9,7 @@ here is called on one rank only.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import numbers, shown
+from rigidfx.base.progress import bar_over
 from rigidfx.plot.arrows import Arrows, add_arrows, ends_of, largest_of, told
 from rigidfx.plot.curves import DPI, figure_of, save
 from rigidfx.plot.units import prefixed
@@ -182,8 +183,9 @@ def sheet(
     figure.draw_without_rendering()
     boxes = [ax.get_window_extent() for ax in axes.flat]
     side = int(min(box.width for box in boxes))
-    taken = images(photographs, field, view, up, edges, side)
-    for box, image in zip(boxes, taken, strict=False):
+    taken: Iterable[Any] = images(photographs, field, view, up, edges, side)
+    taken = bar_over(taken, f"drawing {Path(path).name}", len(photographs))
+    for image, box in zip(taken, boxes, strict=False):
         figure.figimage(image, round(box.x0), round(box.y0), origin="upper")
     save(figure, path)
 

@@ -6,7 +6,7 @@ pyvista and matplotlib are imported where they are used, not with the package.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -20,6 +20,7 @@ from rigidfx.flexible.nodal_stress import NodalStress, material_groups
 from rigidfx.flexible.stress import tensors, von_mises
 from rigidfx.output.paraview import Body
 from rigidfx.plot.curves import on_first_rank
+from rigidfx.plot.enlarged import Scale, check_scale, factor_of
 from rigidfx.plot.renders import Photograph, check_camera, pyvista, sheet, surface_of
 from rigidfx.report.current import check_report, check_scene
 from rigidfx.report.report import Report
@@ -39,6 +40,7 @@ class _Shape:
     t: float
     displacement: Array
     values: Array
+    caption: str | None = None
 
 
 class Shapes:
@@ -88,12 +90,13 @@ class Shapes:
         self._body = Body(scene.space, material_groups(scene) if stressed else None)
         self._stress = NodalStress(scene) if stressed else None
         self._shapes: list[_Shape] = []
+        self._kept: list[_Shape] = []  # one at most
         self._joined = False
 
     @property
     def count(self) -> int:
         """How many shapes have been kept."""
-        return len(self._shapes)
+        return len(self._shapes) + len(self._kept)
 
     def ends(self) -> Mapping[str, Any] | None:
         """What a checkpoint keeps; on rank 0, else None."""
@@ -127,6 +130,22 @@ class Shapes:
         if not due:
             return
         del self._times[:due]
+        self._shapes.append(self._shape(report))
+
+    def keep(self, report: Report, caption: str) -> None:
+        """Keep the shape of a report, in place of the one that was kept before. Collective.
+
+        Such as where a stress is the largest so far. No checkpoint has it.
+
+        Args:
+            report: The last step of the run so far.
+            caption: Text above it, before its time.
+        """
+        check_report("Shapes.keep", self._scene, report)
+        self._kept = [replace(self._shape(report), caption=f"{caption}, $t$ = {report.t:.4g} s")]
+
+    def _shape(self, report: Report) -> _Shape:
+        """The shape of a report. Collective."""
         state = report.state
         state.rebuild()
         moved, moving, _ = report.shown()
@@ -140,7 +159,7 @@ class Shapes:
         else:
             field = u if self._colour == "displacement" else self._body.on_nodes(moving)
             values = np.linalg.norm(field, axis=1)
-        self._shapes.append(_Shape(report.t, u, values))
+        return _Shape(report.t, u, values)
 
     def draw(
         self,
@@ -150,6 +169,7 @@ class Shapes:
         view: tuple[float, float, float] = (1.0, -0.6, 0.5),
         up: tuple[float, float, float] = (0.0, 0.0, 1.0),
         title: str = "",
+        scale: Scale = 1.0,
     ) -> None:
         """Draw the shapes kept so far side by side. Collective.
 
@@ -159,6 +179,7 @@ class Shapes:
             view: Direction from the body to the camera.
             up: Direction that points upwards in the picture.
             title: Heading.
+            scale: Factor of displacements, or "auto"; see `pictures`.
 
         Raises:
             OutputError: If the picture cannot be drawn or written.
@@ -167,19 +188,27 @@ class Shapes:
         path = path_of("Shapes.draw", "path", path)
         whole("Shapes.draw", "columns", columns, least=1)
         check_camera("Shapes.draw", view, up)
-        if not self._shapes:
+        scale = check_scale("Shapes.draw", scale)
+        if not self.count:
             raise SceneError("Shapes.draw: no shape has been added yet, at none of the times.")
 
         def draw() -> None:
             body = self._body
             table = np.insert(body.cells, 0, body.cells.shape[1], axis=1)
             types = np.full(len(body.cells), body.vtk_type, np.uint8)
+            by_time = {shape.t: shape for shape in [*self._shapes, *self._kept]}
+            kept = [by_time[t] for t in sorted(by_time)]
+            factor = factor_of(scale, body.points, (s.displacement for s in kept))
             grid = pyvista().UnstructuredGrid(table.reshape(-1), types, body.points)
             sheet(
                 path,
                 [
-                    Photograph(s.t, surface_of(grid, s.displacement, self._colour, s.values))
-                    for s in self._shapes
+                    Photograph(
+                        s.t,
+                        surface_of(grid, s.displacement, self._colour, s.values, factor),
+                        s.caption,
+                    )
+                    for s in kept
                 ],
                 self._colour,
                 columns=columns,
@@ -187,6 +216,7 @@ class Shapes:
                 up=up,
                 title=title,
                 edges=body.cells.shape[1] in (4, 8),
+                scale=factor,
             )
 
         on_first_rank(self._comm, draw, f"Shapes: '{path}'")

@@ -13,13 +13,12 @@ from rigidfx.base.errors import OutputError, SceneError, agree
 from rigidfx.base.inputs import path_of, whole
 from rigidfx.output.paraview import Body, Series
 from rigidfx.plot.curves import on_first_rank
+from rigidfx.plot.enlarged import SHOWN
 from rigidfx.plot.renders import Photograph, check_camera, pyvista, sheet, surface_of
 
 __all__ = ["draw_modes", "write_modes"]
 
 Array = npt.NDArray[np.float64]
-
-SHOWN = 0.1  # largest displacement that is shown, over the size of the whole
 
 
 class Shaped(Protocol):

@@ -1,0 +1,107 @@
+"""Panels of curves from the columns of a history: probes, supports, joints."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.plot.curves import Curve
+from rigidfx.plot.units import prefixed
+
+__all__ = ["Panels", "of_joints", "of_probes"]
+
+Array = npt.NDArray[np.float64]
+Panels = dict[str, tuple[list[Curve], str]]  # heading → curves, and title of the ordinate
+
+SEEN = 0.01  # of the largest value in a panel: what is never as large is left out
+MOST = 18  # curves in a panel; more cannot be told from each other
+PROBES = {
+    "Displacements of probes": (r"u_(.+)_([xyz])$", "displacement", "m"),
+    "Von Mises stress at probes, from nodes": (r"von_mises_(.+)$", "stress", "Pa"),
+    "Reactions": (r"reaction_(.+)_([xyz])$", "force on the structure", "N"),
+}
+
+
+def of_probes(h: Mapping[str, Array]) -> Panels:
+    """Panels of probes and supports.
+
+    Args:
+        h: The columns of a history.csv by name.
+    """
+    # Of a run that follows no error motion its columns are zero.
+    h = {k: v for k, v in h.items() if v.any() or not re.match(r"u_.+_e_[xyz]$", k)}
+    out: Panels = {}
+    for heading, (pattern, what, unit) in PROBES.items():
+        found = {" ".join(m.groups()): h[name] for name in h if (m := re.match(pattern, name))}
+        _add(out, heading, h["t"], found, what, unit)
+    return out
+
+
+def of_joints(h: Mapping[str, Array]) -> Panels:
+    """Panels of joints: angles, travels, sizes of forces, efforts of motors, springs and stops.
+
+    The effort of a joint that both turns and slides may be a torque or a force: such are apart.
+
+    Args:
+        h: The columns of a history.csv by name.
+    """
+    out: Panels = {}
+    titles = [m[1] for name in h if (m := re.match(r"joint_(.+)_gap$", name))]
+    for kind, unit in (("angle", "rad"), ("travel", "m")):
+        found = {title: h[f"joint_{title}_{kind}"] for title in titles}
+        _add(out, f"{kind.capitalize()}s of joints", h["t"], found, kind, unit, unit == "m")
+    efforts: dict[str, dict[str, Array]] = {}
+    for name, values in h.items():
+        of = max((t for t in titles if name.startswith(f"joint_{t}_")), key=len, default=None)
+        own = "" if of is None else name.removeprefix(f"joint_{of}_")
+        if re.match(r"(motor|spring|stop)(_|$)", own):
+            turns, slides = (
+                np.isfinite(h[f"joint_{of}_{kind}"]).any() for kind in ("angle", "travel")
+            )
+            unit = "N m or N" if turns and slides else "N" if slides else "N m"
+            efforts.setdefault(unit, {})[f"{own.replace('_', ' ')} of {of}"] = values
+    for unit, found in sorted(efforts.items()):
+        heading = {"N m": "Torques", "N": "Forces"}.get(unit, "Torques or forces")
+        words = "efforts" if " or " in unit else heading.lower().removesuffix("s")
+        heading += " of motors, springs and stops"
+        _add(
+            out,
+            heading,
+            h["t"],
+            dict(sorted(found.items())),
+            words,
+            unit,
+            scaled=" or " not in unit,
+        )
+    forces = {
+        title: np.linalg.norm([h[f"joint_{title}_force_{axis}"] for axis in "xyz"], axis=0)
+        for title in titles
+    }
+    _add(out, "Forces of joints", h["t"], forces, "size of the force", "N")
+    return out
+
+
+def _add(
+    out: Panels,
+    heading: str,
+    t: Array,
+    found: Mapping[str, Array],
+    what: str,
+    unit: str,
+    scaled: bool = True,
+) -> None:
+    """Add a panel of the curves that are not small beside the largest, if there are some."""
+    known = {label: values for label, values in found.items() if np.isfinite(values).any()}
+    if not known:
+        return
+    sizes = {label: float(np.nanmax(np.abs(values))) for label, values in known.items()}
+    largest = max(sizes.values())
+    factor, unit = prefixed(unit, largest) if scaled else (1.0, unit)
+    seen = [label for label, size in sizes.items() if size >= SEEN * largest]
+    if len(seen) > MOST:
+        heading += f", the largest {MOST} of {len(seen)}"
+        seen = sorted(seen, key=lambda label: -sizes[label])[:MOST]
+    out[heading] = [Curve(label, t, factor * known[label]) for label in seen], f"{what} ({unit})"
