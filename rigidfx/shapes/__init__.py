@@ -1,0 +1,1 @@
+"""Shapes of reduced parts: which ones, from static responses of the whole structure."""

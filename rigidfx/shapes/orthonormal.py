@@ -1,0 +1,82 @@
+"""Vectors made orthonormal by a mass, one after another, so that their order decides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["INDEPENDENT", "Basis", "columns", "normalised"]
+
+Array = npt.NDArray[np.float64]
+
+# Part of a vector's size that is to be left once all earlier ones are taken out of it. Solves leave
+# 1e-16 times the condition of the stiffness, 1e-9 in a slender part; a vector that is new by a
+# millionth is one that a load's response lacks by a millionth.
+INDEPENDENT = 1e-6
+
+
+class Basis:
+    """Vectors Y with YᵀMY = 1 and their images MY.
+
+    Attributes:
+        vectors: Y at this rank's nodes, shape (nodes, 3, n).
+        images: MY, likewise.
+    """
+
+    def __init__(self, nodes: int, total: Callable[[Array], Array]) -> None:
+        """Begin without vectors.
+
+        Args:
+            nodes: Number of nodes of this rank.
+            total: Sum over ranks. Collective.
+        """
+        self.vectors, self.images = np.zeros((2, nodes, 3, 0))
+        self._total = total
+
+    def __len__(self) -> int:
+        """Number of vectors."""
+        return int(self.vectors.shape[2])
+
+    def grow(self, vectors: Array, images: Array, sizes: Array, most: int) -> None:
+        """Add those of some vectors that are not dependent on earlier ones. Collective.
+
+        Args:
+            vectors: Shape (nodes, 3, k).
+            images: M times them.
+            sizes: Size of each by the mass, of which `INDEPENDENT` has to be left, shape (k,).
+            most: Number of vectors at which the basis is full.
+        """
+        shape, n, k = vectors.shape[:2], len(self), vectors.shape[2]
+        room = min(n + k, max(most, n))
+        Y, MY = np.empty((2, 3 * shape[0], room))
+        Y[:, :n], MY[:, :n] = columns(self.vectors), columns(self.images)
+        for y, image, size in zip(columns(vectors).T, columns(images).T, sizes, strict=True):
+            if n == room:
+                break
+            y, image = y.copy(), image.copy()
+            for _ in range(2):  # once more for what rounding leaves
+                parts = self._total(MY[:, :n].T @ y)
+                y -= Y[:, :n] @ parts
+                image -= MY[:, :n] @ parts
+            left = float(np.sqrt(max(float(self._total(y @ image)), 0.0)))
+            if left > INDEPENDENT * size:
+                Y[:, n], MY[:, n] = y / left, image / left
+                n += 1
+        self.vectors, self.images = (A[:, :n].reshape(*shape, n) for A in (Y, MY))
+
+
+def columns(u: Array) -> Array:
+    """Vectors of the shape (nodes, 3, k) as the columns of a matrix, shape (3 nodes, k)."""
+    return u.reshape(3 * len(u), u.shape[2])
+
+
+def normalised(u: Array, gram: Array) -> Array:
+    """Combinations of vectors whose products are those of an orthonormal basis.
+
+    Args:
+        u: Independent vectors, shape (nodes, 3, k).
+        gram: Their products, shape (k, k).
+    """
+    return np.linalg.solve(np.linalg.cholesky(gram), columns(u).T).T.reshape(u.shape)

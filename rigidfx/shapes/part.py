@@ -1,0 +1,176 @@
+"""Shapes of a part: vectors of the whole structure, restricted to it.
+
+The part's own rigid motions are taken out by its own mass, dependent vectors go, and the rest is
+turned so that Ω = ΦᵀKΦ of the part's own cells is diagonal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+from mpi4py import MPI
+
+from rigidfx.base.errors import SceneError
+from rigidfx.coupling.mass import mass_operator
+from rigidfx.coupling.rows import Rows
+from rigidfx.error.forces.rigid_motions import free_motions, rigid_motions
+from rigidfx.error.linear_motion import assembled
+from rigidfx.flexible.internal_forces import Cells
+from rigidfx.shapes.orthonormal import Basis, columns, normalised
+from rigidfx.shapes.responses import Responses
+from rigidfx.shapes.stiffness import times
+
+__all__ = ["MOST", "Part", "PartShapes"]
+
+Array = npt.NDArray[np.float64]
+Int32s = npt.NDArray[np.int32]
+
+MOST = 36  # shapes that a part gets unasked; Ω and the inertia of second order are full
+BLOCK = 3  # unknowns in a block of PETSc's format, which shapes have to fill
+# Size of a vector, once the part's rigid motion is taken out of it, over that before: below, it is
+# the rounding of a motion in which the part does not strain.
+STRAINING = 1e-9
+
+
+@dataclass(frozen=True)
+class PartShapes:
+    """Shapes of a part about its present state, in space.
+
+    Attributes:
+        modes: Φ at the part's nodes of this rank, the largest displacement of each 1, shape
+            (nodes, 3, m).
+        stiffness: Ω = ΦᵀKΦ, diagonal, the softest first by ω², shape (m, m) [N/m].
+        force: f₀ = Φᵀ f_int of the state, shape (m,) [N].
+    """
+
+    modes: Array
+    stiffness: Array
+    force: Array
+
+
+class Part:
+    """Cells and nodes of a part, with its own stiffness and mass; `destroy` frees them.
+
+    Attributes:
+        nodes: Its owned nodes on this rank.
+    """
+
+    def __init__(
+        self, responses: Responses, cells: Cells, nodes: Int32s, name: str = "the part"
+    ) -> None:
+        """Assemble stiffness, mass and internal forces. Collective.
+
+        Args:
+            responses: Of the whole structure, about the same state.
+            cells: Its owned cells by subdomain id.
+            nodes: Its owned nodes, sorted.
+            name: Its name, for messages.
+        """
+        self._scene, self._responses = responses.scene, responses
+        self.nodes, self._name = nodes, name
+        scene, stiffness = responses.scene, responses.stiffness
+        self._rows = Rows(scene.space, nodes)
+        self._mass = mass_operator(scene, self._rows, cells, np.ones(nodes.size, dtype=bool))
+        self._K = assembled(self._rows, stiffness.linear.tangent(cells))
+        self._d, self._f = self._rows.vector(), self._rows.vector()
+        self._internal = _internal_forces(responses, cells)[self._rows.dofs].reshape(-1, 3)
+        self._motions = self._rigid_motions()
+        self._momenta = self._times_mass(self._motions)
+
+    def _rigid_motions(self) -> Array:
+        """Its rigid motions that supports in it leave free, RᵀMR = 1. Collective."""
+        scene, stiffness = self._scene, self._responses.stiffness
+        x = stiffness.places[self.nodes]
+        sums = np.asarray(scene.sum(np.r_[x.sum(axis=0), len(x)]))
+        x = x - sums[:3] / max(sums[3], 1.0)
+        length = float(np.sqrt(scene.sum((x * x).sum()) / max(sums[3], 1.0)))
+        if not length > 0:
+            raise SceneError(self._too_small(0))
+        held = stiffness.held.reshape(-1, 3)[self.nodes]
+        R = rigid_motions(x, length) @ free_motions(x, held, length, scene.comm)
+        columns(R)[held.reshape(-1)] = 0.0
+        return normalised(R, self._dot(R, self._times_mass(R)))
+
+    def _times_mass(self, u: Array) -> Array:
+        return times(self._mass, u, self._d, self._f)
+
+    def times_stiffness(self, u: Array) -> Array:
+        """K u of its own cells, shape (nodes, 3, k). Collective."""
+        return times(self._K, u, self._d, self._f)
+
+    def _dot(self, a: Array, b: Array) -> Array:
+        return self._responses.dot(a, b)
+
+    def _too_small(self, count: int) -> str:
+        return (
+            f"Reduced '{self._name}': it has too few nodes for rigid motions and {count} shapes. "
+            "Name it Rigid, or refine its mesh."
+        )
+
+    def unmoved(self, vectors: Array) -> Array:
+        """Vectors of the whole at its nodes, without its rigid motion there. Collective.
+
+        Args:
+            vectors: Shape (owned nodes, 3, k).
+
+        Returns:
+            Shape (nodes, 3, k).
+        """
+        own = vectors[self.nodes]
+        for _ in range(2):  # once more for what rounding leaves
+            own = own - self._motions @ self._dot(self._momenta, own)
+        return np.asarray(own)
+
+    def shapes(self, vectors: Array, count: int | None = None) -> PartShapes:
+        """Shapes from vectors of the whole; dependent ones are left out. Collective.
+
+        Args:
+            vectors: The most important first, shape (owned nodes, 3, k).
+            count: How many, at most; if None `MOST` at most, in threes.
+
+        Raises:
+            SceneError: On every rank, if its stiffness is not definite for some shape.
+        """
+        scene, own = self._scene, vectors[self.nodes]
+        before = np.einsum("nak,nak->k", own, self._times_mass(own))
+        deformed = self.unmoved(vectors)
+        images = self._times_mass(deformed)
+        after = np.einsum("nak,nak->k", deformed, images)
+        before, after = np.sqrt(np.maximum(scene.sum(np.stack([before, after])), 0.0))
+        some = after > STRAINING * before
+        basis = Basis(self.nodes.size, scene.sum)
+        most = MOST if count is None else count
+        basis.grow(deformed[:, :, some], images[:, :, some], after[some], most)
+        Y, m = basis.vectors, len(basis)
+        if count is None and m > BLOCK:
+            Y, m = Y[:, :, : m - m % BLOCK], m - m % BLOCK
+        K = self._dot(Y, self.times_stiffness(Y))
+        squares, turn = scene.comm.bcast(np.linalg.eigh(0.5 * (K + K.T)))
+        if m and squares[0] <= 0:
+            raise SceneError(
+                f"Reduced '{self._name}': its stiffness is not definite in its present state, it "
+                "buckles. Reduce it in a state before the limit load, or leave it flexible."
+            )
+        Y = Y @ turn
+        largest = np.linalg.norm(Y, axis=1).max(axis=0, initial=0.0)
+        scene.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+        Y = Y / largest
+        force = np.asarray(scene.sum(np.einsum("nak,na->k", Y, self._internal)))
+        return PartShapes(Y, np.diag(squares / largest**2), force)
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        for item in (self._mass, self._K, self._d, self._f):
+            item.destroy()
+
+
+def _internal_forces(responses: Responses, cells: Cells) -> Array:
+    """Forces of cells in the state, of all local dofs. Collective."""
+    b = fem.Function(responses.scene.space)
+    fem.assemble_vector(b.x.array, responses.stiffness.linear.force(cells))
+    b.x.scatter_reverse(la.InsertMode.add)
+    b.x.scatter_forward()
+    return np.array(b.x.array)

@@ -1,0 +1,102 @@
+"""Static responses of a whole structure to nodal forces, all of it flexible: K⁺f.
+
+K is the stiffness about the present state, with its stresses, supports and springs. Motions r of
+connected parts that nothing prevents have no stiffness: forces are put in balance with inertia,
+f - M r (rᵀMr)⁻¹ rᵀf, some rows that determine these motions are pinned, and responses are made
+orthogonal to the motions by the mass. There is one factor, made when it is first asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.effects import Windowed
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.scene.scene import Scene
+from rigidfx.shapes.orthonormal import columns, normalised
+from rigidfx.shapes.solver import Solver
+from rigidfx.shapes.stiffness import Stiffness
+from rigidfx.state import State
+
+__all__ = ["Responses"]
+
+Array = npt.NDArray[np.float64]
+
+
+class Responses:
+    """Stiffness and mass of a structure about a state; `destroy` frees them.
+
+    Arrays of forces and displacements have the shape (owned nodes, 3, k).
+
+    Attributes:
+        scene: The problem.
+        stiffness: The matrices and how unknowns sit in nodes.
+        motions: Motions of connected parts that nothing prevents, RᵀMR = 1.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        forces: InternalForces,
+        state: State,
+        acting: Sequence[Windowed],
+        bodies: Bodies | None = None,
+    ) -> None:
+        """Bind forms and effects; nothing is factored yet. Collective.
+
+        Args:
+            scene: The problem.
+            forces: Internal forces, which know the cells of each material.
+            state: The state; its displacements are taken over.
+            acting: The effects with a time window that act.
+            bodies: Those that stay rigid; none if None.
+
+        Raises:
+            SceneError: If there are joints, or supports hold everything.
+        """
+        self.scene = scene
+        self.stiffness = Stiffness(scene, forces, state, acting, bodies)
+        R = self.stiffness.loose()
+        self.motions: Array = normalised(R, self.dot(R, self.inertia(R)))
+        self._momenta = self.inertia(self.motions)
+        self._solver: Solver | None = None
+
+    def dot(self, a: Array, b: Array) -> Array:
+        """aᵀb of all columns, shape (k, l). Collective."""
+        return np.asarray(self.scene.sum(columns(a).T @ columns(b)))
+
+    def inertia(self, u: Array) -> Array:
+        """M u. Collective."""
+        return self.stiffness.times_mass(u)
+
+    def balanced(self, F: Array) -> Array:
+        """Forces in balance with inertia where nothing holds a part. Collective."""
+        return np.asarray(F - self._momenta @ self.dot(self.motions, F))
+
+    def solve(self, F: Array) -> Array:
+        """Displacements by forces on nodes. Collective.
+
+        Args:
+            F: Forces, the same number on each rank [N].
+
+        Returns:
+            Displacements, zero where supports hold, orthogonal by mass to motions that nothing
+            prevents [m].
+
+        Raises:
+            SceneError: If the state is not stable.
+        """
+        if self._solver is None:
+            self._solver = Solver(self.stiffness)
+        u = self._solver.solve(self.balanced(F))
+        return np.asarray(u - self.motions @ self.dot(self._momenta, u))
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        for item in (self._solver, self.stiffness):
+            if item is not None:
+                item.destroy()

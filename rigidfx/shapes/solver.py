@@ -1,0 +1,112 @@
+"""The stiffness of a structure, factored once for many right sides."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from rigidfx.base.errors import SceneError
+from rigidfx.error.forces.rigid_motions import independent
+from rigidfx.shapes.stiffness import Stiffness
+from rigidfx.step.linear.definite import solver_of
+
+__all__ = ["Solver"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+class Solver:
+    """K⁻¹ with some rows pinned that determine the motions without stiffness."""
+
+    def __init__(self, stiffness: Stiffness) -> None:
+        """Factor. Collective.
+
+        Args:
+            stiffness: The stiffness.
+
+        Raises:
+            SceneError: On every rank, if it is not definite.
+        """
+        self._of = stiffness
+        p = stiffness.prolongation
+        self._pins = self._pinned(stiffness.unknowns_of(stiffness.loose()))
+        K = stiffness.matrix()
+        diagonal = K.getDiagonal()
+        scale = float(diagonal.norm()) / np.sqrt(p.size)
+        diagonal.destroy()
+        K.zeroRowsColumns((p.first_column + self._pins).astype(PETSc.IntType), diag=scale)
+        self._ksp = solver_of(K)
+        if not _definite(self._ksp):
+            self._ksp.destroy()
+            raise SceneError(
+                "Reduced: the structure is not stable in its present state, its stiffness is not "
+                "definite: it buckles, or a part hangs by a line or a point of others. Reduce it "
+                "in a state before the limit load, or leave the part flexible."
+            )
+
+    def _pinned(self, motions: Array) -> Ints:
+        """Unknowns of this rank that determine motions together with those of other ranks.
+
+        Collective.
+
+        Args:
+            motions: Of the unknowns of this rank, shape (owned, n).
+        """
+        comm = self._of.prolongation.comm
+        own = independent(motions)
+        every = comm.allgather(motions[own])
+        chosen = independent(np.concatenate(every))
+        first = sum(len(rows) for rows in every[: comm.rank])
+        mine = chosen[(chosen >= first) & (chosen < first + own.size)] - first
+        return np.sort(own[mine])
+
+    def solve(self, F: Array) -> Array:
+        """Displacements by forces on nodes, in balance. Collective.
+
+        Args:
+            F: Shape (owned nodes, 3, k) [N].
+
+        Returns:
+            Of the same shape [m].
+        """
+        p, count = self._of.prolongation, F.shape[2]
+        rows, y = self._of.structure.rows, p.unknowns()
+        f = rows.vector()
+        none = np.zeros((len(self._of.bodies), 6))
+        B = PETSc.Mat().createDense([(p.owned, None), (None, count)], comm=p.comm)
+        B.setUp()
+        right = np.empty((p.owned, count))
+        for k in range(count):
+            f.array[:] = F[:, :, k].reshape(-1)
+            p.restrict(f, none, y)
+            right[:, k] = y.array_r
+        right[self._pins] = 0.0
+        B.getDenseArray()[:] = right
+        B.assemble()
+        X = B.duplicate()
+        X.assemble()
+        self._ksp.matSolve(B, X)
+        found, out = X.getDenseArray().copy(), np.empty_like(F)
+        for k in range(count):
+            y.array[:] = found[:, k]
+            p.apply(y, p.bodies_part(y), np.zeros(p.prescribed.size), f)
+            out[:, :, k] = f.array_r.reshape(-1, 3)
+        for item in (B, X, y, f):
+            item.destroy()
+        return out
+
+    def destroy(self) -> None:
+        """Free the factors. Collective."""
+        self._ksp.destroy()
+
+
+def _definite(ksp: PETSc.KSP) -> bool:
+    """Whether a factored matrix is positive definite; CHOLMOD has factored no other. Collective."""
+    pc = ksp.getPC()
+    if pc.getFailedReason():
+        return False
+    if pc.getFactorSolverType() != PETSc.Mat.SolverType.MUMPS:
+        return True
+    return int(pc.getFactorMatrix().getMumpsInfog(12)) == 0  # negative pivots
