@@ -60,8 +60,43 @@ def test_shells_beside_other_cells(tmp_path, cells, flat, left):
     """Their faces are none of the cells'; this ended in NumPy's words."""
     with pytest.warns(rf.RigidfxWarning, match=f"left out: {left}"):
         part = read(tmp_path, NODES + cells + "*ELEMENT, TYPE=" + flat)
-    assert sizes(part).get(("lid", 2), 0) == sizes(part).get(("lid", 3), 0) == 0
+    assert list(sizes(part)) == [("brick" if cells == BRICK else "tet", 3)]
     assert volume(part.mesh) == pytest.approx(1.0 if cells == BRICK else 1 / 6)
+
+
+def test_sets_of_nothing_are_told_with_elements_left_out(tmp_path):
+    """Of nodes beside the cells, and surfaces of shells, too; in one warning."""
+    more = "S3, ELSET=lid\n5, 1, 2, 3\n*SURFACE, NAME=skin\nlid, SPOS\n*NSET, NSET=pilot\n23\n"
+    with pytest.warns(rf.RigidfxWarning) as told:
+        part = read(tmp_path, NODES + BRICK + "*ELEMENT, TYPE=" + more)
+    assert list(sizes(part)) == [("brick", 3)]
+    (message,) = (str(each.message) for each in told)
+    assert "left out: 1 of S3." in message
+    assert message.endswith("or nodes of one, are left out: 'lid', 'skin', 'pilot'.")
+
+
+def test_messages_have_numbers_of_the_deck(tmp_path):
+    """Not those of rows, from 0; with the instance where there are some."""
+    square = "0, 0", "1, 0", "1, 1", "0, 1"
+    above = [f"{10 * z + 11 + k}, {square[k]}, {z}" for z in (2, 3) for k in range(4)]
+    mesh = "\n".join([NODES.rstrip(), *above, "*ELEMENT, TYPE=C3D8, ELSET=brick", ""])
+    mesh += "3, 11, 12, 13, 14, 31, 32, 33, 34\n4, 31, 32, 33, 34, 41, 42, 43, 44\n"
+    inverted = "7, 11, 12, 13, 14, 1, 2, 3, 4\n"
+    with pytest.raises(rf.SceneError, match=r"around \(0.5, 0.5, 0.5\) m, element 7: det J"):
+        read(tmp_path, mesh + inverted)
+    with pytest.raises(rf.SceneError, match="has element 3 and element 9 with the same nodes"):
+        read(tmp_path, mesh + "9, 12, 13, 14, 11, 32, 33, 34, 31\n")
+    parts = f"*PART, NAME=A\n{NODES + BRICK}*END PART\n*PART, NAME=B\n{mesh + inverted}"
+    placed = "*END PART\n*INSTANCE, NAME=one, PART=A\n*END INSTANCE\n*INSTANCE, NAME=two, PART=B\n"
+    with pytest.raises(rf.SceneError, match="element 7 of instance 'TWO'"):
+        read(tmp_path, parts + placed + "3, 0, 0\n*END INSTANCE\n")
+
+
+@pytest.mark.parametrize("numbers", ["1, 9, 2, 7", "1, , 9", "1, 9, 0", "9", "1, 9, 2, x"])
+def test_generate_of_other_numbers(tmp_path, numbers):
+    """None is passed over."""
+    with pytest.raises(rf.SceneError, match=r"line 16, \*NSET: (GENERATE needs|.* whole numbers)"):
+        read(tmp_path, NODES + BRICK + f"*NSET, NSET=low, GENERATE\n{numbers}\n")
 
 
 def test_shells_that_fit(tmp_path):

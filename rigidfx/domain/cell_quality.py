@@ -8,6 +8,8 @@ sides. Another sign at a corner alone falsifies no integral, and is told.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import basix
@@ -21,11 +23,27 @@ from rigidfx.base.errors import agree
 from rigidfx.base.warning import warn
 from rigidfx.domain.node_orders import collapsed
 
-__all__ = ["CHUNK", "check_cells", "check_points", "determinants", "volume"]
+__all__ = ["CHUNK", "check_cells", "check_points", "determinants", "naming", "volume"]
 
 FLAT = 1e-12  # det J below this part of (cell diameter)³ counts as zero volume
 FINEST = 6  # degree of the finest rule over cells: that of masses in scenes of second order
 CHUNK = 20_000  # cells looked at in one go, to bound the memory
+
+_names: list[Callable[[int], str]] = []  # of cells that are read now
+
+
+@contextmanager
+def naming(cell: Callable[[int], str]) -> Iterator[None]:
+    """Have messages name cells as their file does meanwhile.
+
+    Args:
+        cell: The name of a cell by its number in the input, known on all ranks.
+    """
+    _names.append(cell)
+    try:
+        yield
+    finally:
+        _names.pop()
 
 
 def determinants(
@@ -165,4 +183,5 @@ def _first(mesh: dmesh.Mesh, cells: npt.NDArray[np.integer[Any]]) -> str:
     """The first of some local cells: its place, and its number in the input."""
     x, y, z = mesh.geometry.x[cell_geometry_dofs(mesh)[cells[0]]].mean(axis=0)
     number = mesh.topology.original_cell_index[cells[0]]
-    return f"the first around ({x:.6g}, {y:.6g}, {z:.6g}), number {number} of the input"
+    name = _names[-1](int(number)) if _names else f"number {number} of the input"
+    return f"the first around ({x:.6g}, {y:.6g}, {z:.6g}) m, {name}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,10 @@ from rigidfx.base.inputs import communicator, path_of, positive, shown
 from rigidfx.base.text_files import Decoder
 from rigidfx.base.warning import warn
 from rigidfx.domain.arrays import from_arrays
+from rigidfx.domain.cell_quality import naming
 from rigidfx.domain.domain import Domain, EntitySet, replace_sets
 from rigidfx.domain.gmsh_model import find_file
-from rigidfx.domain.inp_cells import InpMesh
+from rigidfx.domain.inp_cells import InpMesh, element_name
 from rigidfx.domain.inp_mesh import mesh_of
 from rigidfx.domain.inp_model import model_of
 from rigidfx.domain.numbered import by_corners
@@ -79,18 +81,22 @@ def read_inp(
         if odd and decoder.guessed:
             mesh.notes.append(
                 "it is not in UTF-8, and names are read as those of Western Europe, such as "
-                f"{shown(odd[0])}. Others need the encoding: read_inp(…, encoding='gb18030')."
+                f"{shown(odd[0])}{_in_chinese(odd[0])}. Others need the encoding: read_inp(…, "
+                "encoding='gb18030')."
             )
         return mesh
 
     mesh = together(comm, f"read_inp: '{path}'", read)
-    found = comm.bcast(mesh and (mesh.kind, mesh.cells.shape[1], mesh.names(), mesh.notes))
-    kind, width, named, notes = found
+    found = comm.bcast(
+        mesh and (mesh.kind, mesh.cells.shape[1], mesh.names(), mesh.notes, mesh.elements)
+    )
+    kind, width, named, notes, elements = found
     for note in notes:
         warn(comm, f"read_inp: '{path}': {note}")
     points = np.empty((0, 3)) if mesh is None else factor * mesh.points
     cells = np.empty((0, width), np.int64) if mesh is None else mesh.cells
-    domain = from_arrays(points, cells, kind, comm)
+    with naming(partial(element_name, elements)):
+        domain = from_arrays(points, cells, kind, comm)
     of_file = domain.mesh.topology.original_cell_index
     sets = [
         EntitySet(name, 3, np.flatnonzero(np.isin(of_file, rows)).astype(np.int32))
@@ -100,3 +106,13 @@ def read_inp(
         of_name = by_corners(domain.mesh, dim, rows)
         sets += [EntitySet(name, dim, entities) for name, entities in of_name.items()]
     return replace_sets(domain, {(each.name, each.dim): each for each in sets})
+
+
+def _in_chinese(name: str) -> str:
+    """The same bytes in GB18030, where they are text: which of both is meant, a reader sees."""
+    for encoding in ("cp1252", "latin-1"):  # see `decoded`
+        try:
+            return f" (in gb18030: {shown(name.encode(encoding).decode('gb18030'))})"
+        except UnicodeError:
+            continue
+    return ""

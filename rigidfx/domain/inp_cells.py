@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from rigidfx.domain.node_orders import CORNERS, widths
 
-__all__ = ["InpMesh", "Numbers", "edges_of", "faces_of", "kind_of"]
+__all__ = ["InpMesh", "Numbers", "edges_of", "element_name", "faces_of", "kind_of"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -28,6 +28,8 @@ class InpMesh:
         of_edges: Corners of edges by name, sorted, shape (edges, 2).
         of_nodes: Rows of nodes by name, shape (nodes, 1).
         notes: Texts of warnings.
+        elements: Name of each instance, and the numbers of its elements, one instance after the
+            other as `cells` are.
     """
 
     kind: str
@@ -38,6 +40,7 @@ class InpMesh:
     of_edges: dict[str, Ints] = field(default_factory=dict)
     of_nodes: dict[str, Ints] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    elements: list[tuple[str, Ints]] = field(default_factory=list)
 
     def names(self) -> dict[int, dict[str, Ints]]:
         """Its sets by dimension."""
@@ -58,6 +61,20 @@ def edges_of(kind: str) -> list[tuple[int, int]]:
         return [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
     low = [(k, (k + 1) % 4) for k in range(4)]
     return [*low, *((a + 4, b + 4) for a, b in low), *((k, k + 4) for k in range(4))]
+
+
+def element_name(elements: list[tuple[str, Ints]], cell: int) -> str:
+    """The name of a cell in the file.
+
+    Args:
+        elements: As of `InpMesh`.
+        cell: Its row.
+    """
+    for instance, numbers in elements:
+        if cell < len(numbers):
+            return f"element {numbers[cell]}" + (f" of instance '{instance}'" if instance else "")
+        cell -= len(numbers)
+    return f"number {cell} of the input"
 
 
 class Numbers:

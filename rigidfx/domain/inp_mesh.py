@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.domain.inp_cards import folded, is_number
-from rigidfx.domain.inp_cells import InpMesh, Numbers, edges_of, faces_of, kind_of
+from rigidfx.domain.inp_cells import InpMesh, Numbers, edges_of, element_name, faces_of, kind_of
 from rigidfx.domain.inp_model import Group, Instance, Model
 from rigidfx.domain.node_orders import CORNERS, advice_on, collapsed, widths
 
@@ -49,6 +50,8 @@ class _Flat:
         self._tables: list[Ints] = []  # all nodes of cells
         self._notes: list[str] = []
         self._left_out: dict[str, int] = {}  # elements by their types
+        self._elements: list[tuple[str, Ints]] = []  # names of instances, numbers of elements
+        self._empty: list[str] = []  # names of sets without anything of the cells
 
     def _error(self, problem: str) -> SceneError:
         return SceneError(f"read_inp: '{self._path}' {problem}")
@@ -63,7 +66,8 @@ class _Flat:
         self._new = np.full(len(self._x), -1)
         self._new[used] = np.arange(len(used))
         table = where.reshape(rows.shape)
-        mesh = InpMesh(kind, self._x[used], table, notes=self._notes)
+        mesh = InpMesh(kind, self._x[used], table, notes=self._notes, elements=self._elements)
+        self._check_twice(mesh)
         faces = np.sort(table[:, faces_of(kind)], axis=2)
         self._faces = faces  # of each cell, by S1, S2, …
         flat, times = np.unique(faces.reshape(-1, faces.shape[2]), axis=0, return_counts=True)
@@ -74,13 +78,33 @@ class _Flat:
         for place in self._places:
             self._take_flat(place)
         self._name(mesh)
+        if told := self._told():
+            mesh.notes.append(told)
+        return mesh
+
+    def _told(self) -> str:
+        """The text of a warning of elements and sets that are left out; empty if none are."""
+        texts = []
         if self._left_out:
             listed = ", ".join(f"{n} of {type_}" for type_, n in sorted(self._left_out.items()))
-            mesh.notes.append(
+            texts.append(
                 f"elements that are no volume cells are left out: {listed}. Point masses and "
                 "springs are effects of a scene (PointMass, Spring)."
             )
-        return mesh
+        if self._empty:
+            texts.append(
+                "sets without any cell, or nodes of one, are left out: "
+                f"{reprlib.repr(self._empty)[1:-1]}."
+            )
+        return " Also, ".join(texts)
+
+    def _check_twice(self, mesh: InpMesh) -> None:
+        """Refuse cells of the same nodes."""
+        same, times = np.unique(np.sort(mesh.cells, axis=1), axis=0, return_counts=True)
+        if times.max() > 1:
+            rows = np.flatnonzero((np.sort(mesh.cells, axis=1) == same[times.argmax()]).all(axis=1))
+            first, second = (element_name(mesh.elements, int(row)) for row in rows[:2])
+            raise self._error(f"has {first} and {second} with the same nodes. Leave one out.")
 
     def _take_flat(self, place: Instance) -> None:
         """Triangles and quadrilaterals that bound cells; others are left out."""
@@ -143,6 +167,7 @@ class _Flat:
             if len(np.unique(labels)) < len(labels):
                 numbers, times = np.unique(labels, return_counts=True)
                 raise self._error(f"has element {numbers[times.argmax()]} {times.max()} times.")
+            self._elements.append((place.name, labels))
             self._cells[place.name] = Numbers(labels, first + np.arange(len(labels)))
             rows += [nodes[:, :count] for _, nodes in of_place]
             self._tables += [nodes for _, nodes in of_place]
@@ -214,6 +239,9 @@ class _Flat:
 
     def _put(self, table: dict[str, Ints], name: str, rows: Ints, of: str) -> None:
         """Name rows; by their kind, too, where others have the name."""
+        if not len(rows):
+            self._empty.append(name)
+            return
         if name in table and not np.array_equal(table[name], rows):
             name = f"{name} ({of})"
             if name in table:

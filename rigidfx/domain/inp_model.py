@@ -220,10 +220,13 @@ def _set(card: Card, place: Place) -> None:
     instance = folded(card.given.get("INSTANCE", ""))
     for number, entries in card.rows():
         if "GENERATE" in card.given:
-            first, last, step, *_ = [*card.whole_numbers(entries, number), 1, 1, 1]
-            if step < 1 or last < first or len([entry for entry in entries if entry]) < 2:
+            given = card.whole_numbers(entries, number)
+            first, last, step = [*given, 1, 1, 1][:3]
+            if step < 1 or last < first or not 2 <= len(entries) <= 3 or "" in entries:
                 raise card.wrong(
-                    "GENERATE needs the first, the last, not below it, and a step above 0.", number
+                    "GENERATE needs the first, the last, not below it, and at most a third "
+                    "number, a step above 0.",
+                    number,
                 )
             group.members.append((instance, range(first, last + 1, step)))
             continue
