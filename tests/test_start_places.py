@@ -115,6 +115,37 @@ def rotor(omega, *effects, **how):
     return rf.Scene(bar, steel, [*effects, spun], order=2, probes=probes, **how)
 
 
+@pytest.mark.parametrize("at", [None, (1.3, 0, 0), (1.3, 0.1, 0.05)])
+@pytest.mark.parametrize("face", [rf.MeanFace("x1"), rf.RigidFace("x1")])
+def test_a_rotor_starts_in_equilibrium_with_a_mass_at_its_end(face, at):
+    """No swing, and the hub holds the centripetal forces of all mass, as far as it bends."""
+    omega, bar = 20.0, rf.box((0.1, -0.05, -0.05), (1.1, 0.05, 0.05), (5, 1, 1))
+    hub = rf.PrescribedRotation("x0", axis=(0, 0, 1), angle=lambda t: omega * t)
+    mass, spun = rf.PointMass(face, 5.0, at=at), rf.Preload(spin=(0, 0, omega))
+    rubber = rf.StVenantKirchhoff(E=1e8, nu=0.0, rho=1000.0)
+    tip = {"tip": (1.1, 0, 0)}
+    scene = rf.Scene(bar, rubber, [hub, mass, spun], element="enhanced", probes=tip)
+    first, *reports = rf.simulate(scene, 1e-3, 0.02, progress=False)
+    ends = [np.linalg.norm(r.probes["tip"] + (1.1, 0, 0)) for r in (first, *reports)]
+    assert np.ptp(ends) < 1e-3 * (ends[0] - 1.1)
+    forces = [np.linalg.norm(r.reactions["x0"]) for r in reports]
+    assert np.ptp(forces) < 1e-3 * forces[0]
+    radius = np.linalg.norm((at or (1.1, 0, 0))[:2])
+    assert forces[0] == pytest.approx(omega**2 * (10.0 * 0.6 + 5.0 * radius), rel=0.01)
+
+
+@pytest.mark.parametrize("face", [rf.MeanFace("x1"), rf.RigidFace("x1")])
+def test_a_mass_beside_its_face_starts_with_that_after_a_preload(face):
+    """It had stood still: 10 and 38 kg m/s."""
+    bar = rf.box((0.1, -0.05, -0.05), (1.1, 0.05, 0.05), (5, 1, 1))
+    thrown = rf.InitialVelocity(linear=(1, 2, 0), angular=(0, 0, 3), centre=(0, 0, 0))
+    mass, hung = rf.PointMass(face, 5.0, at=(1.3, 0.1, 0.05)), rf.Preload([rf.Gravity()])
+    rubber = rf.StVenantKirchhoff(E=1e8, nu=0.0, rho=1000.0)
+    effects = [rf.Spring("x0", 1e5), rf.Spring("x1", 1e5), hung, thrown, mass]
+    first = next(rf.simulate(rf.Scene(bar, rubber, effects, element="enhanced"), 1e-3, 1e-3))
+    assert first.linear_momentum == pytest.approx([10 + 3.5, 38 + 29.5, 0], rel=1e-3, abs=1e-9)
+
+
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 @pytest.mark.parametrize(
     ("omega", "tip"),

@@ -25,6 +25,7 @@ from rigidfx.effects import (
     Windowed,
     rigid_faces,
 )
+from rigidfx.effects.joints.carried import body_of
 from rigidfx.mechanics.eased import Eased
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.report.events import BodyChange, Event
@@ -162,12 +163,17 @@ class Switch:
         return impact
 
     def _set_moving(self) -> None:
-        """Give bodies that statics have placed the momenta of their nodes. Collective."""
+        """Give bodies that statics have placed the motion of their nodes, or face. Collective."""
         scene, state, forces = self._stepper.scene, self._stepper.state, self._stepper.forces
         n, motions = scene.owned_nodes, []
         x = state.X[:n] + state.u.x.array[: 3 * n].reshape(-1, 3)
         v = state.v.x.array[: 3 * n].reshape(-1, 3)
+        carried = {mass.title: mass for mass in scene.named(PointMass) if mass.is_carried}
         for body in state.bodies:
+            if body.data.name in carried:
+                _, motion = body_of(carried[body.data.name], scene, x, v, body.data.number)
+                motions.append((motion.velocity, motion.angular_velocity_body))
+                continue
             p = mass_properties(scene, forces.cells(body.data.cells), body.data.nodes, x, v)
             motions.append((p.velocity, body.motion.R.T @ p.angular_velocity))
         if motions:

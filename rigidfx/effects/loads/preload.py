@@ -10,7 +10,6 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown, vector, whole
-from rigidfx.effects.attached.point_mass import PointMass
 from rigidfx.effects.base import Array, Effect, Vector
 from rigidfx.effects.joints.axial import Axial
 from rigidfx.effects.joints.joint import axis_of
@@ -73,12 +72,6 @@ class Preload(Effect):
         """Check its loads."""
         for load in self.loads:
             load.check(scene)
-        masses = [m for m in scene.named(PointMass) if m.face is not None and self.turns]
-        if masses:
-            raise SceneError(
-                f"Preload: a spin takes no masses at points of faces, as {masses[0].owner}. Name a "
-                "set of nodes in place of the face, or leave the spin out."
-            )
 
     @property
     def turns(self) -> bool:
