@@ -42,6 +42,7 @@ from rigidfx.report.energy_balance import EnergyBalance
 from rigidfx.report.jolts import Jolts
 from rigidfx.report.lumping import LumpedInertia
 from rigidfx.report.of_step import amended, held_at_start, report_of
+from rigidfx.report.overdamped import Overdamped
 from rigidfx.report.report import Report
 from rigidfx.report.start import Start, start_of
 from rigidfx.report.stillness import Stillness
@@ -53,6 +54,7 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
 from rigidfx.step.linear.petsc_options import SolverOptions
+from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import Impact
 
 __all__ = ["resume", "simulate"]
@@ -274,12 +276,19 @@ def _timeline(scene: Scene, dt: Any, t_end: float) -> Timeline:
 
 
 def _looks(run: Run) -> tuple[Any, ...]:
-    """The readers of reports: two that speak at the end first, the account last. Collective."""
+    """The readers of reports: that of the balance of energy first, the account last. Collective."""
     scene = run.stepper.scene
     brief = BriefContacts(scene, run.stepper.control is None)
     of_motion = EnergyBalance(scene), Stillness(scene), LumpedInertia(scene), Jolts(scene), brief
-    of_joints = BriefStops(scene), TurnedSprings(scene)
-    return *of_motion, *of_joints, Account(scene.comm, run.timeline.t_end)
+    others = BriefStops(scene), TurnedSprings(scene), Overdamped(scene)
+    return *of_motion, *others, Account(scene.comm, run.timeline.t_end)
+
+
+def _over(stepper: Stepper, looks: tuple[Any, ...]) -> None:
+    """Let all who follow a run know that it is over. Collective."""
+    stepper.end()
+    for look in looks[:-1]:
+        look.end()
 
 
 def _unheard(iteration: int, norm: float) -> None:
@@ -298,7 +307,7 @@ def _reports(
 ) -> Iterator[Report]:
     """Advance → report → decide → switch, step by step, from the state after the first one."""
     timeline, stepper, switch, state = run.timeline, run.stepper, run.switch, run.stepper.state
-    scene, (balance, still, *_, account) = stepper.scene, looks
+    scene, (balance, *_, account) = stepper.scene, looks
     with (
         run,
         heard(scene.comm, shown[1]),
@@ -320,9 +329,7 @@ def _reports(
                 with solver.at_work():
                     keeper.look(step - 1, state.t, run, (*looks, writers), over)
             if over:
-                stepper.failures.settle()
-                still.end()
-                return balance.end()
+                return _over(stepper, looks)
             target, start = run.target(), perf_counter()
             with solver.at_work():
                 events = run.ahead(target)

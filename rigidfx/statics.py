@@ -44,6 +44,7 @@ from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report
 from rigidfx.report.stillness import Stillness
 from rigidfx.report.whereabouts import Whereabouts
+from rigidfx.scene.idle import warn_of_idle
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 from rigidfx.state import State
@@ -105,6 +106,7 @@ def static(
                 f"static: {kind.__name__} has no meaning in statics. Take {instead}, or leave it "
                 "out."
             )
+    warn_of_idle(scene, last)
     ends = sorted({*ends, *(t for t in scene.breakpoints if 0 < t < last)})
     ramped = copy(scene)
     ramped.effects = tuple(_ramped(effect, last) for effect in scene.effects)

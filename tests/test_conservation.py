@@ -206,6 +206,7 @@ def test_damping_acts_in_its_window_only():
 
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 @pytest.mark.parametrize("name", ["StVenantKirchhoff", "MooneyRivlin"])
+@pytest.mark.filterwarnings("ignore:Scene. its forces of")  # which may be as small as you like
 @settings(max_examples=8)
 @given(data=st.data())
 def test_books_of_a_loaded_body(mass, name, data):

@@ -71,6 +71,8 @@ def test_effects_that_do_nothing_are_told(effects, words):
 def test_statics_without_loads_are_told():
     with pytest.warns(rf.RigidfxWarning, match="nothing acts and nothing moves"):
         list(rf.static(beam(CLAMP), 2, verbose=False))
+    with pytest.warns(rf.RigidfxWarning, match="NodalForce on 'x0': supports hold all nodes"):
+        list(rf.static(beam(CLAMP, load(), load("x0")), 2, verbose=False))
     list(rf.static(beam(CLAMP, load()), 2, verbose=False))
 
 
@@ -86,6 +88,9 @@ def test_a_motion_that_alternates_from_step_to_step_is_told():
     assert tip[1::2] == pytest.approx(2 * static, rel=0.1)
     assert abs(tip[::2]).max() < 0.1 * static
     assert told(scene, period / 4, 5 * period) == []
+    (few,) = told(scene, dt, 3 * dt)
+    assert "goes back and forth from step to step" in few
+    assert told(scene, period / 4, 0.75 * period) == told(scene, dt, 2 * dt) == []
     slow = rf.Table((0.0, 50 * dt), (0.0, 1.0))
     assert told(beam(CLAMP, load(time=slow)), dt, 16 * dt) == []
 
@@ -105,23 +110,110 @@ def test_damping_ratios_above_the_critical_one_are_told():
     beam(CLAMP, rf.StiffnessDamping(1.0, 30.0), *rf.rayleigh(10.0, 30.0, 0.02))
 
 
-def test_millimetres_are_told_by_the_mass():
-    with pytest.warns(rf.RigidfxWarning, match=r"its mass is 7.85e\+07 kg. Are lengths in milli"):
-        beam(CLAMP, length=100.0)
-    beam(CLAMP, length=10.0)
+@pytest.mark.parametrize(
+    ("damping", "words"),
+    [
+        (lambda w: rf.MassDamping(2.2 * w), "damping ratio 1.09"),
+        (lambda w: rf.MassDamping(1.8 * w), None),
+        (lambda w: rf.KelvinVoigt(6 * 2.1e11 / w), "damping ratio 1."),
+        (lambda w: rf.KelvinVoigt(2.1e11 / w), None),
+        (lambda w: rf.StiffnessDamping(0.9, 0.5 * w / (2 * np.pi)), "damping ratio 1.8"),
+        (lambda w: rf.NumericalDamping(0.5), None),
+    ],
+)
+def test_damping_in_which_a_structure_does_not_vibrate_is_told(damping, words):
+    """Its frequency is that of Rayleigh's quotient for the shape in the run."""
+    period = rf.periods(beam(CLAMP, load()), 1)[0]
+    found = told(beam(CLAMP, load(), damping(2 * np.pi / period)), period / 20, 1.5 * period)
+    assert len(found) == (words is not None), found
+    assert all(words in text for text in found), found
 
 
-@pytest.mark.parametrize("face", [rf.MeanFace, rf.RigidFace])
-def test_joints_far_from_their_faces_are_told(face):
-    """The end of the beam is 0.1 m wide, 0.041 m by its nodes' distances from the middle."""
+def test_a_damper_that_lets_nothing_swing_on_its_spring_is_told():
+    spring = {"at_a": (2, 0, 0), "stiffness": 1e4}
+    critical = 2 * np.sqrt(1e4 * 78.5)
+    with pytest.warns(rf.RigidfxWarning, match="under all mass: the damping ratio 1.2 is above"):
+        beam(CLAMP, rf.SpringDamper("ground", "x1", damping=1.2 * critical, **spring))
+    beam(CLAMP, rf.SpringDamper("ground", "x1", damping=0.9 * critical, **spring))
+    beam(CLAMP, rf.SpringDamper("ground", "x1", damping=1e6, at_a=(2, 0, 0)))
 
-    def joined(x):
-        return beam(rf.Spherical("ground", face("x1"), at=(x, 0.05, 0.05)))
 
-    with pytest.warns(rf.RigidfxWarning, match=r"0.4 m away from the middle of"):
-        joined(1.4)
-    joined(1.2)
-    beam(rf.PointMass(face("x1"), 10.0, at=(1.4, 0.05, 0.05))) if face is rf.MeanFace else None
+def warnings_of(make):
+    """Warnings of making a scene."""
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        make()
+    return [str(warning.message) for warning in found]
+
+
+@pytest.mark.parametrize(
+    ("length", "effects", "words"),
+    [
+        (100.0, [CLAMP], ["its mass is 7.85e+07 kg. Are lengths in milli"]),
+        (10.0, [CLAMP, load(value=(0, 0, 5.0))], ["forces of 5 N at most are next to nothing"]),
+        (10.0, [CLAMP, load(value=(0, 0, 5.0)), rf.Gravity()], ["forces of 5 N at most"]),
+        (10.0, [rf.Rigid(), rf.Spring("x0", 1e6), rf.Resultant(force=(0, 0, 5.0))], ["5 N at"]),
+        (10.0, [CLAMP, rf.Gravity(), load()], []),
+        (100.0, [CLAMP, load(value=(0, 0, 1e6))], []),  # a hall
+        (1e-4, [CLAMP, load(value=(0, 0, 1e-9))], []),
+        (10.0, [CLAMP, load(value=lambda t: (0, 0, t))], []),
+        (10.0, [CLAMP], []),
+    ],
+)
+def test_millimetres_are_told_by_the_mass_and_by_forces_beside_the_weight(length, effects, words):
+    """A steel part of 10 mm weighs 0.077 N, and 77 MN if it is read in metres."""
+    found = warnings_of(lambda: beam(*effects, length=length))
+    assert len(found) == len(words), found
+    assert all(part in text for text, part in zip(found, words, strict=True)), found
+
+
+@pytest.mark.parametrize(
+    ("E", "rho", "g", "told"),
+    [
+        (2.1e5, 7.85e-9, 9.81, True),  # t, mm, s
+        (2.1e5, 7.85e-9, 9810.0, False),
+        (210.0, 7.85e-6, 9.81, True),  # kg, mm, ms
+        (210.0, 7.85e-6, 0.00981, False),
+        (2.1e11, 7850.0, 9.81, False),
+        (1e4, 1.0, 9.81, False),  # an aerogel
+    ],
+)
+def test_gravity_in_other_units_than_the_density_is_told(E, rho, g, told):
+    material = rf.StVenantKirchhoff(E=E, nu=0.3, rho=rho)
+    found = warnings_of(lambda: beam(CLAMP, rf.Gravity((0, 0, -g)), material=material))
+    assert ["is in m/s², and the density" in text for text in found] == told * [True]
+
+
+@pytest.mark.parametrize("face", [rf.MeanFace("x1"), rf.RigidFace("x1"), "end"])
+def test_places_far_from_their_sides_are_told(face):
+    """The end of the beam is 0.1 m wide, 0.071 m by its nodes' distances from the middle.
+
+    A joint is expected on its face, a remote point on an arm, and so is the joint of a part, which
+    is 0.137 m large.
+    """
+    part, on_face = [rf.Rigid("end")] * (face == "end"), face != "end"
+
+    def far(kind, x):
+        return warnings_of(lambda: beam(*part, kind((x, 0.05, 0.05))))
+
+    def joint(at):
+        return rf.Spherical("ground", face, at=at)
+
+    def tie(at):
+        return rf.SpringDamper("ground", face, 1e3, at_a=(3, 1, 1), at_b=at)
+
+    def mass(at):
+        return rf.PointMass(face, 10.0, at=at)
+
+    for kind, silent, loud in (
+        (joint, 1.2 if on_face else 2.1, 1.4 if on_face else 2.3),
+        (tie, 1.6 if on_face else 2.1, 1.8 if on_face else 2.3),
+        *([(mass, 1.6, 1.8)] if on_face else []),
+    ):
+        assert far(kind, silent) == []
+        (words,) = far(kind, loud)
+        assert "m away from the middle of" in words
+        assert "as on a rigid arm" in words
 
 
 @pytest.mark.parametrize("turn", [180.0, 270.0])

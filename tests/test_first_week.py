@@ -125,6 +125,34 @@ def test_a_contact_that_the_step_does_not_resolve(pair):
 
 
 @pytest.mark.parametrize(
+    ("dt", "t_end", "stays", "words"),
+    [
+        (5e-3, 0.01, True, "and past its peak within 2 steps: Δt does not resolve"),
+        (2e-4, 0.03, True, "and past its peak: the peak of its force, 2.76e+03 N, lasts for less"),
+        (5e-3, 0.2, False, None),
+    ],
+)
+def test_a_contact_that_is_closed_to_the_end(dt, t_end, stays, words):
+    """It had no word, whatever its blow; a block that rests on its floor has no blow."""
+    block = rf.box((0, 0, 1e-3), (0.1, 0.1, 0.101), (2, 2, 2))
+    floor = rf.Plane((0, 0, 0 if stays else 1e-3), (0, 0, 1))
+    effects = [rf.Contact("z0", against=floor), rf.KelvinVoigt(1e4), rf.Gravity()]
+    if stays:
+        thrown = rf.InitialVelocity(linear=(0, 0, -1.0))
+        effects = [*effects[:2], rf.NodalForce("z1", (0, 0, -200.0)), thrown]
+    material = rf.StVenantKirchhoff(E=1e7, nu=0.3, rho=1000.0)
+    with warnings.catch_warnings(record=True) as shown:
+        warnings.simplefilter("always")
+        *_, last = rf.simulate(
+            rf.Scene(block, material, effects, element="enhanced"), dt, t_end, progress=False
+        )
+    assert last.touches["z0_plane"].pressing > 0
+    found = [str(w.message) for w in shown if "closed at" in str(w.message)]
+    assert len(found) == (words is not None), found
+    assert all(words in text for text in found), found
+
+
+@pytest.mark.parametrize(
     ("cell", "order", "mass", "n", "least"),
     [
         ("hexahedron", 1, "lumped", 6, 1.9),

@@ -83,7 +83,7 @@ def test_checkpoints_change_no_run(name, tmp_path, monkeypatch):
 # What objects change and do not remember: of an attempt, found anew, or for messages alone.
 FOUND_ANEW = {
     "Account": "_last",
-    "Alternation": "_before _end _mass _nodes _steps _sums",
+    "Alternation": "_before _end _mass _nodes _now _steps _sums",
     "Blows": "_next _speed",
     "BodyForces": "_ended _force _known _linear _mass _parts _still _system borne",
     "Compression": "_cells _gradients _nodes",

@@ -122,6 +122,7 @@ def test_energy_and_momenta_are_kept(ends):
 
 
 @NO_WARNINGS
+@pytest.mark.filterwarnings("ignore:c went taut")  # with a damper's force that falls at once
 @pytest.mark.parametrize("damping", [0.0, 3000.0])
 def test_a_cable_pulls_only(damping):
     """A box that is thrown up falls into its cable, which it meets at a known speed."""
@@ -148,6 +149,40 @@ def test_a_cable_pulls_only(damping):
     work = np.cumsum([r.work_of_loads - sum(r.dissipated.values()) for r in reports])
     energies = np.array([r.energy for r in reports])
     assert np.abs(energies - work - energies[0]).max() <= 1e-12 * energies.max()
+
+
+def caught(dt, t_end=0.1, slack=0.005, damping=0.0):
+    """Largest tension of a cable that catches a box thrown at 2 m/s, and warnings."""
+    cable = rf.SpringDamper(
+        *("ground", "B", 5e4), at_a=B - (1, 0, 0), length=1 + slack, pulls_only=True, name="c"
+    )
+    cable = replace(cable, damping=damping)
+    thrown = rf.InitialVelocity(linear=(2.0, 0, 0), where="B")
+    scene = two(rf.Rigid("B"), rf.Fixed("A"), thrown, cable)
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        reports = list(rf.simulate(scene, dt, t_end, progress=False))
+    forces = [report.spring_dampers["c"].force for report in reports[1:]]
+    return max(forces), [str(w.message) for w in found if "taut" in str(w.message)]
+
+
+@NO_WARNINGS
+@pytest.mark.parametrize(("t_end", "slack"), [(0.1, 0.005), (0.04, 0.005), (0.1, 0.0)])
+def test_a_cable_that_steps_do_not_resolve_is_told(t_end, slack):
+    """Half a period is π √(m/k) = 40 ms; the run may end before it is over."""
+    exact = 2 * np.sqrt(5e4 * MASS)
+    peak, (message,) = caught(0.02, t_end, slack)
+    assert peak < 0.9 * exact
+    assert "c went taut at t = 0 s" in message
+    assert "With Δt ≤ 0.0039 s" in message
+    peak, told = caught(0.0039, slack=slack)
+    assert peak == pytest.approx(exact, rel=0.03)
+    assert told == []
+
+
+@NO_WARNINGS
+def test_a_cable_that_is_tense_at_the_start_has_no_blow():
+    assert caught(0.02, slack=-0.2)[1] == []
 
 
 def governor(k, c):

@@ -1,11 +1,12 @@
 """Does a run resolve the blows of its contacts: do steps, and do cells?
 
-A contact that closes and opens again within few steps has the right impulse, and the motion
-afterwards holds, as momenta and energy are exact at any Δt. The forces in between are means over
-steps: their peak, and that of stresses, is not resolved. How long a contact presses is measured as
-that half of a sine which has its impulse I and the peak F of `Touch.resolved`, of the length
-π I/(2 F): a series of blows that follow one another counts as one of them. The Δt that is named
-resolves that duration and the contact's own time (`own_time`).
+A blow that is over within few steps has the right impulse, and the motion afterwards holds, as
+momenta and energy are exact at any Δt. The forces in between are means over steps: their peak, and
+that of stresses, is not resolved. How long a contact presses is measured as that half of a sine
+which has its impulse I and the peak F of `Touch.resolved`, of the length π I/(2 F): a series of
+blows that follow one another counts as one of them. A contact that stays closed, as under a weight,
+has the impulse of the steps in which the force is above half of its peak so far. The Δt that is
+named resolves that duration and the contact's own time (`own_time`).
 
 In short steps nodes of the surface ring on the penalty, and the peak of the force is theirs. Then
 the run names that of `Touch.resolved`.
@@ -22,6 +23,7 @@ from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.effects import Contact
 from rigidfx.effects.contacts.layer_times import own_time, resolved_time
+from rigidfx.report.look import Look
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
@@ -38,27 +40,31 @@ class _Closed:
 
     Attributes:
         since: When it has closed [s].
-        steps: Steps in which it has pressed.
+        steps: Steps in which it has pressed with more than half of its peak.
         longest: The longest of these [s].
-        impulse: Sum of its nodal impulses [N s].
+        blow: Sum of its nodal impulses in them [N s].
+        impulse: The same in all steps [N s].
         peak: Largest force in a step [N].
         resolved: Largest of its means over the time that the mesh resolves [N].
+        now: Its mean in the last step [N].
     """
 
     since: float
     steps: int
     longest: float
+    blow: float
     impulse: float
     peak: float
     resolved: float
+    now: float
 
     @property
     def duration(self) -> float:
         """Length of half a sine of this impulse and resolved peak [s]."""
-        return 0.5 * pi * self.impulse / self.resolved
+        return 0.5 * pi * self.blow / self.resolved
 
 
-class BriefContacts:
+class BriefContacts(Look):
     """Looks at the contacts of reports; warns once of steps, and once of cells."""
 
     remembered: ClassVar[Remembered] = same("_waits", "_listens", "_closed", "_most")
@@ -85,24 +91,33 @@ class BriefContacts:
         self._most = max(self._most, report.momentum_scale)
         for title, touch in report.touches.items():
             if touch.pressing > 0:
-                begins = _Closed(report.t - report.dt, 0, 0.0, 0.0, 0.0, 0.0)
-                now = self._closed.setdefault(title, begins)
-                now.steps += 1
-                now.longest = max(now.longest, report.dt)
-                now.impulse += touch.pressing * report.dt
-                now.peak = max(now.peak, touch.pressing)
+                begun = report.t - report.dt
+                closed = self._closed.setdefault(title, _Closed(begun, 0, *6 * [0.0]))
+                closed.impulse += touch.pressing * report.dt
+                closed.peak = max(closed.peak, touch.pressing)
+                if 2 * touch.resolved > closed.resolved:
+                    closed.steps += 1
+                    closed.longest = max(closed.longest, report.dt)
+                    closed.blow += touch.pressing * report.dt
             if touch.resolved > 0:  # also for a while after it has opened
-                now = self._closed[title]
-                now.resolved = max(now.resolved, touch.resolved)
-                continue
-            past = self._closed.pop(title, None)
-            if past is not None and past.impulse > WORTH_A_WARNING * self._most:
-                self._judge(title, past)
+                closed = self._closed[title]
+                closed.now = touch.resolved
+                closed.resolved = max(closed.resolved, touch.resolved)
+            elif (past := self._closed.pop(title, None)) is not None:
+                self._judge(title, past, "opened again")
 
-    def _judge(self, title: str, past: _Closed) -> None:
+    def end(self) -> None:
+        """Judge contacts that are still closed, and past the peaks of their forces. Collective."""
+        for title, closed in self._closed.items():
+            if closed.now < closed.resolved:
+                self._judge(title, closed, "past its peak")
+
+    def _judge(self, title: str, past: _Closed, how: str) -> None:
         """Warn of a blow that steps do not resolve, or of a peak of nodes that ring. Collective."""
+        if past.impulse <= WORTH_A_WARNING * self._most:
+            return
         contact = next(c for c in self._scene.named(Contact) if c.title == title)
-        told = f"Contact '{title}' closed at t = {past.since:.6g} s and opened again"
+        told = f"Contact '{title}' closed at t = {past.since:.6g} s and {how}"
         over = f"{resolved_time(self._scene, contact):.2g} s"
         dt = rounded_down(min(past.duration, own_time(self._scene, contact)) / RESOLVED)
         if self._waits and past.duration <= 0.5 * RESOLVED * past.longest and past.longest > dt:

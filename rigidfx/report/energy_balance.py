@@ -15,6 +15,7 @@ import numpy as np
 from rigidfx.base.errors import StepError
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
+from rigidfx.report.look import Look
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
@@ -28,7 +29,7 @@ EPS = float(np.finfo(np.float64).eps)
 ROUNDING = 1e3 * EPS  # of numbers near one that energies are made of
 
 
-class EnergyBalance:
+class EnergyBalance(Look):
     """Follows the energy of a run and the energy supplied to it.
 
     It warns once where the balance is off, and once more where as much energy as was ever accounted

@@ -13,6 +13,7 @@ import numpy as np
 
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
+from rigidfx.report.look import Look
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.step.system.supports import Impact
@@ -26,7 +27,7 @@ GOOD_PART = 0.1  # of the energy before or after an impact, whichever is larger
 NEGLIGIBLE = 1e-9
 
 
-class Jolts:
+class Jolts(Look):
     """Looks at the impacts of reports; warns once."""
 
     remembered: ClassVar[Remembered] = same("_waits", "_energy", "_most", "_found")

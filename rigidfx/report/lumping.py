@@ -13,6 +13,7 @@ import numpy as np
 
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
+from rigidfx.report.look import Look
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
@@ -23,7 +24,7 @@ OF_ALL = 0.01  # ... of all kinetic energy
 EVERY = 8  # steps from look to look at the same bodies
 
 
-class LumpedInertia:
+class LumpedInertia(Look):
     """Looks at the bodies of some reports; warns once."""
 
     remembered: ClassVar[Remembered] = same("_waits")

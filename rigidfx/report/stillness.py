@@ -7,13 +7,14 @@ from typing import ClassVar
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.report.jolts import NEGLIGIBLE
+from rigidfx.report.look import Look
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Stillness"]
 
 
-class Stillness:
+class Stillness(Look):
     """Looks for energies, work and reactions; warns at the end where there are none."""
 
     remembered: ClassVar[Remembered] = same("_still")

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.effects import Spring
+from rigidfx.report.look import Look
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
@@ -28,7 +29,7 @@ EVERY = 4  # steps from look to look
 THIN = 1e-9  # of the largest singular value: below it the nodes lie on a line
 
 
-class TurnedSprings:
+class TurnedSprings(Look):
     """Looks at the sets of springs in some reports; warns once."""
 
     remembered: ClassVar[Remembered] = same("_most", "_waits")

@@ -34,8 +34,6 @@ __all__ = [
 
 Array = npt.NDArray[np.float64]
 
-HEAVY = 1e7  # kg: a steel part of 0.1 m weighs more if millimetres are taken for metres
-
 # Degree of the one quadrature rule that W, H and the residual share, by polynomial degree.
 STIFFNESS_DEGREE = {1: 2, 2: 4}
 NEARLY_INCOMPRESSIBLE = 0.49  # ν above which first-order cells are warned of
@@ -104,7 +102,7 @@ def warn_of_locking(scene: Any) -> None:
 
 
 def check_masses(scene: Any) -> None:
-    """Refuse nodal masses that are not positive, or overflow in sums; warn of much. Collective.
+    """Refuse nodal masses that are not positive, or overflow in sums. Collective.
 
     Raises:
         SceneError: On every rank, if the arithmetic cannot do with them.
@@ -118,12 +116,6 @@ def check_masses(scene: Any) -> None:
             f"Scene: the masses of the nodes add up to {m:.3g} kg, with a moment of inertia "
             f"of {J:.3g} kg m² about the origin: too large for the arithmetic. Check the "
             "densities, the PointMass effects and the units."
-        )
-    if m > HEAVY:
-        warn(
-            scene.comm,
-            f"Scene: its mass is {m:.3g} kg. Are lengths in millimetres? They have to be in metres "
-            "(scale=1e-3 where a mesh is read), with Pa, kg/m³ and N.",
         )
     if scene.mass == "lumped":
         worst = mass.min(initial=np.inf)

@@ -50,6 +50,7 @@ from rigidfx.scene.pieces import divide, warn_of_pieces
 from rigidfx.scene.places import cells_of
 from rigidfx.scene.stiffness import stiff_parts
 from rigidfx.scene.summary import description, in_a_line
+from rigidfx.scene.units import warn_of_units
 from rigidfx.scene.weights import inertial_masses, nodal_weights, point_masses
 
 __all__ = ["Scene"]
@@ -162,6 +163,7 @@ class Scene:
         check_rigid(self)
         warn_of_pieces(self.domain, self.effects)
         warn_of_mesh(self.domain, self.effects, self.order)
+        warn_of_units(self)
 
     # Questions to a scene -----------------------------------------------------------------------
 

@@ -87,8 +87,9 @@ class Stepper:
         self._jumps = Jumps(scene)
         measuring = () if indicator is None else (Measuring(indicator),)
         obstacles = JumpingObstacles(scene, self.touches, self.failures)
-        turning, alternating = RotationPerStep(scene, forces), Alternation(scene, forces)
-        others = Unresolved(scene), turning, alternating, self._jumps, obstacles
+        self._alternating = Alternation(scene, forces)
+        turning = RotationPerStep(scene, forces)
+        others = Unresolved(scene), turning, self._alternating, self._jumps, obstacles
         squeezed = (Compression(scene, forces),) if scene.element.buckles else ()
         controls = () if control is None else (control,)
         self.watches: list[Watch] = [*measuring, *others, *squeezed, *controls]
@@ -251,6 +252,11 @@ class Stepper:
         for watch in self.watches:  # before u₀ becomes u₁
             watch.accept(attempt)
         return result_of(attempt, self.system.accept(self.state, attempt.dt, attempt.end))
+
+    def end(self) -> None:
+        """Settle failures of a run that is over, and judge its motion. Collective."""
+        self.failures.settle()
+        self._alternating.end()
 
     @contextmanager
     def foreseen(self, attempt: Attempt) -> Iterator[StepResult]:

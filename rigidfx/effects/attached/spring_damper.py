@@ -25,7 +25,7 @@ from rigidfx.effects.action import Structure
 from rigidfx.effects.base import Vector as Point
 from rigidfx.effects.joints.averages import Average, Grounded
 from rigidfx.effects.joints.between import Between
-from rigidfx.effects.joints.checks import check_near
+from rigidfx.effects.joints.checks import check_near, warn_of_arm
 from rigidfx.effects.joints.face_motion import Vector, value_at
 from rigidfx.effects.joints.on_face import PointLaw
 from rigidfx.effects.joints.sides import GROUND, Side, Surface, side_name, side_of
@@ -173,6 +173,7 @@ class SpringDamper(Between):
                 return found.place(given)
             point = found.centre if given is None else given
             check_near(self.owner, side, found, point)
+            warn_of_arm(scene, self.owner, side, found, point)
             return found.place(point)
         if given is not None:
             raise SceneError(

@@ -69,7 +69,7 @@ def warn_of_ratio(comm: MPI.Intracomm, owner: str, ratio: float) -> None:
     if ratio > 1:
         warn(
             comm,
-            f"{owner}: the damping ratio {ratio:g} is above the critical one, 1, so that nothing "
+            f"{owner}: the damping ratio {ratio:.3g} is above the critical one, 1, so that nothing "
             "vibrates. Two per cent are 0.02.",
         )
 

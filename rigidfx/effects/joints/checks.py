@@ -14,11 +14,11 @@ from rigidfx.effects.joints.face_motion import Sided
 from rigidfx.effects.joints.sides import Side, Surface, side_name
 from rigidfx.effects.supports.support import Support
 
-__all__ = ["check_near", "check_sides"]
+__all__ = ["check_near", "check_sides", "warn_of_arm"]
 
 Array = npt.NDArray[np.float64]
 
-FAR = 20.0  # times its own size, that a surface may be away from its joint
+FAR = 20.0  # times its own size, that a surface may be away from its joint or remote point
 
 
 def check_sides(
@@ -55,20 +55,13 @@ def check_sides(
                 "other."
             )
     for name, side in zip(names, sides, strict=True):
-        if len(sides) < 2 or isinstance(side, Grounded) or not isinstance(name, Surface):
-            continue
-        away = float(np.linalg.norm(at - side.centre))
-        if away > FAR * side.size / 4:
-            warn(
-                scene.comm,
-                f"{owner}: it is at {at} m, {away:.3g} m away from the middle of "
-                f"{side_name(name)}, which is {side.size:.3g} m large (root mean square): it moves "
-                "with the face as on a rigid arm. Check `at`, in metres, and the face.",
-            )
+        if not isinstance(side, Grounded):
+            joined = len(sides) > 1 and isinstance(name, Surface)
+            warn_of_arm(scene, owner, name, side, at, FAR / 4 if joined else FAR / 2)
 
 
 def check_near(owner: str, name: Side, side: Any, at: Array, apart: str = "") -> None:
-    """Refuse a point that is far away from its surface.
+    """Refuse a point that is very far away from its surface.
 
     Args:
         owner: The joint or effect, for messages.
@@ -78,13 +71,40 @@ def check_near(owner: str, name: Side, side: Any, at: Array, apart: str = "") ->
         apart: Further words.
 
     Raises:
-        SceneError: If it is far away from a surface.
+        SceneError: If it is very far away from a surface.
     """
     away = float(np.linalg.norm(at - side.centre))
     if isinstance(name, Surface) and round(away / side.size, 6) > FAR:
         raise SceneError(
             f"{owner}: {apart}it is at {at} m, and {side_name(name)} is around "
             f"{side.centre} m, {away:.3g} m away and {side.size:.3g} m large."
+        )
+
+
+def warn_of_arm(
+    scene: Any, owner: str, name: Side, side: Any, at: Array, most: float = FAR / 2
+) -> None:
+    """Warn of a point that is far away from its side.
+
+    A joint is expected on its surface. Remote points may be on arms, and so may joints of parts.
+    The cells of parts of given mass or inertia may be anywhere.
+
+    Args:
+        scene: The problem.
+        owner: The joint or effect, for messages.
+        name: The side as given.
+        side: The side, not the ground.
+        at: The point at the start [m].
+        most: The distance up to which nothing is said, in sizes of the side.
+    """
+    away = float(np.linalg.norm(at - side.centre))
+    given = [rigid.name for rigid in scene.effects if rigid.is_rigid and rigid.given]
+    if away > most * side.size and name not in given:
+        warn(
+            scene.comm,
+            f"{owner}: it is at {at} m, {away:.3g} m away from the middle of {side_name(name)}, "
+            f"which is {side.size:.3g} m large (root mean square): it moves with it as on a rigid "
+            "arm. Check `at`, in metres, and the side.",
         )
 
 

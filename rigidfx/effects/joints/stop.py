@@ -147,16 +147,16 @@ class Stop(Effect):
 
 
 class Blow(NamedTuple):
-    """How a stop acts in a step.
+    """How a stop, or a cable that is taut, acts in a step.
 
     Attributes:
-        stop: The stop.
+        stop: The stop or cable, with a stiffness and a damping.
         effort: Size of its force or torque [N, N m].
         force: Size of that over the joint's size, where it is a torque [N].
         rate: Mean rate of the coordinate [rad/s, m/s].
     """
 
-    stop: Stop
+    stop: Any
     effort: float
     force: float
     rate: float

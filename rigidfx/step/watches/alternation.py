@@ -62,12 +62,14 @@ class Alternation(WarnsOnce):
         """See `Watch`."""
         self._before: Array | None = None
         self._sums: Array = np.zeros(3)
+        self._now = 0.0, 0.0  # end and length of the last step [s]
         self._steps, self._end = 0, FIRST
 
     def accept(self, attempt: Attempt) -> None:
         """See `Watch`. Collective in some steps."""
         if not self.waits:
             return
+        self._now = attempt.end, attempt.dt
         bodies, own = attempt.increments.start, attempt.increments.unknowns[:, :6]
         u0, u1 = (f.x.array.reshape(-1, 3)[self._nodes] for f in (self._forces.u0, self._forces.u1))
         d = np.concatenate([(u1 - u0).ravel(), own.ravel()]) / attempt.dt
@@ -85,18 +87,23 @@ class Alternation(WarnsOnce):
         self._before = d
         self._steps += 1
         if self._steps == self._end:
-            self._judge(attempt)
+            self._judge()
             self._sums[:], self._end = 0.0, 2 * self._end
 
-    def _judge(self, attempt: Attempt) -> None:
+    def end(self) -> None:
+        """Judge a run of few steps as a whole; one pair may be a rebound. Collective."""
+        if self.waits and self._end == FIRST and 2 * self._steps >= FIRST:
+            self._judge()
+
+    def _judge(self) -> None:
         """Warn where increments alternate. Collective."""
-        product, square, least = self._scene.sum(self._sums)
+        (t, dt), (product, square, least) = self._now, self._scene.sum(self._sums)
         if not square > least or product >= BACK * square:
             return
         self.say(
-            f"Up to t = {attempt.t + attempt.dt:.6g} s most of the motion goes back and forth from "
+            f"Up to t = {t:.6g} s most of the motion goes back and forth from "
             f"step to step (increments of successive steps correlate by {product / square:.2f}): "
-            f"its periods are two or three steps of Δt = {attempt.dt:.3g} s, or less, and it is no "
+            f"its periods are two or three steps of Δt = {dt:.3g} s, or less, and it is no "
             "image of the real motion. Take a tenth of the period of interest (rf.periods), or "
             "StepControl. Where only the deflection under a slow load is of interest, let that "
             "grow over some steps (rf.Table), or take rf.static."

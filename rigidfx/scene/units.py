@@ -1,0 +1,63 @@
+"""Signs that numbers of a scene are not in SI units.
+
+A part read in millimetres in place of metres has 1e9 times its mass, so that forces that are meant
+for it are next to nothing beside its weight. Those on large structures are not, and neither are
+forces on parts in micrometres.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rigidfx.base.inputs import numbers
+from rigidfx.base.warning import warn
+from rigidfx.effects import Gravity, NodalForce, Resultant, SpringDamper, Table
+from rigidfx.effects.damping.stiffness_damping import warn_of_ratio
+
+__all__ = ["warn_of_units"]
+
+NOTHING = 1e-5  # of a scene's weight: a walker on a large bridge has more
+HEAVY = 1e7  # kg: a steel part of 0.1 m weighs more if millimetres are taken for metres
+LIGHT = 0.1  # kg/m³: aerogels have 1
+
+
+def warn_of_units(scene: Any) -> None:
+    """Warn of masses, forces, dampers and gravity that hardly go together. Collective."""
+    n = scene.owned_nodes
+    mass = scene.sum(scene.nodal_mass[:n].sum())
+    forces = [_largest(effect) for kind in (NodalForce, Resultant) for effect in scene.named(kind)]
+    earth = float(np.linalg.norm(numbers(Gravity().value)))
+    most, least = max(forces, default=0.0), NOTHING * earth * mass
+    instead = "They have to be in metres (scale=1e-3 where a mesh is read), with Pa, kg/m³ and N."
+    if 0 < most < least:
+        warn(
+            scene.comm,
+            f"Scene: its forces of {most:.3g} N at most are next to nothing beside its weight, as "
+            f"its mass is {mass:.3g} kg. Are lengths in millimetres? {instead}",
+        )
+    elif mass > HEAVY and not most > 0:
+        warn(scene.comm, f"Scene: its mass is {mass:.3g} kg. Are lengths in millimetres? {instead}")
+    for spring in scene.named(SpringDamper):
+        if spring.stiffness > 0 and not spring.pulls_only:  # a cable may stop what flies
+            ratio = 0.5 * spring.damping / float(np.sqrt(spring.stiffness * mass))
+            warn_of_ratio(scene.comm, f"{spring.owner} under all mass", ratio)
+    rho = min(material.rho for material, _ in scene.materials)
+    for gravity in scene.named(Gravity):
+        g = np.inf if callable(gravity.value) else float(np.linalg.norm(gravity.value))
+        if rho < LIGHT and earth < 10 * g and g < 10 * earth:
+            warn(
+                scene.comm,
+                f"{gravity.owner}: {g:g} is in m/s², and the density {rho:g} hardly is in kg/m³. "
+                "With t/mm³, MPa, mm, N and s take 9810; with kg/mm³, GPa, mm, kN and ms 0.00981.",
+            )
+
+
+def _largest(effect: Any) -> float:
+    """The largest force of a load [N]; inf if a function tells it."""
+    force = effect.force if isinstance(effect, Resultant) else effect.value
+    if callable(force) or not isinstance(effect.time, Table | None):
+        return np.inf
+    factor = 1.0 if effect.time is None else float(np.abs(effect.time.values).max())
+    return factor * float(np.linalg.norm(force))
