@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from copy import copy
 from typing import Any
 
@@ -112,8 +114,23 @@ def model_to_mesh(model: Any, comm: MPI.Intracomm) -> tuple[Any, Any, Any]:
         from dolfinx.io import gmshio as gmsh_io
     else:
         from dolfinx.io import gmsh as gmsh_io
-    data = gmsh_io.model_to_mesh(model, comm, 0, gdim=3, partitioner=ghosted_partitioner())
+    with _numbered(model):
+        data = gmsh_io.model_to_mesh(model, comm, 0, gdim=3, partitioner=ghosted_partitioner())
     return data[0], data[1], data[2]
+
+
+@contextmanager
+def _numbered(model: Any) -> Iterator[None]:
+    """Have no names of groups: DOLFINx 0.10 and 0.11 ask for them, and fail beyond UTF-8."""
+    name_of = getattr(model, "getPhysicalName", None)  # other ranks have no model
+    if name_of is None:
+        yield
+        return
+    model.getPhysicalName = staticmethod(lambda dim, tag: f"{dim}-{tag}")
+    try:
+        yield
+    finally:
+        model.getPhysicalName = staticmethod(name_of)
 
 
 def bindable(compiled: Any) -> tuple[Any, list[Any]]:

@@ -109,10 +109,12 @@ def read_inp(
 
 
 def _in_chinese(name: str) -> str:
-    """The same bytes in GB18030, where they are text: which of both is meant, a reader sees."""
+    """The same bytes in GB18030, where they are letters: which of both is meant, a reader sees."""
     for encoding in ("cp1252", "latin-1"):  # see `decoded`
         try:
-            return f" (in gb18030: {shown(name.encode(encoding).decode('gb18030'))})"
+            other = name.encode(encoding).decode("gb18030")
         except UnicodeError:
             continue
+        letters = all(each.isascii() or each.isalpha() for each in other)
+        return f" (in gb18030: {shown(other)})" if letters else ""
     return ""
