@@ -315,7 +315,6 @@ WRONG = {
         "none.inc' cannot be read",
     ),
     "itself": ("*HEADING", "*INCLUDE, INPUT=part.inp\n*HEADING", "include each other without end"),
-    "no card": ("*HEADING\n", "", "line 1: data without a card"),
     "a set that contains itself": ("left, 304", "both, 304", "contains itself"),
     "a range that goes back": (" 11, 12, 1\n", " 11\n", "GENERATE needs the first, the last"),
 }

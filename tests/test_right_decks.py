@@ -72,7 +72,7 @@ def test_sets_of_nothing_are_told_with_elements_left_out(tmp_path):
     assert list(sizes(part)) == [("brick", 3)]
     (message,) = (str(each.message) for each in told)
     assert "left out: 1 of S3." in message
-    assert message.endswith("or nodes of one, are left out: 'lid', 'skin', 'pilot'.")
+    assert message.endswith("or corner of one, are left out: 'lid', 'skin', 'pilot'.")
 
 
 def test_messages_have_numbers_of_the_deck(tmp_path):
@@ -97,6 +97,21 @@ def test_generate_of_other_numbers(tmp_path, numbers):
     """None is passed over."""
     with pytest.raises(rf.SceneError, match=r"line 16, \*NSET: (GENERATE needs|.* whole numbers)"):
         read(tmp_path, NODES + BRICK + f"*NSET, NSET=low, GENERATE\n{numbers}\n")
+
+
+def test_what_calculix_passes_over(tmp_path):
+    """Lines before the first card, and nodes too many in the line of an element: it says so."""
+    text = ">**\n" + NODES + BRICK.replace("13, 14\n", "13, 14, 21, 22,\n")
+    with pytest.warns(rf.RigidfxWarning) as told:
+        part = read(tmp_path, text)
+    assert sizes(part) == {("brick", 3): 1}
+    assert volume(part.mesh) == pytest.approx(1.0)
+    first, second = (str(each.message) for each in told)
+    assert "line 1 of" in first
+    assert first.endswith("before the first card, and is passed over: '>**'.")
+    assert "line 14, *ELEMENT: lines, the first of element 1, have more nodes than the 8" in second
+    with pytest.raises(rf.SceneError, match="line 1: data without a card"):
+        read(tmp_path, "1, 0, 0, 0\n2, 1, 0, 0\n")
 
 
 def test_shells_that_fit(tmp_path):

@@ -17,10 +17,11 @@ import numpy as np
 from rigidfx.base.errors import SceneError
 from rigidfx.base.text_files import Decoder
 
-__all__ = ["Card", "cards_of", "entries_of", "folded", "is_number"]
+__all__ = ["BEFORE", "Card", "cards_of", "entries_of", "folded", "is_number"]
 
 
 DEEPEST = 9  # files that include each other
+BEFORE = "**"  # which begins a comment, and no card
 BLANKS = " \t\v\f"  # others may be halves of letters, in encodings that are not known
 
 
@@ -125,16 +126,19 @@ class Card:
 def cards_of(path: Path, decoder: Decoder, depth: int = 0) -> Iterator[Card]:
     """The cards of a file and of those it includes, in order.
 
+    Lines before the first card, which CalculiX passes over, are one of keyword `BEFORE`.
+
     Args:
         path: The file.
         decoder: Reads its letters.
         depth: How many files are around it.
 
     Raises:
-        SceneError: If a file cannot be read, or data come before any card.
+        SceneError: If a file cannot be read, or has data and no card.
     """
     card: Card | None = None
     head = ""
+    before: list[tuple[int, str]] = []  # lines before the first card
     for number, line in enumerate(re.split("\r\n|\r|\n", _text(path, decoder)), start=1):
         line = line.strip(BLANKS)
         if not line or line.startswith("**"):
@@ -146,13 +150,15 @@ def cards_of(path: Path, decoder: Decoder, depth: int = 0) -> Iterator[Card]:
             head = head + line if head.endswith(",") else line
             if not head.endswith(","):
                 card, head = _begun(head, path, number), ""
-        elif card is None:
-            raise SceneError(
-                f"read_inp: '{path}', line {number}: data without a card before them. An input "
-                "file of Abaqus or CalculiX begins with a card, such as *NODE."
-            )
         else:
-            card.lines.append((number, line))
+            (before if card is None else card.lines).append((number, line))
+    if card is None and before:
+        raise SceneError(
+            f"read_inp: '{path}', line {before[0][0]}: data without a card. An input file of "
+            "Abaqus or CalculiX consists of cards, such as *NODE."
+        )
+    if before:
+        yield Card(BEFORE, {}, before, path, before[0][0])
     if card is not None:
         yield from _included(card, decoder, depth)
 

@@ -48,7 +48,7 @@ class _Flat:
         self._flat: dict[str, Numbers] = {}  # triangles and quadrilaterals that bound cells
         self._x: Array = np.empty((0, 3))
         self._tables: list[Ints] = []  # all nodes of cells
-        self._notes: list[str] = []
+        self._notes = model.notes
         self._left_out: dict[str, int] = {}  # elements by their types
         self._elements: list[tuple[str, Ints]] = []  # names of instances, numbers of elements
         self._empty: list[str] = []  # names of sets without anything of the cells
@@ -93,7 +93,7 @@ class _Flat:
             )
         if self._empty:
             texts.append(
-                "sets without any cell, or nodes of one, are left out: "
+                "sets without any cell, or corner of one, are left out: "
                 f"{reprlib.repr(self._empty)[1:-1]}."
             )
         return " Also, ".join(texts)

@@ -17,8 +17,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from rigidfx.base.inputs import shown
 from rigidfx.base.text_files import Decoder
-from rigidfx.domain.inp_cards import Card, cards_of, entries_of, folded, is_number
+from rigidfx.domain.inp_cards import BEFORE, Card, cards_of, entries_of, folded, is_number
 
 __all__ = ["Group", "Instance", "Model", "Place", "model_of"]
 
@@ -115,11 +116,13 @@ class Model:
         top: All that is in no part.
         parts: By folded name.
         instances: In the order of the file.
+        notes: Texts of warnings.
     """
 
     top: Place = field(default_factory=Place)
     parts: dict[str, Place] = field(default_factory=dict)
     instances: list[Instance] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
 
 def model_of(path: Path, decoder: Decoder) -> Model:
@@ -150,8 +153,15 @@ def model_of(path: Path, decoder: Decoder) -> Model:
                 "cards that make nodes or elements of others are not read. Save the model once "
                 "more from a program that has read it: with all nodes and elements."
             )
+        elif card.keyword == "ELEMENT":
+            _elements(card, place, model.notes)
         elif card.keyword in READ:
             READ[card.keyword](card, place)
+        elif card.keyword == BEFORE:
+            model.notes.append(
+                f"line {card.number} of '{card.path.name}' comes before the first card, and is passed "
+                f"over: {shown(card.lines[0][1])}."
+            )
     return model
 
 
@@ -190,7 +200,7 @@ def _nodes(card: Card, place: Place) -> None:
         place.group("NSET", card.given["NSET"]).members.append(("", labels))
 
 
-def _elements(card: Card, place: Place) -> None:
+def _elements(card: Card, place: Place, notes: list[str]) -> None:
     kind = card.named("TYPE").upper()
     flat = re.match(FLAT, kind)
     solid = None if flat else re.match(SOLIDS, kind)
@@ -199,14 +209,24 @@ def _elements(card: Card, place: Place) -> None:
         return
     width = 1 + int(solid[1] if solid else flat[1] if flat else 0)
     rows: list[list[int]] = []
+    longer: list[int] = []
     for number, entries in card.rows():
         if not rows or len(rows[-1]) == width:
             rows.append([])
+        begins = not rows[-1]
         rows[-1].extend(card.whole_numbers(entries, number))
         if len(rows[-1]) > width:
-            raise card.wrong(f"element {rows[-1][0]} has more than {width - 1} nodes.", number)
+            if not begins:
+                raise card.wrong(f"element {rows[-1][0]} has more than {width - 1} nodes.", number)
+            longer = longer or rows[-1]  # as CalculiX, which takes the first ones of its line
+            del rows[-1][width:]
     if rows and len(rows[-1]) < width:
         raise card.wrong(f"the last element has less than {width - 1} nodes.")
+    if longer:
+        notes.append(
+            f"line {card.number}, *ELEMENT: lines, the first of element {longer[0]}, have more "
+            f"nodes than the {width - 1} of {kind}. These are read, as by CalculiX, and others not."
+        )
     table = np.array(rows, dtype=np.int64).reshape(-1, width)
     elements = place.elements if solid else place.flat
     elements.append((kind, table[:, 0], table[:, 1:]))
@@ -255,7 +275,6 @@ def _surface(card: Card, place: Place) -> None:
 
 READ: dict[str, Callable[[Card, Place], None]] = {
     "NODE": _nodes,
-    "ELEMENT": _elements,
     "NSET": _set,
     "ELSET": _set,
     "SURFACE": _surface,
