@@ -163,6 +163,8 @@ def check_cells(mesh: dmesh.Mesh) -> None:
             f"The mesh has inverted or flat cells, {_first(mesh, bad)}: det J changes its sign or "
             "vanishes there. Repair the mesh, or make it anew with cells of another size."
         )
+        if _names and coordinate_map(mesh).degree > 1:
+            problem += " By their corners, with straight edges: read_inp(…, corners=True)."
         if all_bad:
             problem += (
                 " As all cells are, their nodes may be in another order than DOLFINx's: that of a "
