@@ -159,8 +159,8 @@ def model_of(path: Path, decoder: Decoder) -> Model:
             READ[card.keyword](card, place)
         elif card.keyword == BEFORE:
             model.notes.append(
-                f"line {card.number} of '{card.path.name}' comes before the first card, and is passed "
-                f"over: {shown(card.lines[0][1])}."
+                f"line {card.number} of '{card.path.name}' comes before the first card, and is "
+                f"passed over: {shown(card.lines[0][1])}."
             )
     return model
 

@@ -88,7 +88,8 @@ def in_dolfinx_order(x: Array, rows: Ints, cell: str) -> tuple[Ints, str | None]
             f"from_arrays: after its {corners} corners a {cell}'s nodes must be those in the "
             f"middles of its {_others(cell)}, in the same order in all cells, but in most cells "
             "these are not what lies there. Give the corners alone, "
-            f"cells[:, :{corners}], and let the scene be of second order (order=2)."
+            f"cells[:, :{corners}] (read_inp: corners=True), and let the scene be of second order "
+            "(order=2)."
         )
     return np.hstack([rows[:, :corners], rows[:, corners:][:, order]]), None
 
