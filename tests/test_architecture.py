@@ -417,7 +417,7 @@ CEILINGS = {
     "recovery": 6,
     "report": 30,
     "scene": 22,
-    "shapes": 5,
+    "shapes": 14,
     "step": 15,
     "step/equations": 4,
     "step/length": 33,

@@ -11,9 +11,11 @@ from scipy.linalg import eigh
 
 import rigidfx as rf
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.shapes import solver
 from rigidfx.shapes.part import Part
+from rigidfx.shapes.patterns import patterns, unit_loads
 from rigidfx.shapes.responses import Responses
-from rigidfx.shapes.ritz import ritz
+from rigidfx.shapes.ritz import ritz, shapes_of
 from rigidfx.state import State
 
 STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=8000.0)
@@ -23,17 +25,28 @@ EPS = float(np.finfo(np.float64).eps)
 class Built:
     """A block with all that shapes of it take; `destroy` frees it."""
 
-    def __init__(self, *effects, n=(4, 2, 2), t=0.0, size=(1.0, 0.5, 0.4), cells=None, **how):
-        self.scene = rf.Scene(rf.box((0, 0, 0), size, n), STEEL, effects, **how)
+    def __init__(self, *effects, n=(4, 2, 2), size=(1.0, 0.5, 0.4), squeezed=0.0, **how):
+        far = min(0.5, 1 - 1 / n[0])
+        domain = rf.box((0, 0, 0), size, n).with_cells("half", lambda x: x[0] > far - 1e-9)
+        domain = domain.with_cells("block", lambda x: x[0] > -1)
+        self.scene = rf.Scene(domain, STEEL, effects, **how)
         self.state = State(self.scene)
+        X = self.scene.space.tabulate_dof_coordinates()
+        self.state.place((-squeezed * X * [1, 0, 0]).ravel())
         self.forces = InternalForces(self.scene, self.state.u)
-        acting = self.scene.acting(t)
+        acting = self.scene.acting(0.0)
         self.responses = Responses(self.scene, self.forces, self.state, acting)
         self.X = self.scene.space.tabulate_dof_coordinates()[: self.scene.owned_nodes]
         own = np.arange(self.scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
         nodes = np.arange(len(self.X), dtype=np.int32)
         self.part = Part(self.responses, self.forces.cells(own), nodes, "block")
         self.ends = np.array(size)
+
+    def part_beyond(self, x):
+        """The part of the cells beyond a plane, one rank only."""
+        dofmap = self.scene.space.dofmap.list
+        own = np.flatnonzero((self.X[dofmap, 0] > x - 1e-9).all(axis=1)).astype(np.int32)
+        return Part(self.responses, self.forces.cells(own), np.unique(dofmap[own]), "end")
 
     def pushed(self):
         """Three unit forces on the far corner, shape (owned nodes, 3, 3)."""
@@ -58,11 +71,20 @@ class Built:
         self.responses.destroy()
 
 
-@pytest.fixture(params=["free", "clamped", "rolling", "second", "consistent"])
+KINDS = {
+    "free": ([], {}),
+    "clamped": ([rf.Fixed("x0")], {}),
+    "rolling": ([rf.Fixed("x0", components="x")], {}),
+    "sprung": ([rf.Spring("x0", (1e8, 2e8, 0.0))], {}),
+    "second": ([], {"order": 2, "n": (2, 1, 1)}),
+    "consistent": ([], {"mass": "consistent"}),
+}
+
+
+@pytest.fixture(params=KINDS)
 def built(request):
-    effects = {"clamped": [rf.Fixed("x0")], "rolling": [rf.Fixed("x0", components="x")]}
-    how = {"second": {"order": 2, "n": (2, 1, 1)}, "consistent": {"mass": "consistent"}}
-    made = Built(*effects.get(request.param, []), **how.get(request.param, {}))
+    effects, how = KINDS[request.param]
+    made = Built(*effects, **how)
     yield made
     made.destroy()
 
@@ -71,6 +93,8 @@ def test_responses_are_those_of_dense_matrices(built):
     """K⁺ in the metric of the mass: by all elastic modes, which LAPACK finds."""
     r, held = built.responses, built.responses.stiffness.held
     K, M = built.dense(built.part.times_stiffness), built.dense(r.inertia)
+    for spring in built.scene.named(rf.Spring):
+        K += np.diag(np.outer(built.scene.shares("x0", "Spring"), np.diag(spring.K)).ravel())
     K, M = (0.5 * (A + A.T)[np.ix_(~held, ~held)] for A in (K, M))
     squares, modes = eigh(K, M)
     elastic = squares > 1e-9 * squares[-1]
@@ -99,9 +123,11 @@ def test_shapes_hold_the_loads_responses(built):
     assert (np.diff(squares) > 0).all()
     momenta = r.dot(r.motions, r.inertia(Phi))
     assert np.abs(momenta).max(initial=0.0) < 1e-12 * np.sqrt(r.dot(Phi, r.inertia(Phi)).max())
-    deflections = Phi @ np.linalg.solve(Omega, r.dot(Phi, F))
-    exact = r.solve(F)
+    exact = built.part.unmoved(r.solve(F))
+    deflections = Phi @ np.linalg.solve(Omega, r.dot(Phi, built.part.times_stiffness(exact)))
     assert np.abs(deflections - exact).max() < 1e-10 * np.abs(exact).max()
+    if not built.scene.named(rf.Spring):
+        np.testing.assert_allclose(r.dot(Phi, F), r.dot(Phi, built.part.times_stiffness(exact)))
 
 
 def test_vectors_come_in_the_order_of_their_loads():
@@ -116,11 +142,175 @@ def test_vectors_come_in_the_order_of_their_loads():
     made.destroy()
 
 
+def test_shapes_of_a_part():
+    """The whole's vectors at its nodes, less its own motion there; by count, in their order."""
+    made = Built(rf.Fixed("x0"), n=(6, 2, 2))
+    r, F = made.responses, made.pushed()
+    part = made.part_beyond(0.5)
+    vectors = ritz(r, F, 2)
+    full = part.shapes(vectors)
+    assert full.modes.shape[2] == 6
+    assert not part.unspanned(full, F).any()
+    R = made.motions()[part.nodes]
+    M = np.concatenate([part.times_mass(R[:, :, k : k + 1]) for k in range(6)], axis=2)
+    sizes = np.sqrt(np.outer(np.diag(r.dot(R, M)), np.diag(full.stiffness)))
+    assert np.abs(r.dot(M, full.modes) / sizes).max() < 1e-12
+    some, first = part.shapes(vectors, 2), part.unmoved(vectors[:, :, :2])
+    fit = np.linalg.lstsq(some.modes.reshape(-1, 2), first.reshape(-1, 2))[1]
+    assert (np.sqrt(fit) < 1e-12 * np.linalg.norm(first.reshape(-1, 2), axis=0)).all()
+    part.destroy()
+    made.destroy()
+
+
+def test_a_force_is_spanned_or_not():
+    """Shapes by forces on a corner do not span those on another one; with these they do."""
+    made = Built()
+    r, F = made.responses, made.pushed()
+    other = unit_loads(r, np.array([0]))
+    few = shapes_of(made.part, r, F)
+    assert few.modes.shape[2] == 12
+    assert not made.part.unspanned(few, F).any()
+    assert made.part.unspanned(few, other).any()
+    both = shapes_of(made.part, r, np.concatenate([F, other], axis=2))
+    assert both.modes.shape[2] == 24
+    assert not made.part.unspanned(both, other).any()
+    assert shapes_of(made.part, r, F, 5).modes.shape[2] == 5
+    assert shapes_of(made.part, r, F[:, :, :1], 7).modes.shape[2] == 7
+    made.destroy()
+
+
+def angle(responses, F, exact):
+    """Sine of the angle between forces in balance and the span of others."""
+    Q = np.linalg.qr(F.reshape(-1, F.shape[2]))[0]
+    f = responses.balanced(exact[:, :, None]).ravel()
+    return np.linalg.norm(f - Q @ (Q.T @ f)) / np.linalg.norm(f)
+
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("effects", "expected"),
+    [
+        ([rf.Traction("x1", (0, 0, 2.0), time=lambda t: np.sin(7 * t)), rf.Gravity()], 1),
+        ([rf.Fixed("x0"), rf.Traction("x1", (0, 0, 2.0)), rf.Gravity()], 2),
+        ([rf.Fixed("x0"), rf.Pressure("z1", 3.0, since=0.5), rf.Traction("x1", UP, until=0)], 1),
+        ([rf.Traction("z1", lambda x, t: np.outer(UP, np.exp(-((x[0] - t) ** 2) / 0.08)))], 5),
+        ([rf.PrescribedMotion("x0", displacement=lambda t: (0, 0, t * t))], 1),
+        ([rf.PrescribedRotation("x0", axis=(0, 0, 1), angle=lambda t: t * t)], 2),
+    ],
+    ids=["free", "held", "pressed", "passing", "moved", "turned"],
+)
+def test_patterns(effects, expected):
+    made = Built(*effects)
+    F = patterns(made.responses, made.state, 1.0)
+    assert F.shape[2] == expected
+    made.destroy()
+
+
+def test_motion_gives_patterns():
+    """A state that spins has centrifugal forces, a support that turns those and -M (α × r)."""
+    spin = np.array([0.0, 0.0, 5.0])
+    made = Built()
+    middle = made.scene.centre_of_mass
+    every = made.scene.space.tabulate_dof_coordinates() - middle
+    made.state.move(np.cross(spin, every).ravel())
+    M = made.scene.nodal_mass[: len(made.X), None]
+    F = patterns(made.responses, made.state, 1.0)
+    assert F.shape[2] == 1
+    assert angle(made.responses, F, M * (every * [1, 1, 0])) < 1e-10
+    made.destroy()
+    made = Built(rf.PrescribedRotation("x0", axis=(0, 0, 1), angle=lambda t: t * t))
+    F = patterns(made.responses, made.state, 1.0)
+    for exact in (M * (made.X * [1, 1, 0]), M * np.cross(spin, made.X)):
+        assert angle(made.responses, F, exact) < 1e-10
+    made.destroy()
+
+
+def test_supports_that_part_pull():
+    """Of two ends the one moves: K⁻¹f and the rigid motion hold the bar's stretch."""
+    made = Built(rf.Fixed("x0"), rf.PrescribedMotion("x1", displacement=lambda t: (t * t, 0, 0)))
+    r = made.responses
+    u = r.solve(patterns(r, made.state, 1.0))
+    ahead = np.zeros((*made.X.shape, 1))
+    ahead[:, 0, 0] = made.X[:, 0] > 1 - 1e-9
+    free = ~r.stiffness.held
+    K = made.dense(made.part.times_stiffness)
+    exact = np.linalg.solve(K[np.ix_(free, free)], -(K @ ahead.ravel())[free])
+    rigid = made.motions()[:, :, :1]
+    span = np.concatenate([u / np.abs(u).max(axis=(0, 1)), rigid], axis=2)
+    left = np.linalg.lstsq(span.reshape(-1, span.shape[2])[free], exact)[1]
+    assert left < 1e-20 * np.vdot(exact, exact)
+    made.destroy()
+
+
+def test_conjugate_gradients_are_as_exact(monkeypatch):
+    """As factors are, to their tolerance."""
+    for effects in ([], [rf.Fixed("x0")]):
+        made = Built(*effects, n=(9, 5, 5))
+        F, again = made.pushed(), Built(*effects, n=(9, 5, 5))
+        exact = made.responses.solve(F)
+        monkeypatch.setattr(solver, "FACTORED_UP_TO", 0)
+        assert np.abs(again.responses.solve(F) - exact).max() < 1e-8 * np.abs(exact).max()
+        monkeypatch.undo()
+        made.destroy()
+        again.destroy()
+
+
+@pytest.mark.parametrize(
+    ("count", "words"),
+    [
+        (0, "whole number ≥ 1"),
+        (-3, "whole number ≥ 1"),
+        (2.5, "whole number ≥ 1"),
+        (True, "whole number ≥ 1"),
+        (130, "Ask for 129 at most"),
+    ],
+)
+def test_numbers_of_shapes_that_cannot_be(count, words):
+    made = Built()
+    with pytest.raises(rf.SceneError, match=words):
+        shapes_of(made.part, made.responses, made.pushed(), count)
+    made.destroy()
+
+
+def test_parts_that_cannot_have_shapes():
+    with pytest.raises(rf.SceneError, match="1 cell"):
+        Built(n=(1, 1, 1))
+    with pytest.raises(rf.SceneError, match="hold the whole structure"):
+        Built(rf.Fixed("block"))
+    made = Built(rf.Fixed("half"))
+    with pytest.raises(rf.SceneError, match="supports hold all of it"):
+        made.part_beyond(0.5)
+    made.destroy()
+
+
+@pytest.mark.parametrize("factored", [0, 10**6])
+def test_a_state_that_buckles(factored, monkeypatch):
+    """A slender column that is compressed by a hundredth."""
+    monkeypatch.setattr(solver, "FACTORED_UP_TO", factored)
+    made = Built(rf.Fixed("x0"), n=(20, 1, 1), size=(1.0, 0.05, 0.05), squeezed=0.01)
+    x, y, _ = (made.X - [0, 0.025, 0]).T
+    bent = np.stack([-2 * x * y, x**2, 0 * x], axis=1)[:, :, None]
+    with pytest.raises(rf.SceneError, match="buckles"):
+        made.responses.solve(made.pushed())
+    with pytest.raises(rf.SceneError, match="buckles"):
+        made.part.shapes(bent)
+    made.destroy()
+
+
+def test_machines_come_next():
+    with pytest.raises(rf.SceneError, match="machines come next"):
+        Built(rf.Spring(rf.MeanFace("x0"), 1e6))
+
+
 def found():
     made = Built(n=(5, 2, 2))
     r, F = made.responses, made.pushed()
-    u, vectors = r.solve(F), ritz(r, F, 4)
-    shapes = made.part.shapes(vectors)
+    there = made.scene.space.dofmap.index_map.local_range[0] + np.flatnonzero(F.any(axis=(1, 2)))
+    nodes = np.concatenate(made.scene.comm.allgather(there))
+    F = unit_loads(r, nodes)
+    u, shapes = r.solve(F), shapes_of(made.part, r, F)
     g = r.dot(F, shapes.modes)
     held = g @ np.linalg.solve(shapes.stiffness, g.T)
     rows = [

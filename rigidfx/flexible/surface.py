@@ -40,20 +40,35 @@ class Surface:
         Returns:
             In the bodies' frames [m², m³].
         """
+        facets = self._scene.boundary(where, owner)
+        out = np.zeros((len(bodies), 4, 3))
+        for k, body in enumerate(bodies):
+            force = self._forces(facets[np.isin(facets[:, 0], body.data.cells)])
+            nodal = force[body.data.nodes] @ body.motion.R
+            out[k] = np.c_[np.ones(len(nodal)), body.data.offsets].T @ nodal
+        return np.asarray(self._scene.sum(out))
+
+    def outward_forces(self, where: str, owner: str) -> Array:
+        """Forces of a unit pressure from inside on the owned nodes, shape (nodes, 3). Collective.
+
+        Args:
+            where: Name of a set of boundary facets.
+            owner: Who asks, for messages.
+
+        Returns:
+            In space, in the present shape [m²].
+        """
+        return self._forces(self._scene.boundary(where, owner))[: self._scene.owned_nodes]
+
+    def _forces(self, facets: npt.NDArray[np.int32]) -> Array:
+        """The same of some facets, at all local nodes. Collective."""
         scene = self._scene
         if self._kernel is None:
             F = scene.element.deformation_gradient(self._u)
             n = ufl.det(F) * ufl.inv(F).T * ufl.FacetNormal(scene.mesh)
             form = ufl.inner(n, ufl.TestFunction(scene.space)) * scene.boundary_measure(1)
             self._kernel = Kernel(form, [scene.space], scene.mesh)
-        facets = scene.boundary(where, owner)
-        out = np.zeros((len(bodies), 4, 3))
         force = fem.Function(scene.space)
-        for k, body in enumerate(bodies):
-            own = facets[np.isin(facets[:, 0], body.data.cells)]
-            force.x.array[:] = 0.0
-            fem.assemble_vector(force.x.array, self._kernel.bind({}, {1: own}))
-            force.x.scatter_reverse(la.InsertMode.add)
-            nodal = force.x.array.reshape(-1, 3)[body.data.nodes] @ body.motion.R
-            out[k] = np.c_[np.ones(len(nodal)), body.data.offsets].T @ nodal
-        return np.asarray(scene.sum(out))
+        fem.assemble_vector(force.x.array, self._kernel.bind({}, {1: facets}))
+        force.x.scatter_reverse(la.InsertMode.add)
+        return np.array(force.x.array.reshape(-1, 3))

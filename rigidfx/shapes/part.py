@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, la
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
@@ -23,11 +22,13 @@ from rigidfx.shapes.orthonormal import Basis, columns, normalised
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.stiffness import times
 
-__all__ = ["MOST", "Part", "PartShapes"]
+__all__ = ["LACKING", "MOST", "Part", "PartShapes"]
 
 Array = npt.NDArray[np.float64]
 Int32s = npt.NDArray[np.int32]
 
+# Part of a static response, in the norm of the strain energy, that shapes may lack.
+LACKING = 0.01
 MOST = 36  # shapes that a part gets unasked; Ω and the inertia of second order are full
 BLOCK = 3  # unknowns in a block of PETSc's format, which shapes have to fill
 # Size of a vector, once the part's rigid motion is taken out of it, over that before: below, it is
@@ -68,33 +69,46 @@ class Part:
             cells: Its owned cells by subdomain id.
             nodes: Its owned nodes, sorted.
             name: Its name, for messages.
+
+        Raises:
+            SceneError: On every rank, if it is a single cell, or supports hold all of it.
         """
         self._scene, self._responses = responses.scene, responses
         self.nodes, self._name = nodes, name
         scene, stiffness = responses.scene, responses.stiffness
+        self._check(cells)
         self._rows = Rows(scene.space, nodes)
         self._mass = mass_operator(scene, self._rows, cells, np.ones(nodes.size, dtype=bool))
         self._K = assembled(self._rows, stiffness.linear.tangent(cells))
         self._d, self._f = self._rows.vector(), self._rows.vector()
-        self._internal = _internal_forces(responses, cells)[self._rows.dofs].reshape(-1, 3)
+        self._internal = stiffness.internal_forces(cells)[self._rows.dofs].reshape(-1, 3)
         self._motions = self._rigid_motions()
-        self._momenta = self._times_mass(self._motions)
+        self._momenta = self.times_mass(self._motions)
+
+    def _check(self, cells: Cells) -> None:
+        """Find how many of its dofs are free; see that it can deform. Collective."""
+        scene, held = self._scene, self._responses.stiffness.held.reshape(-1, 3)[self.nodes]
+        count = sum(len(own) for own in cells.values())
+        cells_in, self._free = map(int, scene.sum([count, int((~held).sum())]))
+        few = f"it has {cells_in} cell, which no shapes divide. Name it Rigid, or refine its mesh"
+        wrong = few if cells_in < 2 else "supports hold all of it. Take the Reduced away"
+        if cells_in < 2 or not self._free:
+            raise SceneError(f"Reduced '{self._name}': {wrong}.")
 
     def _rigid_motions(self) -> Array:
         """Its rigid motions that supports in it leave free, RᵀMR = 1. Collective."""
         scene, stiffness = self._scene, self._responses.stiffness
         x = stiffness.places[self.nodes]
         sums = np.asarray(scene.sum(np.r_[x.sum(axis=0), len(x)]))
-        x = x - sums[:3] / max(sums[3], 1.0)
-        length = float(np.sqrt(scene.sum((x * x).sum()) / max(sums[3], 1.0)))
-        if not length > 0:
-            raise SceneError(self._too_small(0))
+        x = x - sums[:3] / sums[3]
+        length = float(np.sqrt(scene.sum((x * x).sum()) / sums[3]))
         held = stiffness.held.reshape(-1, 3)[self.nodes]
         R = rigid_motions(x, length) @ free_motions(x, held, length, scene.comm)
         columns(R)[held.reshape(-1)] = 0.0
-        return normalised(R, self._dot(R, self._times_mass(R)))
+        return normalised(R, self._dot(R, self.times_mass(R)))
 
-    def _times_mass(self, u: Array) -> Array:
+    def times_mass(self, u: Array) -> Array:
+        """M u of its own mass, shape (nodes, 3, k). Collective."""
         return times(self._mass, u, self._d, self._f)
 
     def times_stiffness(self, u: Array) -> Array:
@@ -103,12 +117,6 @@ class Part:
 
     def _dot(self, a: Array, b: Array) -> Array:
         return self._responses.dot(a, b)
-
-    def _too_small(self, count: int) -> str:
-        return (
-            f"Reduced '{self._name}': it has too few nodes for rigid motions and {count} shapes. "
-            "Name it Rigid, or refine its mesh."
-        )
 
     def unmoved(self, vectors: Array) -> Array:
         """Vectors of the whole at its nodes, without its rigid motion there. Collective.
@@ -132,12 +140,19 @@ class Part:
             count: How many, at most; if None `MOST` at most, in threes.
 
         Raises:
-            SceneError: On every rank, if its stiffness is not definite for some shape.
+            SceneError: On every rank, if it can have no such number of shapes, or its stiffness is
+                not definite for one.
         """
         scene, own = self._scene, vectors[self.nodes]
-        before = np.einsum("nak,nak->k", own, self._times_mass(own))
+        room = self._free - self._motions.shape[2]
+        if count is not None and count > room:
+            raise SceneError(
+                f"Reduced '{self._name}': shapes={count}, but it has no more than {self._free} "
+                f"unknowns, {self._free - room} of them for rigid motions. Ask for {room} at most."
+            )
+        before = np.einsum("nak,nak->k", own, self.times_mass(own))
         deformed = self.unmoved(vectors)
-        images = self._times_mass(deformed)
+        images = self.times_mass(deformed)
         after = np.einsum("nak,nak->k", deformed, images)
         before, after = np.sqrt(np.maximum(scene.sum(np.stack([before, after])), 0.0))
         some = after > STRAINING * before
@@ -161,16 +176,29 @@ class Part:
         force = np.asarray(scene.sum(np.einsum("nak,na->k", Y, self._internal)))
         return PartShapes(Y, np.diag(squares / largest**2), force)
 
+    def unspanned(self, shapes: PartShapes, F: Array) -> npt.NDArray[np.bool_]:
+        """Which forces strain it by more than `LACKING` otherwise than its shapes can. Collective.
+
+        With δ the response less its rigid motion, ½ δ·Kδ is its strain energy and ½ h·Ω⁻¹h that
+        of shapes, h = ΦᵀKδ. In a part that is the whole these are f·K⁻¹f and g·Ω⁻¹g, g = Φᵀf.
+
+        Args:
+            shapes: Its shapes.
+            F: Forces on the whole, shape (owned nodes, 3, k) [N].
+
+        Returns:
+            Shape (k,).
+        """
+        scene, u = self._scene, self._responses.solve(F)
+        deformed = self.unmoved(u)
+        forces = self.times_stiffness(deformed)
+        own, whole = np.einsum("nak,nak->k", deformed, forces), np.einsum("nak,nak->k", F, u)
+        own, whole = scene.sum(np.stack([own, whole]))
+        h = self._dot(shapes.modes, forces)
+        held = (h * h / np.diag(shapes.stiffness)[:, None]).sum(axis=0)
+        return np.asarray(own - held > LACKING**2 * np.maximum(own, LACKING**2 * whole))
+
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
         for item in (self._mass, self._K, self._d, self._f):
             item.destroy()
-
-
-def _internal_forces(responses: Responses, cells: Cells) -> Array:
-    """Forces of cells in the state, of all local dofs. Collective."""
-    b = fem.Function(responses.scene.space)
-    fem.assemble_vector(b.x.array, responses.stiffness.linear.force(cells))
-    b.x.scatter_reverse(la.InsertMode.add)
-    b.x.scatter_forward()
-    return np.array(b.x.array)

@@ -26,6 +26,8 @@ __all__ = ["Responses"]
 
 Array = npt.NDArray[np.float64]
 
+BALANCED = 1e-9  # part of forces that rounding leaves where inertia balances them
+
 
 class Responses:
     """Stiffness and mass of a structure about a state; `destroy` frees them.
@@ -60,7 +62,7 @@ class Responses:
         """
         self.scene = scene
         self.stiffness = Stiffness(scene, forces, state, acting, bodies)
-        R = self.stiffness.loose()
+        R = self.stiffness.loose
         self.motions: Array = normalised(R, self.dot(R, self.inertia(R)))
         self._momenta = self.inertia(self.motions)
         self._solver: Solver | None = None
@@ -74,8 +76,11 @@ class Responses:
         return self.stiffness.times_mass(u)
 
     def balanced(self, F: Array) -> Array:
-        """Forces in balance with inertia where nothing holds a part. Collective."""
-        return np.asarray(F - self._momenta @ self.dot(self.motions, F))
+        """Forces in balance with inertia where parts are free; zero if that is all. Collective."""
+        out = F - self._momenta @ self.dot(self.motions, F)
+        before, after = self.scene.sum([(columns(f) ** 2).sum(axis=0) for f in (F, out)])
+        out[:, :, after <= BALANCED**2 * before] = 0.0
+        return np.asarray(out)
 
     def solve(self, F: Array) -> Array:
         """Displacements by forces on nodes. Collective.

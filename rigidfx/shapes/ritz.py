@@ -9,12 +9,16 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.inputs import whole
 from rigidfx.shapes.orthonormal import Basis
+from rigidfx.shapes.part import MOST, Part, PartShapes
 from rigidfx.shapes.responses import Responses
 
-__all__ = ["ritz"]
+__all__ = ["ritz", "shapes_of"]
 
 Array = npt.NDArray[np.float64]
+
+DEPTH = 4  # vectors from each load: a struck plate with two loads errs by 1.3e-4 of its way
 
 
 def ritz(responses: Responses, F: Array, depth: int) -> Array:
@@ -39,3 +43,31 @@ def ritz(responses: Responses, F: Array, depth: int) -> Array:
         basis.grow(Y, MY, sizes, before + F.shape[2])
         F = basis.images[:, :, before:]
     return basis.vectors
+
+
+def shapes_of(part: Part, responses: Responses, F: Array, count: int | None = None) -> PartShapes:
+    """Shapes of a part by the forces that act on the whole. Collective.
+
+    Args:
+        part: The part.
+        responses: Of the whole structure.
+        F: Patterns of forces, the most important first, shape (owned nodes, 3, k).
+        count: How many shapes; if None `DEPTH` for each pattern, `MOST` at most, in threes.
+
+    Returns:
+        The shapes; fewer than asked for where the forces lead to no more.
+
+    Raises:
+        SceneError: On every rank, if it can have no such number of shapes.
+    """
+    wanted = MOST if count is None else whole("Reduced", "shapes", count, least=1)
+    patterns = max(F.shape[2], 1)
+    depth = -(-wanted // patterns)
+    depth = min(depth, DEPTH) if count is None else depth
+    vectors = ritz(responses, F, depth)
+    shapes, before = part.shapes(vectors, count), -1
+    while count is not None and len(shapes.force) < count and vectors.shape[2] > before:
+        before, depth = vectors.shape[2], depth + 1
+        vectors = ritz(responses, F, depth)
+        shapes = part.shapes(vectors, count)
+    return shapes

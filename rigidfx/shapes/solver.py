@@ -8,6 +8,7 @@ from petsc4py import PETSc
 
 from rigidfx.base.errors import SceneError
 from rigidfx.error.forces.rigid_motions import independent
+from rigidfx.shapes.iterative import conjugate_gradients
 from rigidfx.shapes.stiffness import Stiffness
 from rigidfx.step.linear.definite import solver_of
 
@@ -15,6 +16,14 @@ __all__ = ["Solver"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+
+# Unknowns: factors of a block of so many take some 3 GB.
+FACTORED_UP_TO = 150_000
+UNSTABLE = (
+    "Reduced: the structure is not stable in its present state, its stiffness is not definite: it "
+    "buckles, or a part hangs by a line or a point of others. Reduce it in a state before the "
+    "limit load, or leave the part flexible."
+)
 
 
 class Solver:
@@ -31,20 +40,20 @@ class Solver:
         """
         self._of = stiffness
         p = stiffness.prolongation
-        self._pins = self._pinned(stiffness.unknowns_of(stiffness.loose()))
+        self._pins = self._pinned(stiffness.unknowns_of(stiffness.loose))
         K = stiffness.matrix()
         diagonal = K.getDiagonal()
         scale = float(diagonal.norm()) / np.sqrt(p.size)
         diagonal.destroy()
         K.zeroRowsColumns((p.first_column + self._pins).astype(PETSc.IntType), diag=scale)
+        self._inverse = self._solved if p.size <= FACTORED_UP_TO else self._iterated
+        if p.size > FACTORED_UP_TO:
+            self._ksp = conjugate_gradients(K, p, stiffness.places[stiffness.structure.rows.nodes])
+            return
         self._ksp = solver_of(K)
         if not _definite(self._ksp):
             self._ksp.destroy()
-            raise SceneError(
-                "Reduced: the structure is not stable in its present state, its stiffness is not "
-                "definite: it buckles, or a part hangs by a line or a point of others. Reduce it "
-                "in a state before the limit load, or leave the part flexible."
-            )
+            raise SceneError(UNSTABLE)
 
     def _pinned(self, motions: Array) -> Ints:
         """Unknowns of this rank that determine motions together with those of other ranks.
@@ -75,26 +84,53 @@ class Solver:
         rows, y = self._of.structure.rows, p.unknowns()
         f = rows.vector()
         none = np.zeros((len(self._of.bodies), 6))
-        B = PETSc.Mat().createDense([(p.owned, None), (None, count)], comm=p.comm)
-        B.setUp()
         right = np.empty((p.owned, count))
         for k in range(count):
             f.array[:] = F[:, :, k].reshape(-1)
             p.restrict(f, none, y)
             right[:, k] = y.array_r
         right[self._pins] = 0.0
-        B.getDenseArray()[:] = right
-        B.assemble()
-        X = B.duplicate()
-        X.assemble()
-        self._ksp.matSolve(B, X)
-        found, out = X.getDenseArray().copy(), np.empty_like(F)
+        found, out = self._inverse(right), np.empty_like(F)
         for k in range(count):
             y.array[:] = found[:, k]
             p.apply(y, p.bodies_part(y), np.zeros(p.prescribed.size), f)
             out[:, :, k] = f.array_r.reshape(-1, 3)
-        for item in (B, X, y, f):
-            item.destroy()
+        y.destroy()
+        f.destroy()
+        return out
+
+    def _solved(self, right: Array) -> Array:
+        """K⁻¹ times several right sides of this rank's unknowns, by factors. Collective."""
+        p = self._of.prolongation
+        sizes = (p.owned, None), (None, right.shape[1])
+        B, X = (PETSc.Mat().createDense(sizes, comm=p.comm) for _ in range(2))
+        for dense in (B, X):
+            dense.setUp()
+        B.getDenseArray()[:] = right
+        for dense in (B, X):
+            dense.assemble()
+        self._ksp.matSolve(B, X)
+        out = X.getDenseArray().copy()
+        B.destroy()
+        X.destroy()
+        return np.asarray(out)
+
+    def _iterated(self, right: Array) -> Array:
+        """The same by iterations.
+
+        Raises:
+            SceneError: On every rank, if these find that K is not definite. Collective.
+        """
+        b, x = self._of.prolongation.unknowns(), self._of.prolongation.unknowns()
+        out = np.empty_like(right)
+        for k in range(right.shape[1]):
+            b.array[:] = right[:, k]
+            self._ksp.solve(b, x)
+            if self._ksp.getConvergedReason() < 0:
+                raise SceneError(UNSTABLE)
+            out[:, k] = x.array_r
+        b.destroy()
+        x.destroy()
         return out
 
     def destroy(self) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem, la
 from petsc4py import PETSc
 
 from rigidfx.base.errors import SceneError
@@ -17,7 +18,8 @@ from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Joint, SpringDamper, Windowed
 from rigidfx.effects.joints.on_face import OnFace
 from rigidfx.error.forces.rigid_motions import rigid_motions as rigid_motions_of
-from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.flexible.internal_forces import Cells, InternalForces
+from rigidfx.flexible.kernels import add_vector
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.scene.scene import Scene
@@ -28,7 +30,7 @@ from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.system.rigid_motion import FREE, rigid_motions
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 
-__all__ = ["Stiffness", "times"]
+__all__ = ["ROUNDING", "Stiffness", "times"]
 
 Array = npt.NDArray[np.float64]
 
@@ -42,12 +44,18 @@ class Stiffness:
 
     Attributes:
         linear: Forms about the state.
+        cells: All owned cells by subdomain id.
         prolongation: Map between unknowns and dofs.
         structure: All nodes, as effects see them.
         bodies: Those that stay rigid.
         places: Of the owned nodes in the state, shape (owned nodes, 3) [m].
-        held: For each owned dof, whether a support holds it.
+        prescribed: Dofs of supports.
+        held: For each owned dof, whether it is held, by a support or in a part that one clamps.
         mass: Mass operator of the owned nodes.
+        part: Connected part of each owned node.
+        sizes: Extent of each connected part [m].
+        loose: Motions of connected parts that nothing prevents, shape (owned nodes, 3, n).
+        rounding: Force that rounding may leave in one of cells [N].
     """
 
     def __init__(
@@ -67,10 +75,12 @@ class Stiffness:
         self.linear.shape.x.array[:] = state.u.x.array
         u = state.u.x.array[: 3 * scene.owned_nodes].reshape(-1, 3)
         self.places: Array = state.X[: scene.owned_nodes] + u
-        self.held = PrescribedDofs(scene, supports_of(acting)).mask
+        self.prescribed = PrescribedDofs(scene, supports_of(acting))
+        self.held = self.prescribed.mask.copy()
         for cells in state.clamped.values():
             self.held |= np.repeat(nodes_of(scene, {0: cells})[: scene.owned_nodes], 3)
-        every = forces.cells()
+        self.cells = every = forces.cells()
+        self.part, self.sizes = _parts(scene)
         layout = dof_layout(scene, every, self.bodies.of, self.held)
         rows, own = layout.rows, np.ones(layout.rows.nodes.size, dtype=bool)
         self.mass: Mass = mass_operator(scene, rows, every, own)
@@ -98,11 +108,27 @@ class Stiffness:
         parts = (self.linear.tangent(own) for own in (layout.interior, layout.interface))
         self._K = CondensedMatrix(p, *parts)
 
+        self._K.assemble()
+        self._K.finish()
+        diagonal = self._K.matrix.getDiagonal()
+        self.rounding = ROUNDING * float(diagonal.norm()) * float(self.sizes.max())
+        self.loose = self._loose(diagonal)
+        diagonal.destroy()
+        if self._springs.stiffen:
+            self._K.assemble()
+            self._stiffen()
+
     def matrix(self) -> PETSc.Mat:
         """K by the unknowns, of the type AIJ, as a new one; the caller destroys it. Collective."""
-        self._K.assemble()
-        self._stiffen()
         return self._K.matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+
+    def internal_forces(self, cells: Cells) -> Array:
+        """Forces of cells in the state, at all local dofs [N]. Collective."""
+        b = fem.Function(self._scene.space)
+        add_vector(b.x.array, self.linear.force(cells))
+        b.x.scatter_reverse(la.InsertMode.add)
+        b.x.scatter_forward()
+        return np.array(b.x.array)
 
     def _stiffen(self) -> None:
         """Add springs to K, and complete it. Collective."""
@@ -144,35 +170,33 @@ class Stiffness:
 
     # Motions without stiffness ------------------------------------------------------------------
 
-    def loose(self) -> Array:
-        """Motions of connected parts that nothing prevents, shape (nodes, 3, n). Collective."""
-        scene, parts = self._scene, self._scene.parts
-        of_node = np.zeros(scene.nodal_mass.size, dtype=np.int64)
-        of_node[scene.space.dofmap.list] = parts.of_cell[:, None]
-        part = of_node[: scene.owned_nodes]
-        every = np.zeros((len(part), 3, parts.count, 6))
-        every[np.arange(len(part)), :, part] = rigid_motions(self.places, part, parts)
-        V = every.reshape(len(part), 3, 6 * parts.count)
+    def motions(self) -> Array:
+        """Six rigid motions of each connected part, shape (owned nodes, 3, 6 · parts)."""
+        parts, n = self._scene.parts, len(self.part)
+        out = np.zeros((n, 3, parts.count, 6))
+        out[np.arange(n), :, self.part] = rigid_motions(self.places, self.part, parts)
+        return out.reshape(n, 3, 6 * parts.count)
+
+    def _loose(self, diagonal: PETSc.Vec) -> Array:
+        """See `loose`. Collective.
+
+        Args:
+            diagonal: That of the stiffness of cells.
+        """
+        V = self.motions()
         on_held = columns(V)[self.held]
-        values, vectors = np.linalg.eigh(scene.sum(on_held.T @ on_held))
+        values, vectors = np.linalg.eigh(self._scene.sum(on_held.T @ on_held))
         V = V @ vectors[:, values <= FREE * max(float(values[-1]), 1.0)]
         columns(V)[self.held] = 0.0
-        return V @ self._unsprung(V) if self._springs.stiffen else V
-
-    def _unsprung(self, V: Array) -> Array:
-        """Combinations of motions that springs do not resist either, shape (motions, n)."""
-        p, K = self.prolongation, self._K.matrix
+        if not self._springs.stiffen:
+            return V
+        K, y = self._K.matrix, self.unknowns_of(V)
         K.zeroEntries()
         self._stiffen()
-        y = self.unknowns_of(V)
-        resisted = np.asarray(self._scene.sum(y.T @ _times_matrix(K, p, y)))
-        self._K.assemble()
-        self._K.finish()
-        diagonal = K.getDiagonal()
-        sizes = np.asarray(self._scene.sum(y.T @ (diagonal.array_r[:, None] * y)))
-        diagonal.destroy()
+        resisted = self._scene.sum(y.T @ _times_matrix(K, self.prolongation, y))
+        sizes = self._scene.sum(np.abs(diagonal.array_r) @ y**2)
         values, vectors = np.linalg.eigh(0.5 * (resisted + resisted.T))
-        return np.asarray(vectors[:, values <= ROUNDING * float(np.abs(sizes).max(initial=0.0))])
+        return V @ vectors[:, values <= ROUNDING * float(sizes.max(initial=0.0))]
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
@@ -206,6 +230,13 @@ def _times_matrix(K: PETSc.Mat, p: Prolongation, y: Array) -> Array:
     a.destroy()
     b.destroy()
     return out
+
+
+def _parts(scene: Scene) -> tuple[npt.NDArray[np.int64], Array]:
+    """Connected part of each owned node, and the extent of each part [m]. Collective."""
+    parts, of_node = scene.parts, np.zeros(scene.nodal_mass.size, dtype=np.int64)
+    of_node[scene.space.dofmap.list] = parts.of_cell[:, None]
+    return of_node[: scene.owned_nodes], np.linalg.norm(parts.upper - parts.lower, axis=1)
 
 
 def _check(scene: Scene) -> None:

@@ -14,22 +14,43 @@ the same with another product with A.
 
 from __future__ import annotations
 
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear.linear_solver import configure
 from rigidfx.step.newton.aggregates import Aggregates
 from rigidfx.step.newton.incomplete import OWN, IncompleteFactors
 
-__all__ = ["TwoLevels"]
+__all__ = ["CoarseGrid", "TwoLevels"]
 
 COARSE = OWN + "coarse_"  # prefix of the coarse solver's options
+
+
+class Tangent(Protocol):
+    """Equations as a coarse grid sees them."""
+
+    @property
+    def tangent_matrix(self) -> PETSc.Mat:
+        """Their matrix."""
+
+    @property
+    def prolongation(self) -> Prolongation:
+        """Map between its unknowns and nodes."""
+
+    @property
+    def positions(self) -> npt.NDArray[np.float64]:
+        """Places of the nodes, shape (nodes, 3) [m]."""
 
 
 class CoarseGrid:
     """A preconditioner of PETSc's in Python: a coarse correction, then that of another one."""
 
-    def __init__(self, equilibrium: Equilibrium, fine: PETSc.PC) -> None:
+    def __init__(self, equilibrium: Tangent, fine: PETSc.PC) -> None:
         """Divide the nodes into aggregates. Collective.
 
         Args:

@@ -1,0 +1,121 @@
+"""Patterns of forces by motion: supports that move, spin, and a state that is not in balance.
+
+With r the rates of a rigid motion that supports prescribe to a part, it bears inertia -M r, and
+-M (ω × r) by its spin ω. A motion of supports that is not rigid, e at held dofs, pulls at the nodes
+beside them by -K e. A state that strains or moves has its internal forces and momenta M v, which
+make it vibrate where they are not in balance.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.coupling.dof_layout import nodes_of, split
+from rigidfx.coupling.rows import Rows
+from rigidfx.error.linear_motion import assembled
+from rigidfx.shapes.compressed import compressed
+from rigidfx.shapes.instants import instants
+from rigidfx.shapes.orthonormal import columns
+from rigidfx.shapes.responses import Responses
+from rigidfx.shapes.stiffness import times
+from rigidfx.state import State
+
+__all__ = ["of_state", "of_supports"]
+
+Array = npt.NDArray[np.float64]
+
+# Kinetic energy of the rotation over that of a rigid motion, and square of a motion of supports
+# that is not rigid over that of all: below, a pattern is left out.
+SMALL = 1e-4
+
+
+def of_supports(responses: Responses, span: tuple[float, float]) -> list[Array]:
+    """Patterns by the supports that act. Collective.
+
+    Args:
+        responses: Of the whole structure.
+        span: From when to when [s].
+
+    Returns:
+        Shape (owned nodes, 3, k) each; none if no support moves.
+    """
+    scene, stiffness = responses.scene, responses.stiffness
+    held, u = stiffness.prescribed, stiffness.structure.u
+    ts = instants(held.active, span)
+    if not held.moves or not ts.size:
+        return []
+    rates = np.stack([held.velocities(t, ts[-1] - ts[0], u) for t in ts], axis=1)
+    V = stiffness.motions()
+    on_held = columns(V)[held.mask]
+    gram = np.asarray(scene.sum(on_held.T @ on_held))
+    rigid = np.linalg.pinv(gram, hermitian=True) @ scene.sum(on_held.T @ rates)
+    out = [compressed(scene, responses.inertia(V @ rigid)), _spun(responses, V, rigid)]
+    left = rates - on_held @ rigid
+    if scene.sum((left**2).sum()) > SMALL * scene.sum((rates**2).sum()):
+        e = np.zeros((scene.owned_nodes, 3, ts.size))
+        columns(e)[held.mask] = left
+        out.append(compressed(scene, _pulled(responses, e)))
+    return out
+
+
+def _spun(responses: Responses, V: Array, rigid: Array) -> Array:
+    """Patterns M (ω × r) of rigid motions of the parts that spin. Collective.
+
+    Args:
+        responses: Of the whole structure.
+        V: Rigid motions of the parts, shape (owned nodes, 3, 6 · parts).
+        rigid: Their coefficients, shape (6 · parts, k).
+    """
+    stiffness = responses.stiffness
+    turning = rigid.reshape(-1, 6, rigid.shape[1]).copy()
+    turning[:, :3] = 0.0
+    r, rotation = V @ rigid, V @ turning.reshape(rigid.shape)
+    energies = [np.diag(responses.dot(u, responses.inertia(u))) for u in (r, rotation)]
+    some = energies[1] > SMALL * energies[0]
+    omega = (turning[:, 3:] / stiffness.sizes[:, None, None])[stiffness.part][:, :, some]
+    F = responses.inertia(np.cross(omega, r[:, :, some], axis=1))
+    return compressed(responses.scene, F)
+
+
+def _pulled(responses: Responses, e: Array) -> Array:
+    """Forces -K e of cells on nodes. Collective.
+
+    Args:
+        responses: Of the whole structure.
+        e: Displacements, shape (owned nodes, 3, k) [m].
+    """
+    scene, stiffness = responses.scene, responses.stiffness
+    moved = np.flatnonzero(e.any(axis=(1, 2)))
+    _, cells = split(scene, stiffness.cells, moved)
+    nodes = np.flatnonzero(nodes_of(scene, cells)[: scene.owned_nodes]).astype(np.int32)
+    rows = Rows(scene.space, nodes)
+    K, d, f = assembled(rows, stiffness.linear.tangent(cells)), rows.vector(), rows.vector()
+    F = np.zeros_like(e)
+    F[nodes] = -times(K, e[nodes], d, f)
+    for item in (K, d, f):
+        item.destroy()
+    return F
+
+
+def of_state(responses: Responses, state: State) -> list[Array]:
+    """Patterns by the strains, the velocities and the spin of a state. Collective.
+
+    Args:
+        responses: Of the whole structure, about the state.
+        state: The state.
+
+    Returns:
+        Shape (owned nodes, 3, k) each.
+    """
+    scene, stiffness = responses.scene, responses.stiffness
+    v = state.velocities(np.arange(scene.owned_nodes))[:, :, None]
+    f = stiffness.internal_forces(stiffness.cells)[: v.size].reshape(v.shape)
+    if not scene.sum((f**2).sum()) > stiffness.rounding**2:
+        f = f[:, :, :0]
+    if not scene.sum((v**2).sum()) > 0:
+        return [f]
+    V, momenta = stiffness.motions(), responses.inertia(v)
+    gram = responses.dot(V, responses.inertia(V))
+    rigid = np.linalg.pinv(gram, hermitian=True) @ responses.dot(V, momenta)
+    return [f, momenta, _spun(responses, V, rigid)]

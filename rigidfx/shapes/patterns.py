@@ -1,0 +1,138 @@
+"""Patterns of forces that act on a structure: a Ritz vector follows from each.
+
+A force whose distribution over the nodes changes in time has as many patterns as differ; amplitudes
+do not matter. Springs need none: they are in K, so that their forces in a rigid motion r lead to r
+itself, and the inertia of r to the next Ritz vector.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.errors import together
+from rigidfx.effects import Effect, Resultant, Windowed
+from rigidfx.error.forces.rigid_motions import rigid_motions
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.shapes.compressed import compressed, interleaved
+from rigidfx.shapes.instants import instants
+from rigidfx.shapes.motion import of_state, of_supports
+from rigidfx.shapes.responses import Responses
+from rigidfx.state import State
+from rigidfx.step.equations.actions import Actions
+
+__all__ = ["patterns", "unit_loads"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+def patterns(responses: Responses, state: State, until: float) -> Array:
+    """Forces on nodes by all that acts from the present time on. Collective.
+
+    Args:
+        responses: Of the whole structure, about the state.
+        state: The state.
+        until: When the run ends [s].
+
+    Returns:
+        Patterns of norm 1, the main ones of all effects first, shape (owned nodes, 3, k). Those
+        that inertia balances are left out.
+
+    Raises:
+        SceneError: On every rank, if a function of time or place fails on any.
+    """
+    scene, span = responses.scene, (state.t, until)
+    each = [compressed(scene, F) for F in _of_loads(responses, span)]
+    each += of_supports(responses, span)
+    each += of_state(responses, state)
+    return interleaved(responses, each)
+
+
+def unit_loads(responses: Responses, nodes: Ints) -> Array:
+    """Unit forces along x, y and z on some nodes. Collective.
+
+    Args:
+        responses: Of the whole structure.
+        nodes: Global numbers of nodes, the same on all ranks.
+
+    Returns:
+        In balance with inertia, shape (owned nodes, 3, 3 · nodes) [N].
+    """
+    scene = responses.scene
+    first, end = scene.space.dofmap.index_map.local_range
+    F = np.zeros((scene.owned_nodes, 3, len(nodes), 3))
+    at = np.flatnonzero((nodes >= first) & (nodes < end))
+    F[nodes[at] - first, :, at] = np.eye(3)
+    return responses.balanced(F.reshape(scene.owned_nodes, 3, -1))
+
+
+def _of_loads(responses: Responses, span: tuple[float, float]) -> Iterator[Array]:
+    """Forces of each load at its instants, shape (owned nodes, 3, instants). Collective."""
+    for effect in responses.scene.effects:
+        times = instants([effect], span)
+        if not times.size:
+            continue
+        if pushed := effect.pushes(times[0]):
+            structure = responses.stiffness.structure
+            yield structure.surface.outward_forces(pushed[0], effect.owner)[:, :, None]
+        elif isinstance(effect, Resultant) and effect.body is not None:
+            yield _on_body(responses, effect, times)
+        elif isinstance(effect, Resultant) and not effect.is_dead:
+            yield _couples(responses, effect, times)
+        elif effect.is_dead:
+            yield _dead(responses, effect, times)
+
+
+def _dead(responses: Responses, effect: Effect, times: Array) -> Array:
+    """Forces of a dead load, also on the nodes of bodies. Collective."""
+    structure = responses.stiffness.structure
+    flexible = replace(structure, own=np.ones_like(structure.own), bodies=Bodies.of_each(()))
+    actions = Actions(flexible, [effect], [effect] if isinstance(effect, Windowed) else [])
+    out = []
+    for t in times:
+        actions.set_time(t, 0.0)
+        out.append(actions.external.array_r.reshape(-1, 3).copy())
+    actions.destroy()
+    return np.stack(out, axis=2)
+
+
+def _evaluated(
+    responses: Responses, effect: Resultant, times: Array, at: Callable[[float], Array]
+) -> Array:
+    """Values at some instants, shape (..., instants). Collective."""
+    comm = responses.scene.comm
+    return together(comm, effect.owner, lambda: np.stack([at(t) for t in times], axis=-1))
+
+
+def _on_body(responses: Responses, effect: Resultant, times: Array) -> Array:
+    """Forces on the nodes of a rigid body with the resultants of a load on it. Collective."""
+    scene, bodies = responses.scene, responses.stiffness.bodies
+    F = np.zeros((scene.owned_nodes, 3, times.size))
+    six = _evaluated(responses, effect, times, lambda t: np.concatenate(effect.both_at(t)))
+    for body in bodies:
+        if body.data.name == effect.body:
+            arms = body.data.offsets @ body.motion.R.T
+            R = rigid_motions(arms, 1.0)
+            gram = np.asarray(scene.sum(np.einsum("nai,naj->ij", R, R)))
+            F[body.data.nodes] = R @ np.linalg.solve(gram, six)
+    return F
+
+
+def _couples(responses: Responses, effect: Resultant, times: Array) -> Array:
+    """Forces of a load on a face that turns with it, on the nodes, at the start. Collective."""
+    law = effect.law(responses.stiffness.structure)
+    assert law is not None
+    start = np.stack([average.start for average in law.averages])
+
+    def pushing(t: float) -> Array:
+        law.set_time(t, 0.0)
+        return -law.resistance(start, np.zeros_like(start))
+
+    F = np.zeros((responses.scene.owned_nodes, 3, times.size))
+    for average, f in zip(law.averages, _evaluated(responses, effect, times, pushing), strict=True):
+        F[average.nodes] += np.einsum("nij,ik->njk", average.slopes(), f)
+    return F
