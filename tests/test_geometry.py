@@ -522,6 +522,25 @@ def test_splines_are_listed_as_what_they_are(tmp_path):
 
 
 @alone
+def test_the_side_of_an_extruded_spline_is_no_unknown(tmp_path):
+    """gmsh has no name for its kind."""
+
+    def model(model):
+        occ = model.occ
+        points = [occ.addPoint(*x, 0) for x in ((0, 0), (4, 1), (9, 0), (5, 6))]
+        outline = [
+            occ.addSpline(points[:3]),
+            *(occ.addLine(points[k], points[k - 3]) for k in (2, 3)),
+        ]
+        face = occ.addPlaneSurface([occ.addCurveLoop(outline)])
+        occ.extrude([(2, face)], 0, 0, 2)
+        occ.synchronize()
+
+    kinds = sorted(s.kind for s in rf.list_cad(build(tmp_path / "wedge.step", model)).surfaces)
+    assert kinds == ["Other surface", *["Plane"] * 4]
+
+
+@alone
 def test_volume_that_cells_lose_is_told(tmp_path):
     """A shaft that has become a prism."""
 
@@ -536,6 +555,7 @@ def test_volume_that_cells_lose_is_told(tmp_path):
     share = float(re.search(lost, str(told[0].message))[1]) / 100
     assert share == pytest.approx(1 - volume(coarse) / (np.pi * 6e-6), rel=0.1)
     assert share > 0.03
+    assert "curved ones (order=2)" in str(told[0].message)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         rf.read_cad(shaft, size=0.01, order=2)

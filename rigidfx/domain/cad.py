@@ -151,7 +151,7 @@ def read_cad(
 
     domain = domain_of(comm, f"gmsh: '{path}'", f"'{path}'", fill, metres)
     tell(comm, f"read_cad: '{path}'", told)
-    _tell_lost(domain, comm.bcast(sum(exact)))
+    _tell_lost(domain, comm.bcast(sum(exact)), order)
     return domain
 
 
@@ -173,16 +173,17 @@ def _refine_circles(gmsh: Any, cad: Cad, length: float, metres: float) -> None:
             gmsh.model.mesh.setSize([end for end in ends if end[0] == 0], side / metres)
 
 
-def _tell_lost(domain: Domain, exact: float) -> None:
+def _tell_lost(domain: Domain, exact: float, order: int) -> None:
     """Warn where cells have another volume, and so another mass, than the geometry. Collective."""
     meshed = volume(domain.mesh)
     off = meshed / exact - 1
+    curved = ", curved ones (order=2)" if order == 1 else ""
     if abs(off) > LOST:
         warn(
             domain.comm,
             f"read_cad: the cells have {meshed:.4g} m³ where the geometry has {exact:.4g} m³: "
-            f"{abs(off):.1%} {'more' if off > 0 else 'less'} mass. Smaller cells (size), "
-            "more of them around curves (per_circle=16), or curved ones (order=2) are nearer.",
+            f"{abs(off):.1%} {'more' if off > 0 else 'less'} mass. Nearer are smaller cells "
+            f"(size), more of them around curves (per_circle=16){curved}.",
         )
 
 
@@ -272,7 +273,7 @@ def _entity(
 ) -> CadEntity:
     """An entity with all its properties."""
     model = gmsh.model
-    kind = "Volume" if dim == 3 else model.getType(dim, tag)
+    kind = "Volume" if dim == 3 else model.getType(dim, tag).replace("Unknown", "Other surface")
     normal, radius = (np.full(3, np.nan), float("nan")) if dim == 3 else _shape(gmsh, tag)
     box: Array = metres * np.reshape(model.getBoundingBox(dim, tag), (2, 3))
     return CadEntity(

@@ -25,7 +25,8 @@ class CadEntity:
         number: Its number, the same whenever the file is read.
         label: Its label in the file, "" if it has none; gmsh reads those of parts, seldom those of
             faces.
-        kind: "Volume", or the shape of the surface: "Plane", "Cylinder", "Torus" and so on.
+        kind: "Volume", or the shape of the surface: "Plane", "Cylinder", "Torus" and so on;
+            "Other surface" is one that gmsh does not name, such as an extruded spline.
         measure: Volume [m³] or area [m²].
         centre: Centre of mass, shape (3,) [m].
         lower: Least coordinates, shape (3,) [m].
