@@ -80,36 +80,6 @@ def bar(cells, turn=(0, 0, 0)):
     return domain, R
 
 
-def deflection(order, cells, flip=False, turn=(0.0, 0.0, 0.0), face="x0", across=(0, 1, 0)):
-    """Of a bar that a locked hinge along y holds, by a force of its end along y, over FL³/3EI."""
-    domain, R = bar(cells, turn)
-    sides = ["ground", rf.MeanFace(face)]
-    held = rf.Revolute(*sides[:: -1 if flip else 1], (0, 0, 0), tuple(R[:, 1]), name="h")
-    pull = rf.Traction("x1", tuple(1e2 / THICK**2 * R @ across))
-    effects = [held, rf.Motor("h", angle=0.0), pull]
-    probes = {"end": tuple(R @ [LENGTH, 0, 0])}
-    element = "standard" if order == 2 else "enhanced"
-    scene = rf.Scene(domain, STEEL, effects, order=order, element=element, probes=probes)
-    *_, report = rf.static(scene, 1, verbose=False)
-    return float(report.probes["end"] @ R @ across) / (1e2 * LENGTH**3 / (3 * E * SECOND))
-
-
-def test_a_flat_end_is_held_as_beam_theory_has_it():
-    """Cells of five to a quarter of a thickness, both orders, sides and scene turned at random."""
-    shear = 3 * SECOND * 2 * 1.3 / (5 / 6 * THICK**2 * LENGTH**2)  # 3 E I/(κ G A L²)
-    turn = (0.4, -1.1, 2.3)
-    found = [
-        deflection(2, (4, 2, 2)),
-        deflection(2, (10, 2, 2), flip=True),
-        deflection(2, (10, 2, 2), turn=turn),
-        deflection(2, (10, 2, 2), across=(0, 0, 1)),
-        deflection(2, (20, 4, 4), flip=True, turn=turn),
-        deflection(1, (40, 4, 4), turn=turn),
-    ]
-    assert found[1:] == pytest.approx([found[1]] * 5, rel=2e-3)
-    assert found == pytest.approx([1 + shear] * 6, rel=6e-3)
-
-
 @pytest.mark.parametrize("joint", ["Revolute", "Tied"])
 def test_half_beams_that_are_joined_bend_as_a_whole_one(joint):
     """Flat faces of meshes that do not match; the hinge is locked by a motor."""
