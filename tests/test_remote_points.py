@@ -91,6 +91,15 @@ def test_a_mass_beside_its_face_stays_one_body(tmp_path):
 
 
 @NO_WARNINGS
+@pytest.mark.parametrize("face", FACES.values())
+def test_a_description_counts_the_unknowns_of_faces_and_masses(face):
+    """It had none of masses beside their faces, and all of the nodes of rigid faces."""
+    scene = bar(rf.PointMass(face, 7.0, at=BESIDE), rf.Gravity())
+    *_, report = rf.simulate(scene, 1e-3, 1e-3)
+    assert f"; {report.unknowns} unknowns at the start" in scene.describe(periods=0)
+
+
+@NO_WARNINGS
 @pytest.mark.parametrize("face", [rf.MeanFace("x1"), rf.RigidFace("x1")])
 def test_points_bend_a_cantilever_as_theory_has_it(face):
     """An end moment rolls it up; a mass beyond its end makes its first frequencies."""

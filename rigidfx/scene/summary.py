@@ -10,7 +10,16 @@ from typing import Any
 import numpy as np
 import ufl
 
-from rigidfx.effects import Effect, Joint, Motor, Rigid, Table, Windowed
+from rigidfx.effects import (
+    Effect,
+    Joint,
+    Motor,
+    PointMass,
+    Rigid,
+    Table,
+    Windowed,
+    rigid_faces,
+)
 from rigidfx.effects.joints.between import Between
 from rigidfx.mechanics.element import StandardElement
 from rigidfx.scene.mesh_checks import parts_in_words
@@ -110,7 +119,11 @@ def _extent(scene: Any) -> str:
     for support, nodes in scene.supports:
         if support.acts(0.0):
             held[np.ix_(nodes, support.axes)] = True
-    free = int(scene.sum(np.count_nonzero(~held[:n])))
+    faces = rigid_faces(scene.effects)
+    for face in faces:
+        held[scene.nodes(face.where, face.name, (2,))] = True
+    bodies = len(faces) + sum(mass.is_carried for mass in scene.named(PointMass))
+    free = int(scene.sum(np.count_nonzero(~held[:n]))) + 6 * bodies
     return f"{mass:.6g} kg in a box of {box} m; {free} unknowns at the start, if all is flexible"
 
 
