@@ -7,7 +7,6 @@ Run as a script under mpirun, this file reports the errors that the ranks find.
 from __future__ import annotations
 
 import functools
-import types
 
 import numpy as np
 import parallel
@@ -18,6 +17,8 @@ from scipy.spatial.transform import Rotation
 
 import rigidfx as rf
 from rigidfx.base.errors import SceneError
+from rigidfx.effects import motion as effects
+from rigidfx.effects.motion import Forces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments, Step
 from rigidfx.mechanics.rigid_body import Body, BodyMotion
@@ -140,16 +141,17 @@ class Motion:
             self.v[data.nodes] = motion.velocity + np.cross(omega, lever)
 
 
-class Forces:
-    """What an action does."""
+class Loads:
+    """What an action does. Collective."""
 
     def __init__(self, structure, action, t=0.0):
         self.structure = structure
-        self.nodal = np.zeros((structure.rows.nodes.size, 3))
-        self.moments = np.zeros((len(structure.bodies), 4, 3))
-        self.torques = np.zeros((len(structure.bodies), 3))
+        forces = Forces.none(structure.rows.vector(), structure.bodies.pose)
         action.set_time(t, 0.1)
-        action.load(self.nodal, self.moments, self.torques)
+        action.load(forces)
+        self.nodal = forces.nodes.copy()
+        self.moments, self.torques = map(structure.scene.sum, (forces.moments, forces.torques))
+        forces.vector.destroy()
 
     def power(self, motion):
         """Power in a motion [W]. Collective."""
@@ -167,7 +169,7 @@ class Forces:
 def bound(run, load, t=0.0):
     """What a load does in the structure of a run. Collective."""
     structure = run.stepper.system.structure
-    return Forces(structure, load.bind(structure), t)
+    return Loads(structure, load.bind(structure), t)
 
 
 def power_errors(bodies, mass):
@@ -215,7 +217,9 @@ def work_error():
         k = [body.name for body in start.of.records].index("left")
         wanted += resultant.force_at(0.0) @ six[k, :3]
         wanted += resultant.torque_at(0.0) @ six[k, 3:] / start.of.length[k]
-        found = actions.work_on_bodies(increments)
+        still = structure.rows.vector()
+        found = scene.sum(actions.work(effects.Motion(still, increments, 0.1)))
+        still.destroy()
         actions.destroy()
         return abs(found - wanted) / abs(wanted)
 
@@ -386,8 +390,8 @@ def test_actions_add_up_and_begin_anew_in_each_step():
             actions.set_time(t, 0.1)
             each = [bound(run, load, t) for load in acting]
             nodal, moments = sum(f.nodal for f in each), sum(f.moments for f in each)
-            assert np.abs(actions.external.array_r - nodal.reshape(-1)).max() <= ROUNDING
-            assert np.abs(actions.moments - moments).max() <= 100 * ROUNDING
+            assert np.abs(actions.loads.vector.array_r - nodal.reshape(-1)).max() <= ROUNDING
+            assert np.abs(actions.loads.moments - moments).max() <= 100 * ROUNDING
             assert np.abs(moments).max() > 0.1
             assert actions.kinds == kinds[t]
         actions.destroy()
@@ -401,15 +405,13 @@ def test_an_action_is_asked_for_what_it_does_only():
         actions.set_time(0.0, 0.1)
         assert actions.kinds == ()
         assert actions.rounding == 0
-        assert not actions.external.array_r.any()
-        assert not actions.moments.any()
+        assert not actions.loads.vector.array_r.any()
+        assert not actions.loads.moments.any()
         # whoever asked any of these for d, a tangent or bodies would fail
-        actions.resist_nodes(None, 0.1, None)
-        actions.stiffen_nodes(None, 0.1, None)
-        actions.stiffen_bodies(None, None)
-        nobody = types.SimpleNamespace()
-        assert actions.dissipated(nobody, 0.1, nobody) == []
-        assert actions.stored(nobody, nobody, 0.0) == (0, 0)
+        actions.resist(None, None)
+        actions.stiffen(None, None)
+        assert actions.dissipated(None) == []
+        assert actions.stored(None) == (0, 0)
         actions.destroy()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from parallel import run as run_on
 from runs import prepared, step
 
 import rigidfx as rf
+from rigidfx.effects.motion import Forces, Motion, Tangent
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.body_step import Increments, Step
 from rigidfx.mechanics.rotation import cayley
@@ -250,20 +252,29 @@ def test_tangents_of_bodies():
         bodies = run.stepper.state.bodies
         length = bodies.of.length[0]
         structure = run.stepper.system.structure
+        prolongation = run.stepper.system.equilibrium.prolongation
         actions = [a for e in scene.effects if (a := e.bind(structure)) is not None]
         assert len(actions) == 4
         for action in actions:
             action.set_time(0.15, 0.1)
         y = np.array([0.02, -0.01, 0.03, 0.4, -0.2, 0.3])
 
+        nothing = structure.rows.vector()  # no node is free
+
         def residual(y, term):
-            increments = Increments(Step(bodies, 0.1), y[None])
-            return increments.resultant(term.resist_bodies(increments))[0], increments
+            motion = Motion(nothing, Increments(Step(bodies, 0.1), y[None]), 0.1)
+            forces = Forces.none(nothing, bodies.pose)
+            term.resist(motion, forces)
+            return motion.increments.resultant(forces.moments)[0], motion, forces
 
         for term in actions:
-            _, increments = residual(y, term)
-            (G,) = term.stiffen_bodies(increments)
-            couples = increments.couples(term.resist_bodies(increments)) @ increments.T
+            _, motion, forces = residual(y, term)
+            increments = motion.increments
+            prolongation.rotate(y[None], Step(bodies, 0.1))
+            tangent = Tangent(MagicMock(), prolongation)  # its part of bodies alone is looked at
+            term.stiffen(motion, tangent)
+            (G,) = tangent.blocks
+            couples = increments.couples(forces.moments) @ increments.T
             G[3:, 3:] += couples[0] / length**2
             h = 1e-5
             numeric = np.stack(

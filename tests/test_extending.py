@@ -8,7 +8,6 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from histories import column, drift, show
-from scipy.sparse import diags_array
 from scipy.spatial import cKDTree
 
 import rigidfx as rf
@@ -18,7 +17,7 @@ from rigidfx.decide.criteria.tolerances import Tolerances
 from rigidfx.effects.action import Action
 from rigidfx.effects.base import Effect
 from rigidfx.effects.contacts.obstacles import Approach, Obstacle
-from rigidfx.effects.linked import LinkedNodes
+from rigidfx.effects.nodes import SharedNodes
 
 MATERIAL = rf.StVenantKirchhoff(E=1e5, nu=0.3, rho=1000.0)
 
@@ -100,53 +99,36 @@ class TieForces(Action):
     """A force k x½ on one node of each pair, minus that on the other: all balances are exact."""
 
     kind = "Tie"
+    couples = True
 
     def __init__(self, tie, structure):
         """On one rank, which knows all nodes."""
         X = structure.scene.space.tabulate_dof_coordinates()
         nodes = np.concatenate([structure.scene.nodes(name, "Tie") for name in tie.joins])
-        order = np.argsort(nodes)
-        self.own, self.number = nodes[order], order
-        self.nodes = LinkedNodes(structure, self.own, self.number, nodes.size)
+        self.nodes = SharedNodes(structure, nodes, np.arange(nodes.size), nodes.size)
         n = nodes.size // 2
         _, mate = cKDTree(X[nodes[n:]]).query(X[nodes[:n]])
         self.pairs, self.k = np.c_[np.arange(n), n + mate], tie.k / n
-        self.start, self.rounding = None, tie.k
+        self.rounding = tie.k
 
-    def set_time(self, t, dt):
-        self.start = None
-
-    def look(self, d, increments):
-        if self.start is None:
-            self.start = self.nodes.positions(increments.start)
-        x = self.start + 0.5 * self.nodes.moved(d, increments)
+    def resist(self, motion, forces):
+        x = self.nodes.positions(motion.start) + 0.5 * self.nodes.moved(motion)
         a, b = self.pairs.T
-        self.force = np.zeros_like(x)
-        self.force[a] = self.k * (x[a] - x[b])
-        self.force[b] = -self.force[a]
+        force = np.zeros_like(x)
+        force[a] = self.k * (x[a] - x[b])
+        force[b] = -force[a]
+        self.nodes.add(force, forces)
 
-    def resist_nodes(self, d, dt, f):
-        self.nodes.resist_nodes(self.force, f)
-
-    def resist_bodies(self, increments):
-        return self.nodes.moments(self.force, len(increments))
-
-    def stiffen_nodes(self, tangent, dt, prolongation):
+    def stiffen(self, motion, tangent):
         G = np.stack([np.eye(3), -np.eye(3)], axis=1)  # [component, end, axis]
         every = np.tile(G, (len(self.pairs), 1, 1))
         pairs = np.repeat(self.pairs, 3, axis=0)
-        left, right = self.nodes.derivatives(pairs, every, prolongation)
-        stiffness = diags_array(np.full(len(pairs), 0.5 * self.k))
-        tangent.add_coupling((left.T @ stiffness @ right).tocsr())
+        self.nodes.couple(pairs, every, np.full(len(pairs), 0.5 * self.k), tangent)
 
-    def stored(self, u, bodies, t):
-        x = self.nodes.positions_at(u, bodies)
+    def stored(self, at):
+        x = self.nodes.positions(at)
         a, b = self.pairs.T
         return 0.5 * self.k * np.vdot(x[a] - x[b], x[a] - x[b])
-
-    def resistance_at(self, nodes):
-        at = np.minimum(np.searchsorted(self.own, nodes), self.own.size - 1)
-        return np.where((self.own[at] == nodes)[:, None], self.force[self.number[at]], 0.0)
 
 
 @pytest.mark.parametrize("rigid", [(), ("left",), ("left", "right")])

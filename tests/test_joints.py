@@ -17,6 +17,7 @@ from test_contact_pairs import boxes
 
 import rigidfx as rf
 from rigidfx.effects.joints.coordinates import Angle, Travel, secant
+from rigidfx.effects.motion import ForcesOfNodes
 from rigidfx.step.equations.equations import Equilibrium
 
 NO_WARNINGS = pytest.mark.filterwarnings("ignore:Body")  # of few cells, whose lumped mass shows
@@ -52,7 +53,7 @@ def test_forces_on_nodes_of_bodies_add_up_to_what_the_joint_reports():
         step(run, 0.01)
         linkage, n = run.stepper.system.linkage, scene.owned_nodes
         resisted = np.zeros((n, 3))
-        linkage.resistance_at(np.arange(n, dtype=np.int32), resisted)
+        linkage.resist_at_nodes(ForcesOfNodes(resisted))
         (told,) = linkage.told().values()
     of_first = scene.nodes("A", "test", (3,))
     assert np.linalg.norm(told.force) > 10

@@ -260,14 +260,21 @@ class Prolongation:
             own = bodies[self._own_bodies]
             values[self.own_free :] = own.reshape(-1) if self._alike else own[self._own_known]
 
-    def moments(self, f: PETSc.Vec) -> Array:
-        """Sum a fᵀ over each body's attached nodes, shape (bodies, 4 + 3 m, 3). Collective.
+    def moments(self, f: PETSc.Vec, more: Array | None = None) -> Array:
+        """Sum a fᵀ over each body's attached nodes, shape (bodies, n, 3). Collective.
 
         Their `Increments.resultant` is the part of Lᵀ f in the bodies' rows.
+
+        Args:
+            f: One number per row.
+            more: Moments of further forces of this rank; None on all ranks if there are none.
         """
+        if not self.touched and more is None:
+            return np.zeros_like(self.increments.displacement)
         if not self.touched:
-            return np.zeros_like(self.layout.ensemble.frozen)
-        return self._sum(self._held.moments(f.array_r))
+            return self._sum(np.array(more))
+        own = self._held.moments(f.array_r)
+        return self._sum(own if more is None else own + more)
 
     def restrict(self, f: PETSc.Vec, bodies: Array, r: PETSc.Vec) -> None:
         """Evaluate r = Lᵀ f plus the bodies' own numbers. Collective.

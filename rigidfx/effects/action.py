@@ -11,17 +11,17 @@ Effects know nothing of the system they are part of but a `Structure`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.failures import Failures
+from rigidfx.effects.motion import Forces, Instant
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.element import Element
 
-__all__ = ["Action", "FormTerm", "Structure", "Touch"]
+__all__ = ["Action", "ContactAction", "FormTerm", "Structure", "Touch"]
 
 Array = npt.NDArray[np.float64]
 
@@ -87,23 +87,28 @@ class Structure(Protocol):
         """See above."""
         ...
 
-    def moments(self, weights: Array) -> Array:
-        """Σ w and Σ w V over the nodes of each body, shape (bodies, 4). Collective.
+    @property
+    def once(self) -> float:
+        """1 on the first rank, 0 on others: counts once what all ranks know."""
+        ...
+
+    def moments(self, values: Array) -> Array:
+        """Σ a v of numbers of this rank's nodes over each body, shape (bodies, n, k).
 
         Args:
-            weights: Per owned node.
+            values: Of owned nodes, shape (nodes, k).
         """
         ...
 
     def outward_moments(self, where: str, owner: str) -> Array:
-        """Σ f and Σ V fᵀ of a unit pressure from inside on facets of each body. Collective.
+        """Σ a fᵀ of a unit pressure from inside on facets of each body. Collective.
 
         Args:
             where: Name of a set of boundary facets.
             owner: Who asks, for messages.
 
         Returns:
-            In the bodies' frames, shape (bodies, 4, 3) [m², m³].
+            This rank's part in the bodies' frames, shape (bodies, n, 3) [m², m³].
         """
         ...
 
@@ -165,13 +170,22 @@ class Action:
 
     Attributes:
         kind: Name of the effect's class.
-        title: Name of a contact.
+        title: Name in reports.
         rounding: Size of a force that the machine precision is to be multiplied with [N].
+        dissipates: Whether the energy that it takes is dissipated, and not work of a load.
+        couples: Whether forces on nodes depend on other nodes. Where bodies are treated as if they
+            were flexible it is asked in the run's division, for forces on all nodes.
+        presses: Whether it is a contact: see `ContactAction`.
+        nodes: The nodes that it acts on; `RemoteNodes` if joints move them.
     """
 
     kind: str = ""
     title: str = ""
     rounding: float = 0.0
+    dissipates: bool = True
+    couples: bool = False
+    nodes: Any = None
+    presses: ClassVar[bool] = False
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate functions of time for a step whose midpoint is t [s].
@@ -180,35 +194,43 @@ class Action:
             SceneError: On this rank, if a user's function fails.
         """
 
-    # Dead loads: asked once per step.
+    def load(self, forces: Forces) -> None:
+        """Add dead loads to the external forces of a step: asked once in each."""
 
-    def load(self, forces: Array, moments: Array, torques: Array) -> None:
-        """Add to the external forces of a step.
+    def resist(self, motion: Any, forces: Any) -> None:
+        """Add the resistance at an iterate: asked in each iteration. Collective.
 
         Args:
-            forces: On the nodes of the rows, shape (nodes, 3) [N].
-            moments: Σ f and Σ V fᵀ on each body, shape (bodies, 4, 3) [N, N m].
-            torques: Torques on the bodies, shape (bodies, 3) [N m].
+            motion: A `Motion`; a `RemoteMotion` of actions on remote points.
+            forces: `Forces`, or `ForcesOfNodes`; `RemoteForces` of those.
         """
 
-    # Forces that depend on the motion: asked in each iteration.
+    def stiffen(self, motion: Any, tangent: Any) -> None:
+        """Add its derivative as far as forces change at the nodes that move. Collective."""
 
-    def look(self, d: Any, increments: Increments) -> None:
-        """See an iterate, for increments d of nodes, before its forces are asked. Collective."""
+    def stored(self, at: Any) -> float:
+        """Energy that it stores, of a contact too; those of ranks add up [J]. Collective."""
+        return 0.0
 
-    def resist_nodes(self, d: Any, dt: float, f: Any) -> None:
-        """Add the resistance of nodes that are no body's to f, for increments d. Collective."""
+    def taken(self, motion: Any) -> float:
+        """Energy that it takes out of the motion in a step; those of ranks add up [J]."""
+        return 0.0
 
-    def stiffen_nodes(self, tangent: Any, dt: float, prolongation: Any) -> None:
-        """Add its derivative to an assembled tangent that is not finished yet. Collective."""
-
-    def resist_bodies(self, increments: Increments) -> Array:
-        """Σ f and Σ V fᵀ of the resistance of bodies in a step, shape (bodies, 4, 3)."""
+    def told(self, motion: Any) -> Any:
+        """Its report of a step at remote points, if it has a title."""
         raise NotImplementedError
 
-    def stiffen_bodies(self, increments: Increments) -> Array:
-        """Derivative of its resultant as far as forces change, shape (bodies, 6, 6) [N/m]."""
-        raise NotImplementedError
+    def accept(self) -> None:
+        """Take note that the last iterate has become a step."""
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+
+
+class ContactAction(Action):
+    """The forces of a contact."""
+
+    presses = True
 
     def outdated(self) -> bool:
         """Whether its derivative has jumped on this rank since a tangent was assembled.
@@ -217,69 +239,32 @@ class Action:
         """
         return False
 
-    # Energies: asked after a step.
-
-    def stored(self, u: Array, bodies: Bodies, t: float) -> float:
-        """Energy that it stores, of a contact too; those of ranks add up [J]. Collective.
-
-        Args:
-            u: Displacements of the rows [m].
-            bodies: The bodies; what they store counts on the first rank.
-            t: Time [s].
-        """
-        return 0.0
-
-    def dissipated(self, d: Any, dt: float, increments: Increments) -> float:
-        """Energy lost in a step; those of ranks add up, bodies count on the first one [J]."""
-        return 0.0
-
-    def work_on_bodies(self, increments: Increments) -> float:
-        """Work that a load which depends on the motion does on bodies in a step [J]."""
-        return 0.0
-
-    # Contacts: asked where there are any.
-
-    def accept(self) -> None:
-        """Take note that the last iterate has become a step."""
-
-    def creep_for(self, time: float, u: Array, bodies: Bodies) -> None:
-        """Have friction be that of a longer motion, until a time is set again.
-
-        A step that asks for forces by displacements, not by velocities, has no Δt of its own.
-
-        Args:
-            time: How long it takes in all [s].
-            u: Displacement at which it began, at all local dofs [m].
-            bodies: The bodies there.
-        """
-
-    def resistance_at(self, nodes: npt.NDArray[np.int32]) -> Array:
-        """Resistance of owned nodes at the last iterate, shape (nodes, 3) [N].
-
-        Of actions that cannot be bound to bodies as if these were flexible.
-        """
-        raise NotImplementedError
-
     def touch(self) -> Touch:
         """Touch of the contact on this rank in the step that has been solved."""
         raise NotImplementedError
 
-    def closes_after(self, v: Array, t: float, dt: float, bodies: Bodies) -> float:
-        """Time from t until a node of this rank touches, at constant velocities [s].
+    def closes_after(self, v: Array, dt: float, at: Instant) -> float:
+        """Time from now until a node of this rank touches, at constant velocities [s].
 
         Args:
             v: Velocities of the rows [m/s].
-            t: Time [s].
             dt: Length of the next step [s].
-            bodies: The bodies at t.
+            at: Now.
 
         Returns:
             Infinity if none does, a negative number if one touches already.
         """
         return np.inf
 
-    def destroy(self) -> None:
-        """Free the PETSc objects. Collective."""
+    def creep_for(self, time: float, began: Instant) -> None:
+        """Have friction be that of a longer motion, until a time is set again.
+
+        A step that asks for forces by displacements, not by velocities, has no Δt of its own.
+
+        Args:
+            time: How long it takes in all [s].
+            began: Where it began.
+        """
 
 
 class FormTerm:

@@ -199,6 +199,14 @@ class Effect:
         """Its action on nodes and bodies of a division; None if it has none. Collective."""
         return None
 
+    def bind_points(self, structure: Structure) -> Action | None:
+        """Its action on points of faces and mean places of sets, if it has one. Collective.
+
+        Args:
+            structure: The division; the action's `nodes` are `RemoteNodes`.
+        """
+        return None
+
     def term(self, mesh: Any) -> FormTerm | None:
         """Its term of the compiled forms; None if it has none."""
         return None

@@ -16,6 +16,7 @@ from rigidfx.base.remembered import ByObject, Remembered
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Contact
 from rigidfx.effects.action import Touch
+from rigidfx.effects.motion import Forces, Motion, Tangent
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.structure import BoundStructure
@@ -125,8 +126,7 @@ class BoundContacts:
         self._moved.array[:] = moved.reshape(-1)
         self._f.set(0.0)
         actions.set_time(attempt.t + dt / 2, dt)
-        actions.look(self._moved, attempt.increments)
-        actions.resist_nodes(self._moved, dt, self._f)
+        actions.resist(Motion(self._moved, attempt.increments, dt), Forces.none(self._f))
         return self._f.array_r.reshape(start.shape).copy()
 
     def stiffness(self, attempt: Attempt) -> tuple[Ints, Ints, Array]:
@@ -136,7 +136,8 @@ class BoundContacts:
         """
         comm, n = self._rows.comm, 3 * self._rows.nodes.size
         entries = _Entries(self._rows.first, n, comm.allreduce(n), attempt.increments)
-        self._actions.stiffen_nodes(entries, attempt.dt, entries)  # type: ignore[arg-type]
+        motion = Motion(self._moved, attempt.increments, attempt.dt)
+        self._actions.stiffen(motion, Tangent(entries, entries))
         every = [part for parts in comm.allgather(entries.own) for part in parts]
         none = np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
         rows, columns, values = zip(none, *every, strict=True)

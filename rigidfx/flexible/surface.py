@@ -30,7 +30,7 @@ class Surface:
         self._kernel: Kernel | None = None
 
     def outward_moments(self, where: str, owner: str, bodies: Bodies) -> Array:
-        """Σ f and Σ V fᵀ of a unit pressure from inside, shape (bodies, 4, 3). Collective.
+        """Σ a fᵀ of a unit pressure from inside on each body. Collective.
 
         Args:
             where: Name of a set of boundary facets.
@@ -38,15 +38,16 @@ class Surface:
             bodies: Bodies in their present pose.
 
         Returns:
-            In the bodies' frames [m², m³].
+            This rank's part in the bodies' frames, shape (bodies, n, 3) [m², m³].
         """
         facets = self._scene.boundary(where, owner)
-        out = np.zeros((len(bodies), 4, 3))
+        out = np.zeros_like(bodies.pose)
         for k, body in enumerate(bodies):
             force = self._forces(facets[np.isin(facets[:, 0], body.data.cells)])
             nodal = force[body.data.nodes] @ body.motion.R
-            out[k] = np.c_[np.ones(len(nodal)), body.data.offsets].T @ nodal
-        return np.asarray(self._scene.sum(out))
+            a = body.data.coordinates()
+            out[k, : a.shape[1]] = a.T @ nodal
+        return out
 
     def outward_forces(self, where: str, owner: str) -> Array:
         """Forces of a unit pressure from inside on the owned nodes, shape (nodes, 3). Collective.

@@ -102,6 +102,17 @@ class RigidBody:
             return self.extent
         return float(np.sqrt(np.trace(self.inertia) / (2 * self.mass)))
 
+    @cached_property
+    def mass_products(self) -> Array:
+        """Σ m a aᵀ about its centre of mass, shape (n, n) [kg, kg m²]."""
+        n = 4 + 3 * self.deforms_by
+        out = np.zeros((n, n))
+        if self.shapes is not None:
+            out[1:, 1:] = self.shapes.moments.swapaxes(1, 2).reshape(n - 1, n - 1)
+        out[0, 0] = self.mass
+        out[1:4, 1:4] = 0.5 * np.trace(self.inertia) * np.eye(3) - self.inertia
+        return out
+
     @property
     def deforms_by(self) -> int:
         """Number of its shapes."""

@@ -22,6 +22,7 @@ from petsc4py import PETSc
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.effects.motion import Instant
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import RigidBody
@@ -129,7 +130,8 @@ class Whole:
         """Begin a step without an increment at the present u₀. Collective."""
         t, nothing = self._stepper.state.t, np.zeros(self._prolongation.prescribed.size)
         self._actions.set_time(t, self._dt)
-        self._actions.creep_for(t, self._kept.u, self._from)
+        began = Instant(self._from, self._kept.u[self._layout.rows.dofs])
+        self._actions.creep_for(t, began)
         self._equations.begin(LONG * t, self._still, nothing, bodies)
         self._y.set(0.0)
 

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import together
 from rigidfx.effects import Effect, Resultant, Windowed
+from rigidfx.effects.joints.remote import RemoteForces, RemoteMotion
 from rigidfx.error.forces.rigid_motions import rigid_motions
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.shapes.compressed import compressed, interleaved
@@ -95,7 +96,7 @@ def _dead(responses: Responses, effect: Effect, times: Array) -> Array:
     out = []
     for t in times:
         actions.set_time(t, 0.0)
-        out.append(actions.external.array_r.reshape(-1, 3).copy())
+        out.append(actions.loads.vector.array_r.reshape(-1, 3).copy())
     actions.destroy()
     return np.stack(out, axis=2)
 
@@ -124,15 +125,18 @@ def _on_body(responses: Responses, effect: Resultant, times: Array) -> Array:
 
 def _couples(responses: Responses, effect: Resultant, times: Array) -> Array:
     """Forces of a load on a face that turns with it, on the nodes, at the start. Collective."""
-    law = effect.law(responses.stiffness.structure)
-    assert law is not None
-    start = np.stack([average.start for average in law.averages])
+    couple = effect.bind_points(responses.stiffness.structure)
+    assert couple is not None
+    ends = couple.nodes.ends
+    start = np.stack([average.start for average in ends])
 
     def pushing(t: float) -> Array:
-        law.set_time(t, 0.0)
-        return -law.resistance(start, np.zeros_like(start))
+        couple.set_time(t, 0.0)
+        forces = RemoteForces(np.zeros_like(start))
+        couple.resist(RemoteMotion(start, np.zeros_like(start), 1.0), forces)
+        return -forces.averages
 
     F = np.zeros((responses.scene.owned_nodes, 3, times.size))
-    for average, f in zip(law.averages, _evaluated(responses, effect, times, pushing), strict=True):
+    for average, f in zip(ends, _evaluated(responses, effect, times, pushing), strict=True):
         F[average.nodes] += np.einsum("nij,ik->njk", average.slopes(), f)
     return F

@@ -17,6 +17,7 @@ from rigidfx.coupling.mass import Mass, mass_operator
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Joint, SpringDamper, Windowed
 from rigidfx.effects.joints.on_face import OnFace
+from rigidfx.effects.motion import Motion, Tangent
 from rigidfx.error.forces.rigid_motions import rigid_motions as rigid_motions_of
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import add_vector
@@ -114,7 +115,7 @@ class Stiffness:
         self.rounding = ROUNDING * float(diagonal.norm()) * float(self.sizes.max())
         self.loose = self._loose(diagonal)
         diagonal.destroy()
-        if self._springs.stiffen:
+        if self._springs.stiffens:
             self._K.assemble()
             self._stiffen()
 
@@ -132,12 +133,10 @@ class Stiffness:
 
     def _stiffen(self) -> None:
         """Add springs to K, and complete it. Collective."""
-        p = self.prolongation
-        if self._springs.stiffen:
-            self._springs.stiffen_nodes(self._K, 1.0, p)
-        blocks = np.zeros((len(self.bodies), 6, 6))
-        self._springs.stiffen_bodies(p.increments, blocks)
-        self._K.finish(blocks)
+        tangent = Tangent(self._K, self.prolongation)
+        self._springs.stiffen(Motion(None, self.prolongation.increments, 1.0), tangent)
+        self._springs.sum(tangent.moments)
+        self._K.finish(tangent.blocks)
 
     def times_mass(self, u: Array) -> Array:
         """M u, shape (owned nodes, 3, k). Collective."""
@@ -188,7 +187,7 @@ class Stiffness:
         values, vectors = np.linalg.eigh(self._scene.sum(on_held.T @ on_held))
         V = V @ vectors[:, values <= FREE * max(float(values[-1]), 1.0)]
         columns(V)[self.held] = 0.0
-        if not self._springs.stiffen:
+        if not self._springs.stiffens:
             return V
         K, y = self._K.matrix, self.unknowns_of(V)
         K.zeroEntries()

@@ -14,6 +14,7 @@ from rigidfx.base.instants import longer
 from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.effects import Contact, Support, Touch, Windowed
+from rigidfx.effects.motion import Instant
 from rigidfx.flexible.eased_stress import EasedStress
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
@@ -195,7 +196,7 @@ class Stepper:
         """
         state, system = self.state, self.system
         v = state.v.x.array[system.layout.rows.dofs]
-        return system.actions.closing(v, state.t, dt, state.bodies)
+        return system.actions.closing(v, dt, Instant(state.bodies, t=state.t))
 
     def touches(self) -> Mapping[str, Touch]:
         """Touches of contacts in the last attempt, by their titles. Collective."""

@@ -142,8 +142,8 @@ class Problem:
         if isinstance(statics, HeldState) and loaded:
             statics.hold(y, r, masses.getDiagonal().array_r)
             statics.residual(y, r)
-        size = np.abs(actions.moments).sum() + np.abs(actions.torques).sum()
-        size += actions.external.norm()
+        loads = actions.loads
+        size = np.abs(loads.moments).sum() + np.abs(loads.torques).sum() + loads.vector.norm()
         left = float(np.sqrt(self._scene.sum((r.array_r[: p.owned] ** 2).sum())))
         y.destroy()
         r.destroy()

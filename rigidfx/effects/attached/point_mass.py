@@ -9,12 +9,13 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import positive
-from rigidfx.effects.action import Structure
+from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Array, Vector
 from rigidfx.effects.joints.carried import tie
 from rigidfx.effects.joints.face_motion import FaceVector
-from rigidfx.effects.joints.on_face import OnFace, PointLaw
+from rigidfx.effects.joints.on_face import OnFace
 from rigidfx.effects.joints.pieces import Pieces
+from rigidfx.effects.joints.remote import RemoteNodes
 from rigidfx.effects.joints.sides import Surface
 
 __all__ = ["PointMass"]
@@ -100,38 +101,30 @@ class PointMass(OnFace):
                     "not all. Name a face that is within the part, or beside it."
                 )
 
-    def law(self, structure: Structure) -> PointLaw | None:
+    def bind_points(self, structure: Structure) -> Action | None:
         """Its inertia where its nodes are in no body: the mass of a body counts by itself."""
         if self.face is None or self.is_carried or structure.static:
             return None
         place, rows = self.remote.place, structure.rows
         free = np.isin(place.nodes, rows.nodes[structure.own])
         missing = structure.scene.sum(np.count_nonzero(~free))
-        return None if missing else PointInertia(self)
+        return None if missing else PointInertia(self, structure)
 
 
-class PointInertia(PointLaw):
+class PointInertia(Action):
     """The derivative of the inertial force of a mass at a point; `Mass` has the force itself."""
 
     kind = PointMass.__name__
 
-    def __init__(self, mass: PointMass) -> None:
+    def __init__(self, mass: PointMass, structure: Structure) -> None:
         """Take it over.
 
         Args:
             mass: The effect.
+            structure: The division.
         """
-        self.averages = (mass.remote.place,)
-        self._mass, self._dt = float(mass.mass), 1.0
+        self._mass, self.nodes = float(mass.mass), RemoteNodes(structure, (mass.remote.place,))
 
-    def set_time(self, t: float, dt: float) -> None:
-        """See `PointLaw`."""
-        self._dt = dt
-
-    def resistance(self, start: Array, moved: Array) -> Array:
-        """See `PointLaw`."""
-        return np.zeros((1, 3))
-
-    def stiffness(self, start: Array, moved: Array) -> Array:
-        """See `PointLaw`: of M (2 Δp/Δt - 2 v₀)/Δt."""
-        return 2 * self._mass / self._dt**2 * np.eye(3)[None, :, None, :]
+    def stiffen(self, motion: Any, tangent: Any) -> None:
+        """See `Action`: of M (2 Δp/Δt - 2 v₀)/Δt."""
+        self.nodes.stiffen(2 * self._mass / motion.dt**2 * np.eye(3)[None], tangent)

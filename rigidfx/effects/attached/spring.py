@@ -12,13 +12,12 @@ import numpy.typing as npt
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import numbers, shown
 from rigidfx.effects.action import Action, Array, Structure
-from rigidfx.effects.attached.grounded import Grounded, GroundedBodies
 from rigidfx.effects.base import Vector
 from rigidfx.effects.joints.face_motion import value_at
-from rigidfx.effects.joints.on_face import OnFace, PointLaw
+from rigidfx.effects.joints.on_face import OnFace
+from rigidfx.effects.joints.remote import RemoteNodes
 from rigidfx.effects.joints.sides import Surface
-from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.body_step import Increments
+from rigidfx.effects.nodes import LinearNodes
 
 __all__ = ["Spring"]
 
@@ -89,128 +88,67 @@ class Spring(OnFace):
             scene.nodes(self.where, self.kind)
 
     def bind(self, structure: Structure) -> Action | None:
-        """The forces on nodes and bodies; None of a spring of a face, which has a law."""
-        return SpringForces(self, structure) if self.face is None else None
-
-    def law(self, structure: Structure) -> PointLaw | None:
-        """Its force at a point of a face."""
-        return PointSpring(self, structure.scene, structure.static) if self.face else None
-
-
-class SpringForces(Grounded):
-    """A spring on the nodes and bodies of a division."""
-
-    kind = Spring.__name__
-
-    def __init__(self, spring: Spring, structure: Structure) -> None:
-        """Find its nodes. Collective.
-
-        Args:
-            spring: The effect.
-            structure: Its nodes and bodies; displacements are up to date at all nodes of bodies.
-        """
-        scene, rows, bodies = structure.scene, structure.rows, structure.bodies
+        """The forces on nodes and bodies; None of a spring of a face."""
+        if self.face is not None:
+            return None
+        scene = structure.scene
         n = scene.owned_nodes
-        weights = scene.shares(spring.where, self.kind)[:n]
-        self._at = np.flatnonzero(structure.own & (weights[rows.nodes] > 0))
-        self._nodes = rows.nodes[self._at]
-        self._weights = weights[self._nodes]
-        self._dofs = rows.dofs.reshape(-1, 3)[self._at]
-        self._u0 = structure.u
-        self._share = 1.0 if structure.static else 0.5
-        self._K = spring.K
-        self._C = np.zeros((3, 3)) if structure.static else spring.C
-        X = scene.space.tabulate_dof_coordinates()[:n]
-        rest = scene.start_places[:n] - X if spring.relaxed == "start" else np.zeros_like(X)
-        self._rest = rest[self._nodes]
-        u = self._u0[: 3 * n].reshape(-1, 3) - rest
-        sums, energy = np.zeros((len(bodies), 4, 7)), 0.0
-        for out, body in zip(sums, bodies.of.records, strict=True):
-            w, moved = weights[body.nodes, None], u[body.nodes]
-            coordinates = np.c_[np.ones(body.nodes.size), body.offsets]
-            out[:] = (w * coordinates).T @ np.c_[coordinates, moved]
-            energy += 0.5 * float(np.vdot(w * moved, moved @ self._K))
-        total = np.asarray(scene.sum(sums))
-        self._bodies = GroundedBodies(
-            total[:, :, :4],
-            bodies.pose,
-            total[:, :, 4:],
-            float(scene.sum(energy)),
-            self._K,
-            self._C,
-            scene.comm.rank == 0,
-            self._share,
-        )
-        x = np.abs(X + rest + u).max(initial=0.0)
-        self.rounding = float(np.linalg.norm(self._K)) * scene.comm.allreduce(float(x))
+        weights = scene.shares(self.where, self.kind)[:n]
+        on = np.flatnonzero(weights)
+        X = scene.space.tabulate_dof_coordinates()[on]
+        rest = scene.start_places[on] - X if self.relaxed == "start" else np.zeros_like(X)
+        return SpringForces(self, structure, LinearNodes(structure, on, weights[on], rest))
 
-    def resist_nodes(self, d: Any, dt: float, f: Any) -> None:
-        """Add w (K u½ + C Δu/Δt)."""
-        step = d.array_r.reshape(-1, 3)[self._at]
-        strained = self._u0[self._dofs] - self._rest + self._share * step
-        force = strained @ self._K + step @ self._C / dt
-        f.array.reshape(-1, 3)[self._at] += self._weights[:, None] * force
-
-    def stiffen_nodes(self, tangent: Any, dt: float, prolongation: Any) -> None:
-        """Add w (½ K + C/Δt)."""
-        block = self._share * self._K + self._C / dt
-        tangent.add_nodal(self._nodes, self._weights[:, None, None] * block)
-
-    def stored(self, u: Array, bodies: Bodies, t: float) -> float:
-        """½ w (u - u₀)·K (u - u₀) [J]."""
-        moved = u.reshape(-1, 3)[self._at] - self._rest
-        own = 0.5 * float(np.vdot(self._weights[:, None] * moved, moved @ self._K))
-        return own + self._bodies.energy(bodies)
-
-    def dissipated(self, d: Any, dt: float, increments: Increments) -> float:
-        """Energy w Δu·C Δu/Δt [J]."""
-        step = d.array_r.reshape(-1, 3)[self._at]
-        own = float(np.vdot(self._weights[:, None] * step, step @ self._C)) / dt
-        return own + self._bodies.dissipated(increments)
+    def bind_points(self, structure: Structure) -> Action | None:
+        """Its force at a point of a face."""
+        if self.face is None:
+            return None
+        scene, place, rest = structure.scene, self.remote.place, self.remote.place.start
+        if self.relaxed == "mesh":
+            rest = value_at(scene, place, scene.space.tabulate_dof_coordinates())
+        return SpringForces(self, structure, RemoteNodes(structure, (place,), rest))
 
 
-class PointSpring(PointLaw):
-    """A spring, and a dashpot, at a point of a face."""
+class SpringForces(Action):
+    """A spring on the nodes and bodies of a division, or at a point of a face."""
 
     kind = Spring.__name__
 
-    def __init__(self, spring: Spring, scene: Any, static: bool) -> None:
-        """Find where it has no force. Collective.
+    def __init__(
+        self, spring: Spring, structure: Structure, nodes: LinearNodes | RemoteNodes
+    ) -> None:
+        """Take its nodes. Collective.
 
         Args:
             spring: The effect.
-            scene: The problem.
-            static: Whether forces are those at the end of a step.
+            structure: The division.
+            nodes: Its nodes.
         """
-        place = spring.remote.place
-        self.averages = (place,)
-        self._share, self._K = (1.0 if static else 0.5), spring.K
-        self._C, self._dt = np.zeros((3, 3)) if static else spring.C, 1.0
-        self._rest = place.start
-        if spring.relaxed == "mesh":
-            self._rest = value_at(scene, place, scene.space.tabulate_dof_coordinates())
+        self.nodes, self._K = nodes, spring.K
+        self._C = np.zeros((3, 3)) if structure.static else spring.C
+        self.rounding = float(np.linalg.norm(self._K)) * nodes.far()
 
-    def set_time(self, t: float, dt: float) -> None:
-        """See `PointLaw`."""
-        self._dt = dt or 1.0  # of no meaning where statics have a fixed time
+    def resist(self, motion: Any, forces: Any) -> None:
+        """Add w (K u½ + C Δu/Δt)."""
+        nodes = self.nodes
+        force = nodes.acting(motion) @ self._K + nodes.moved(motion) @ (self._C / motion.dt)
+        nodes.add(nodes.weights[:, None] * force, forces)
 
-    def resistance(self, start: Array, moved: Array) -> Array:
-        """See `PointLaw`: K (p - p₀)½ + C Δp/Δt."""
-        strained = start - self._rest + self._share * moved
-        return np.asarray(strained @ self._K + moved @ self._C / self._dt)
+    def stiffen(self, motion: Any, tangent: Any) -> None:
+        """Add w (½ K + C/Δt)."""
+        block = self.nodes.share * self._K + self._C / motion.dt
+        self.nodes.stiffen(self.nodes.weights[:, None, None] * block, tangent)
 
-    def stiffness(self, start: Array, moved: Array) -> Array:
-        """See `PointLaw`."""
-        return (self._share * self._K + self._C / self._dt)[None, :, None, :]
+    def stored(self, at: Any) -> float:
+        """½ w (u - u₀)·K (u - u₀) [J]."""
+        return 0.5 * self._product(self.nodes.displacement(at), self._K)
 
-    def taken(self, start: Array, moved: Array) -> float:
-        """See `PointLaw`."""
-        return float(np.vdot(moved, moved @ self._C)) / self._dt
+    def taken(self, motion: Any) -> float:
+        """Energy w Δu·C Δu/Δt [J]."""
+        return self._product(self.nodes.moved(motion), self._C) / float(motion.dt)
 
-    def stored(self, p: Array) -> float:
-        """See `PointLaw`."""
-        strained = p - self._rest
-        return 0.5 * float(np.vdot(strained, strained @ self._K))
+    def _product(self, u: Array, tensor: Array) -> float:
+        return float(np.vdot(self.nodes.weights[:, None] * u, u @ tensor))
 
 
 def _tensor(owner: str, name: str, value: Stiffness) -> npt.NDArray[np.float64]:

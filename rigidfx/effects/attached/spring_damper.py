@@ -21,13 +21,13 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, shown, vector
-from rigidfx.effects.action import Structure
+from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Vector as Point
 from rigidfx.effects.joints.averages import Average, Grounded
 from rigidfx.effects.joints.between import Between
 from rigidfx.effects.joints.checks import check_near, warn_of_arm
 from rigidfx.effects.joints.face_motion import Vector, value_at
-from rigidfx.effects.joints.on_face import PointLaw
+from rigidfx.effects.joints.remote import RemoteMotion, RemoteNodes
 from rigidfx.effects.joints.sides import GROUND, Side, Surface, side_name, side_of
 
 __all__ = ["SpringDamper", "SpringDamperReport"]
@@ -238,87 +238,77 @@ class SpringDamper(Between):
         """The same in statics, at a length q [m]."""
         return -self.stiffness * self.elongation(q), -self.stiffness * self._slope(q)
 
-    def law_of(self, structure: Structure) -> PointLaw:
-        """Its forces on its ends.
-
-        Args:
-            structure: The division that it is bound to.
-        """
-        return Tension(self, structure.static)
+    def bind_points(self, structure: Structure) -> Action:
+        """Its forces on its ends."""
+        return Tension(self, structure)
 
 
-class Tension(PointLaw):
+class Tension(Action):
     """The forces of a spring on its two ends."""
 
     kind = SpringDamper.__name__
 
-    def __init__(self, spring: SpringDamper, static: bool) -> None:
+    def __init__(self, spring: SpringDamper, structure: Structure) -> None:
         """Take it over.
 
         Args:
             spring: The effect.
-            static: Whether forces are those at the end of a step.
+            structure: The division.
         """
-        self._spring, self._static, self._dt = spring, static, np.inf
-        self.title, self.averages = spring.title, spring.averages
+        self._spring, self._static = spring, structure.static
+        self.title, self.nodes = spring.title, RemoteNodes(structure, spring.averages)
+        self.rounding = float(spring.stiffness * spring.free_length)
 
-    @property
-    def rounding(self) -> float:
-        """See `PointLaw`."""
-        return float(self._spring.stiffness * self._spring.free_length)
-
-    def set_time(self, t: float, dt: float) -> None:
-        """See `PointLaw`."""
-        self._dt = dt
-
-    def _step(self, start: Array, moved: Array) -> tuple[float, float, Array, Array]:
+    def _step(self, motion: RemoteMotion) -> tuple[float, float, Array, Array]:
         """Lengths at both ends of a step [m], n̄, and the unit vector at its end."""
-        before, gained = start[1] - start[0], moved[1] - moved[0]
+        places, moved = self.nodes.positions(motion), self.nodes.moved(motion)
+        before, gained = places[1] - places[0], moved[1] - moved[0]
         after = before + gained
         q0, q1 = float(np.linalg.norm(before)), float(np.linalg.norm(after))
         n1 = _unit(after)
         return q0, q1, n1 if self._static else (before + after) / ((q0 + q1) or 1.0), n1
 
-    def _tension(self, q0: float, q1: float) -> tuple[float, float]:
+    def _tension(self, q0: float, q1: float, dt: float) -> tuple[float, float]:
         """N [N], and its derivative by the length at the end [N/m]."""
         spring = self._spring
-        force, slope = spring.pull(q1) if self._static else spring.law(q0, q1, self._dt)
+        force, slope = spring.pull(q1) if self._static else spring.law(q0, q1, dt)
         return -force, -slope
 
-    def resistance(self, start: Array, moved: Array) -> Array:
-        """See `PointLaw`."""
-        q0, q1, n, _ = self._step(start, moved)
-        force = self._tension(q0, q1)[0] * n
-        return np.stack([-force, force])
+    def resist(self, motion: Any, forces: Any) -> None:
+        """See `Action`."""
+        q0, q1, n, _ = self._step(motion)
+        force = self._tension(q0, q1, motion.dt)[0] * n
+        self.nodes.add(np.stack([-force, force]), forces)
 
-    def stiffness(self, start: Array, moved: Array) -> Array:
-        """See `PointLaw`: n̄ ⊗ N' n₁ + N (1 - n̄ ⊗ n₁)/(L₀ + L₁)."""
-        q0, q1, n, n1 = self._step(start, moved)
-        force, slope = self._tension(q0, q1)
+    def stiffen(self, motion: Any, tangent: Any) -> None:
+        """See `Action`: n̄ ⊗ N' n₁ + N (1 - n̄ ⊗ n₁)/(L₀ + L₁)."""
+        q0, q1, n, n1 = self._step(motion)
+        force, slope = self._tension(q0, q1, motion.dt)
         size = q1 if self._static else q0 + q1
         K = slope * np.eye(3)
         if size > 0:
             across = np.eye(3) - np.outer(n, n1)
             K = slope * np.outer(n, n1) + force / size * across
-        return np.array([[K, -K], [-K, K]]).swapaxes(1, 2)
+        self.nodes.couple(np.array([[K, -K], [-K, K]]).swapaxes(1, 2), tangent)
 
-    def taken(self, start: Array, moved: Array) -> float:
-        """See `PointLaw`."""
+    def taken(self, motion: Any) -> float:
+        """See `Action`."""
         if self._static:
             return 0.0
-        q0, q1, *_ = self._step(start, moved)
-        return self._spring.parts(q0, q1, self._dt)[1] * (q1 - q0)
+        q0, q1, *_ = self._step(motion)
+        return self._spring.parts(q0, q1, motion.dt)[1] * (q1 - q0)
 
-    def stored(self, p: Array) -> float:
-        """See `PointLaw`."""
-        P = self._spring.elongation(float(np.linalg.norm(p[1] - p[0])))
+    def stored(self, at: Any) -> float:
+        """See `Action`."""
+        a, b = self.nodes.positions(at)
+        P = self._spring.elongation(float(np.linalg.norm(b - a)))
         return 0.5 * self._spring.stiffness * P**2
 
-    def told(self, start: Array, moved: Array) -> SpringDamperReport:
-        """See `PointLaw`."""
-        q0, q1, *_ = self._step(start, moved)
-        rate = 0.0 if self._static else (q1 - q0) / self._dt
-        return SpringDamperReport(self._tension(q0, q1)[0], q1, rate)
+    def told(self, motion: Any) -> SpringDamperReport:
+        """See `Action`."""
+        q0, q1, *_ = self._step(motion)
+        rate = 0.0 if self._static else (q1 - q0) / motion.dt
+        return SpringDamperReport(self._tension(q0, q1, motion.dt)[0], q1, rate)
 
 
 def _unit(r: Array) -> Array:

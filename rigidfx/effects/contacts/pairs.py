@@ -23,15 +23,13 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import diags_array
 
-from rigidfx.effects.action import Action, Structure, Touch
+from rigidfx.effects.action import ContactAction, Structure, Touch
 from rigidfx.effects.contacts.pair_memory import PairMemory, memory_of
 from rigidfx.effects.contacts.pair_surface import PairSurface, projected
 from rigidfx.effects.contacts.penalty import outdated, secant, stored
-from rigidfx.effects.linked import LinkedNodes
-from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.body_step import Increments
+from rigidfx.effects.motion import Instant, Motion, Tangent
+from rigidfx.effects.nodes import SharedNodes
 
 __all__ = ["PairForces"]
 
@@ -41,7 +39,7 @@ Ints = npt.NDArray[np.int64]
 _SEARCH = PETSc.Log.Event("rigidfxSearch")  # what PETSc's log calls the look for triangles
 
 
-class PairForces(Action):
+class PairForces(ContactAction):
     """The forces between two surfaces; its results are equal on all ranks."""
 
     def __init__(self, effect: Any, surface: PairSurface, structure: Structure) -> None:
@@ -52,24 +50,21 @@ class PairForces(Action):
             surface: Both surfaces.
             structure: Its nodes and bodies.
         """
-        self.kind, self.title = effect.kind, effect.title
+        self.kind, self.title, self.couples = effect.kind, effect.title, True
         scene = structure.scene
         self._comm: MPI.Intracomm = scene.comm
         self._surface, self._static = surface, structure.static
         assert structure.notes is not None  # else it is not bound
         self._memory = memory_of(structure.notes.get(id(effect)), surface)
         structure.notes[id(effect)] = self._memory
-        self._nodes = LinkedNodes(structure, surface.nodes, surface.numbers, surface.size)
+        self._nodes = SharedNodes(structure, surface.nodes, surface.numbers, surface.size)
         self._in_tangent: Array = np.zeros(surface.slaves.size)
-        far = np.abs(scene.space.tabulate_dof_coordinates()).max(initial=0.0)
-        far = self._comm.allreduce(float(far), op=MPI.MAX)
-        self.rounding = float(np.linalg.norm(surface.stiffness)) * far
+        self.rounding = float(np.linalg.norm(surface.stiffness)) * self._nodes.far()
         self._forget()
 
     def _forget(self) -> None:
         self._x0: Array | None = None
         self._half: Array = np.zeros((self._surface.size, 3))
-        self._force: Array = np.zeros((self._surface.size, 3))
         self._active: Ints = np.empty(0, np.int64)
         self._corners: Ints = np.empty((0, 3), np.int64)
         self._gaps: tuple[Array, Array] = np.empty(0), np.empty(0)
@@ -86,13 +81,13 @@ class PairForces(Action):
 
     # In each iteration --------------------------------------------------------------------------
 
-    def look(self, d: Any, increments: Increments) -> None:
+    def resist(self, motion: Motion, forces: Any) -> None:
         """See `Action`; between nodes of one body there is nothing to see. Collective."""
         if self._nodes.in_one_body:
             return
-        moved = self._nodes.moved(d, increments)
+        moved = self._nodes.moved(motion)
         if self._x0 is None:
-            self._x0 = self._nodes.positions(increments.start)
+            self._x0 = self._nodes.positions(motion.start)
             if not self._static:
                 self._meet(self._x0, self._x0 + 0.5 * moved)
         if self._static:
@@ -108,9 +103,10 @@ class PairForces(Action):
             self._slope = 2 * self._slope
         self._gaps, self._normals, self._weights = (g0, g1), n, N
         pressure = value[:, None] * n
-        self._force = np.zeros_like(self._x0)
-        np.add.at(self._force, slaves, pressure)
-        np.add.at(self._force, self._corners, -N[:, :, None] * pressure[:, None])
+        force = np.zeros_like(self._x0)
+        np.add.at(force, slaves, pressure)
+        np.add.at(force, self._corners, -N[:, :, None] * pressure[:, None])
+        self._nodes.add(force, forces)
 
     def _meet(self, x0: Array, x: Array) -> None:
         """Find which triangle each node may meet in this step.
@@ -131,17 +127,7 @@ class PairForces(Action):
         self._gaps = g0, g0
         self._next = PairMemory(np.full(closed.size, np.inf), mate, surface)
 
-    def resist_nodes(self, d: Any, dt: float, f: Any) -> None:
-        """See `Action`."""
-        self._nodes.resist_nodes(self._force, f)
-
-    def resist_bodies(self, increments: Increments) -> Array:
-        """See `Action`. Collective."""
-        if self._nodes.in_one_body:
-            return np.zeros((len(increments), 4, 3))
-        return self._nodes.moments(self._force, len(increments))
-
-    def stiffen_nodes(self, tangent: Any, dt: float, prolongation: Any) -> None:
+    def stiffen(self, motion: Motion, tangent: Tangent) -> None:
         """See `Action`: Σ [U]' (Lᵀ G)(Gᵀ P), G = n at the node and -N n at the triangle's."""
         used = np.flatnonzero(self._slope > 0)
         self._in_tangent = self._slopes()
@@ -150,9 +136,7 @@ class PairForces(Action):
         nodes = np.c_[self._surface.slaves[self._active[used]], self._corners[used]]
         weights = np.c_[np.ones(used.size), -self._weights[used]]
         G = weights[:, :, None] * self._normals[used, None]
-        left, right = self._nodes.derivatives(nodes, G, prolongation)
-        slope = diags_array(self._slope[used])
-        tangent.add_coupling((left.T @ slope @ right).tocsr())
+        self._nodes.couple(nodes, G, self._slope[used], tangent)
 
     def outdated(self) -> bool:
         """See `Action`."""
@@ -164,16 +148,6 @@ class PairForces(Action):
         out[self._active] = self._slope
         return out
 
-    def resistance_at(self, nodes: npt.NDArray[np.int32]) -> Array:
-        """See `Action`."""
-        places = np.searchsorted(self._surface.nodes, nodes)
-        places = np.minimum(places, max(self._surface.nodes.size - 1, 0))
-        out = np.zeros((nodes.size, 3))
-        if self._surface.nodes.size:
-            here = self._surface.nodes[places] == nodes
-            out[here] = self._force[self._surface.numbers[places[here]]]
-        return out
-
     # After a step -------------------------------------------------------------------------------
 
     def accept(self) -> None:
@@ -181,7 +155,7 @@ class PairForces(Action):
         self._next.gap[self._active] = self._gaps[1]
         self._memory.gap, self._memory.mate = self._next.gap, self._next.mate
 
-    def stored(self, u: Array, bodies: Bodies, t: float) -> float:
+    def stored(self, at: Instant) -> float:
         """See `Action`."""
         if self._comm.rank:
             return 0.0  # all ranks know the same
@@ -216,11 +190,11 @@ class PairForces(Action):
             nodes=int(np.count_nonzero(g < 0)),
         )
 
-    def closes_after(self, v: Array, t: float, dt: float, bodies: Bodies) -> float:
-        """See `Action`. Collective."""
+    def closes_after(self, v: Array, dt: float, at: Instant) -> float:
+        """See `ContactAction`. Collective."""
         if self._nodes.in_one_body:
             return np.inf
-        x, w = self._nodes.positions(bodies), self._nodes.velocities(v, bodies)
+        x, w = self._nodes.positions(at), self._nodes.velocities(v, at.bodies)
         if (self._memory.gap < 0).any():
             return -1.0
         surface = self._surface

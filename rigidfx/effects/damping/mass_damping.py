@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from rigidfx.base.inputs import positive
-from rigidfx.effects.action import Action, Array, Structure
-from rigidfx.effects.attached.grounded import Grounded, GroundedBodies
+from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Windowed
-from rigidfx.mechanics.body_step import Increments
-from rigidfx.mechanics.rigid_body import RigidBody
+from rigidfx.effects.inertia import Inertia
+from rigidfx.effects.motion import Motion, Tangent
 
-__all__ = ["MassDamping", "euler"]
+__all__ = ["MassDamping"]
 
 
 @dataclass(frozen=True)
@@ -49,8 +46,8 @@ class MassDamping(Windowed):
         return Drag(float(self.alpha), structure)
 
 
-class Drag(Grounded):
-    """The weights are the mass operator, C is α times the identity.
+class Drag(Action):
+    """The force α M Δu/Δt as a resistance.
 
     A body has -α m Δr/Δt and -α I_av θ/Δt, I_av = tr(B) I - B with B = R_av (Σ m V Vᵀ) R_avᵀ.
     """
@@ -59,48 +56,28 @@ class Drag(Grounded):
     rounding = 0.0  # below that of inertia
 
     def __init__(self, alpha: float, structure: Structure) -> None:
-        """Take the mass over.
+        """Take the mass over. Collective.
 
         Args:
             alpha: α [1/s].
             structure: Its nodes and bodies.
         """
-        self._alpha, self._mass = alpha, structure.mass
-        self._image = structure.rows.vector()
-        bodies = structure.bodies
-        self._bodies = GroundedBodies(
-            np.reshape([euler(body) for body in bodies.of.records], (-1, 4, 4)),
-            bodies.pose,
-            np.zeros((len(bodies), 4, 3)),
-            0.0,
-            np.zeros((3, 3)),
-            alpha * np.eye(3),
-            structure.scene.comm.rank == 0,
-        )
+        self._alpha, self._inertia = alpha, Inertia(structure)
 
-    def resist_nodes(self, d: Any, dt: float, f: Any) -> None:
-        """Add α M Δu/Δt."""
-        self._mass.mult(d, self._image)
-        f.axpy(self._alpha / dt, self._image)
+    def resist(self, motion: Motion, forces: Any) -> None:
+        """See `Action`."""
+        moved = motion.d, motion.increments.displacement
+        self._inertia.add(self._alpha / motion.dt, *moved, forces)
 
-    def stiffen_nodes(self, tangent: Any, dt: float, prolongation: Any) -> None:
-        """Add α M/Δt."""
-        self._mass.add_to(tangent, self._alpha / dt, prolongation)
+    def stiffen(self, motion: Motion, tangent: Tangent) -> None:
+        """See `Action`."""
+        self._inertia.stiffen(self._alpha / motion.dt, tangent)
 
-    def dissipated(self, d: Any, dt: float, increments: Increments) -> float:
+    def taken(self, motion: Motion) -> float:
         """α Δu·M Δu/Δt [J]."""
-        self._mass.mult(d, self._image)
-        own = self._alpha / dt * float(d.array_r @ self._image.array_r)
-        return own + self._bodies.dissipated(increments)
+        moved = self._inertia.square(motion.d, motion.increments.displacement)
+        return self._alpha / motion.dt * moved
 
     def destroy(self) -> None:
-        """Free the work vector. Collective."""
-        self._image.destroy()
-
-
-def euler(body: RigidBody) -> Array:
-    """Σ m a aᵀ of a body about its centre of mass, shape (4, 4) [kg, kg m²]."""
-    out = np.zeros((4, 4))
-    out[0, 0] = body.mass
-    out[1:, 1:] = 0.5 * np.trace(body.inertia) * np.eye(3) - body.inertia
-    return out
+        """Free the work vectors. Collective."""
+        self._inertia.destroy()

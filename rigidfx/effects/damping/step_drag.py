@@ -9,16 +9,15 @@ step of length s^(-1/2) from rest, so that it leads to stable equilibria.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from rigidfx.effects.action import Action, Array, Structure
-from rigidfx.effects.attached.grounded import GroundedBodies
 from rigidfx.effects.base import Effect
-from rigidfx.effects.damping.mass_damping import euler
-from rigidfx.mechanics.body_step import Increments
+from rigidfx.effects.inertia import Inertia
+from rigidfx.effects.motion import Motion, Tangent
 
 __all__ = ["StepDrag", "StepDragForces"]
 
@@ -50,47 +49,35 @@ class StepDragForces(Action):
     kind = StepDrag.__name__
 
     def __init__(self, structure: Structure) -> None:
-        """Take the mass over.
+        """Take the mass over. Collective.
 
         Args:
             structure: Its nodes and bodies.
         """
-        self.rate, self._mass = 1.0, structure.mass
-        self._moved, self._image = structure.rows.vector(), structure.rows.vector()
-        bodies = structure.bodies
-        spread = np.reshape([euler(body) for body in bodies.of.records], (-1, 4, 4))
-        none, no = np.zeros((len(bodies), 4, 3)), np.zeros((3, 3))
-        self._centre: Array = np.zeros(self._moved.local_size)
-        self._bodies = GroundedBodies(spread, bodies.pose, none, 0.0, np.eye(3), no, False, 1.0)
+        self.rate, self._inertia = 1.0, Inertia(structure)
+        self._pose = structure.bodies.pose
+        self._centre: Array = np.zeros(self._inertia.field.local_size)
 
     def draw_to(self, d: Array, pose: Array) -> None:
         """Set x*.
 
         Args:
             d: Increments of the nodes of the rows since the start of the step [m].
-            pose: Rows r and Rᵀ of the bodies, shape (bodies, 4, 3) [m, 1].
+            pose: Matrices of the places of bodies, shape (bodies, n, 3) [m, 1].
         """
-        self._centre, self._bodies = d, replace(self._bodies, pose=pose)
+        self._centre, self._pose = d, pose
 
-    def resist_nodes(self, d: Any, dt: float, f: Any) -> None:
+    def resist(self, motion: Motion, forces: Any) -> None:
         """Add s M (x - x*)."""
-        self._moved.array[:] = d.array_r - self._centre
-        self._mass.mult(self._moved, self._image)
-        f.axpy(self.rate, self._image)
+        inertia, increments = self._inertia, motion.increments
+        inertia.field.array[:] = motion.array_r - self._centre
+        apart = increments.start.pose - self._pose + increments.displacement
+        inertia.add(self.rate, inertia.field, apart, forces)
 
-    def stiffen_nodes(self, tangent: Any, dt: float, prolongation: Any) -> None:
+    def stiffen(self, motion: Motion, tangent: Tangent) -> None:
         """Add s M."""
-        self._mass.add_to(tangent, self.rate, prolongation)
-
-    def resist_bodies(self, increments: Increments) -> Array:
-        """See `Action`."""
-        return self.rate * self._bodies.moments(increments)
-
-    def stiffen_bodies(self, increments: Increments) -> Array:
-        """See `Action`."""
-        return self.rate * self._bodies.tangent(increments)
+        self._inertia.stiffen(self.rate, tangent)
 
     def destroy(self) -> None:
         """Free the work vectors. Collective."""
-        self._moved.destroy()
-        self._image.destroy()
+        self._inertia.destroy()

@@ -12,6 +12,7 @@ from mpi4py import MPI
 from rigidfx.base.matrices import compact
 from rigidfx.effects.joints.averages import Average
 from rigidfx.effects.joints.stiff import StiffRow, weights_of
+from rigidfx.effects.motion import Forces, ForcesOfNodes
 from rigidfx.mechanics.bodies import Bodies
 
 __all__ = ["BoundAverages"]
@@ -50,6 +51,7 @@ class BoundAverages:
             u: Displacements of all local dofs at the start of a step [m], changed by each step.
         """
         self._comm: MPI.Intracomm = scene.comm
+        self._once = float(scene.comm.rank == 0)
         self._every, self._u0 = tuple(averages), u
         self._constant = np.reshape([average.constant for average in averages], (-1, 3))
         W, self.held = weights_of(scene, bodies.of.records, averages, stiff)
@@ -71,10 +73,6 @@ class BoundAverages:
             self._comm.Allreduce(MPI.IN_PLACE, out)
         return out if of_bodies is None else out + self._poses @ of_bodies.reshape(-1, 3)
 
-    def moments(self, forces: Array) -> Array:
-        """Σ f and Σ V fᵀ on the bodies of forces on averages [N, N m], shape (4 · bodies, 3)."""
-        return np.asarray(self._moments @ forces)
-
     def places(self, bodies: Bodies) -> Array:
         """Where averages are now, shape (averages, 3). Collective.
 
@@ -83,22 +81,13 @@ class BoundAverages:
         """
         return self.mean(self._X + self._u0[self._dofs], bodies.pose) + self._constant
 
-    def resist_nodes(self, forces: Array, f: Any) -> None:
-        """Add forces on averages, shape (averages, 3) [N], to those on nodes that are no body's."""
-        f.array.reshape(-1, 3)[self.at] += self._spread @ forces
+    def add(self, on_averages: Array, forces: Forces) -> None:
+        """Add forces on averages, shape (averages, 3) [N], to those on nodes and bodies."""
+        forces.nodes[self.at] += self._spread @ on_averages
+        if forces.moments.size and self._once:  # all ranks know them
+            forces.moments[...] += (self._moments @ on_averages).reshape(forces.moments.shape)
 
-    def resistance_at(
-        self, nodes: npt.NDArray[np.int32], on_averages: Array, forces: Array
-    ) -> None:
-        """Add the forces on owned nodes, in bodies or not, to those that are given [N].
-
-        Args:
-            nodes: The nodes, sorted.
-            on_averages: Forces on averages, shape (averages, 3).
-            forces: Shape (nodes, 3), added to.
-        """
+    def add_at_nodes(self, on_averages: Array, forces: ForcesOfNodes) -> None:
+        """Add forces on averages, shape (averages, 3) [N], to those on nodes, in bodies or not."""
         for average, force in zip(self._every, on_averages, strict=True):
-            place = np.searchsorted(nodes, average.nodes)
-            place[place == nodes.size] = 0
-            here = nodes[place] == average.nodes if nodes.size else np.zeros(0, dtype=bool)
-            forces[place[here]] += average.weights[here, None] * force
+            forces.nodes[average.nodes] += average.weights[:, None] * force

@@ -30,14 +30,13 @@ from rigidfx.effects.joints.carried import Carried
 from rigidfx.effects.joints.coordinates import Coordinates
 from rigidfx.effects.joints.drives import Drives, Element
 from rigidfx.effects.joints.joint import Joint
-from rigidfx.effects.joints.on_face import PointLaw
 from rigidfx.effects.joints.points import Points
 from rigidfx.effects.joints.stiff import stiff_rows
 from rigidfx.effects.joints.telling import JointReports, reports
 from rigidfx.effects.joints.terms import Terms
 from rigidfx.effects.joints.vectors import Vectors
+from rigidfx.effects.motion import Forces, ForcesOfNodes, Motion
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.body_step import Increments
 
 __all__ = ["Linkage"]
 
@@ -71,7 +70,7 @@ class Linkage:
         u: Array,
         notes: dict[int, Any] | None = None,
         static: bool = False,
-        points: Sequence[PointLaw] = (),
+        points: Points | None = None,
     ) -> None:
         """Bind joints to nodes and bodies. Collective.
 
@@ -85,7 +84,7 @@ class Linkage:
             u: Displacements of all local dofs at the start of a step [m], changed by each step.
             notes: Memory of joints from division to division, by their identity.
             static: Whether forces are those at the end of a step, and nothing moves.
-            points: Laws of remote points.
+            points: Actions on remote points.
         """
         self._share = 1.0 if static else 0.5
         self._stiffness = max(material.stiffness for material, _ in scene.materials)
@@ -95,8 +94,8 @@ class Linkage:
         pieces = [joint.pieces for joint in joints]
         firsts = [0, *accumulate(len(own.averages) for own in pieces)]
         averages = [average for own in pieces for average in own.averages]
-        self.points = Points(points, len(averages))
-        averages += self.points.averages
+        self.points = Points(()) if points is None else points
+        averages += self.points.number(len(averages))
         self._vectors = Vectors(averages, stiff_rows(scene, bodies.of.records, averages))
         self.averages, self._every = len(self._vectors.averages), sum(len(o.rows) for o in pieces)
         rows_of_each = [len(own.rows) for own in pieces]
@@ -241,23 +240,22 @@ class Linkage:
         g, self._open = self._terms.value(p), None
         self._g0 = np.where(np.abs(g) > self._terms.rounding(p), g, 0.0)  # at rest nothing moves
 
-    def look(self, d: Any, increments: Increments, multipliers: Array) -> None:
+    def look(self, motion: Motion, multipliers: Array) -> None:
         """See an iterate. Collective.
 
         Args:
-            d: Increments of the nodes of the division's rows.
-            increments: Those of the bodies.
+            motion: The iterate.
             multipliers: λ there [N].
         """
         n = self.active.size
         self._multipliers[self.active], self._open = multipliers[:n], None
-        moved = d.array_r.reshape(-1, 3)[self.at]
-        self._moved = self._vectors.look(self._bound.mean(moved, increments.displacement))
-        self._pose = self._first_pose + self._share * increments.displacement
+        followed = motion.increments.displacement
+        self._moved = self._vectors.look(self._bound.mean(motion.nodes[self.at], followed))
+        self._pose = self._first_pose + self._share * followed
         self.drives.look(self._start, self._moved, multipliers[n:])
         p = self._start + self._share * self._moved
         self.forces = self.drives.add_to(self._terms.forces(p, self._multipliers))
-        self.points.look(self._start, self._moved)
+        self.points.look(self._start, self._moved, self._dt or 1.0)  # a time that is fixed has none
         self.points.add_to(self.forces)
 
     def test(self) -> Matrix:
@@ -347,31 +345,23 @@ class Linkage:
 
     # Forces ---------------------------------------------------------------------------------------
 
-    def resist_nodes(self, f: Any, on_vectors: Array | None = None) -> None:
-        """Add the forces on nodes that are no body's, or those of other forces on vectors."""
-        self._bound.resist_nodes(self._on_averages(on_vectors), f)
+    def resist(self, forces: Forces, on_vectors: Array | None = None) -> None:
+        """Add the forces on nodes and bodies, or those of other forces on vectors."""
+        self._bound.add(self._on_averages(on_vectors), forces)
+
+    def resist_at_nodes(self, forces: ForcesOfNodes) -> None:
+        """Add the forces on nodes, in bodies or not."""
+        self._bound.add_at_nodes(self._on_averages(), forces)
+        self._vectors.spread(self.forces, self._pose, forces)
 
     def _on_averages(self, on_vectors: Array | None = None) -> Array:
         """Forces on averages, shape (averages, 3) [N]."""
         on_vectors = self.forces if on_vectors is None else on_vectors
         return self._vectors.forces(on_vectors, self._share)
 
-    def moments(self, bodies: int) -> Array:
-        """Σ f and Σ V fᵀ on each body, shape (bodies, 4, 3)."""
-        return self._bound.moments(self._on_averages()).reshape(bodies, 4, 3)
-
-    def resistance_at(self, nodes: npt.NDArray[np.int32], forces: Array) -> None:
-        """Add the forces on owned nodes, in bodies or not, to those that are given [N].
-
-        Args:
-            nodes: The nodes, sorted.
-            forces: Shape (nodes, 3).
-        """
-        self._bound.resistance_at(nodes, self._on_averages(), forces)
-        self._vectors.spread(self.forces, self._pose, nodes, forces)
-
     def accept(self) -> None:
         """Remember multipliers and coordinates for later steps and divisions."""
+        self.points.accept()
         self._q = self.coordinates(self._start + self._moved)
         if self._notes is not None:
             for k, (joint, place) in enumerate(zip(self._joints, self._known, strict=True)):

@@ -18,14 +18,13 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import vector
-from rigidfx.effects.action import Structure
 from rigidfx.effects.base import WHOLE, Effect
 from rigidfx.effects.joints.averages import Grounded
 from rigidfx.effects.joints.checks import check_sides
 from rigidfx.effects.joints.face_motion import Vector
 from rigidfx.effects.joints.sides import Surface, side_of
 
-__all__ = ["OnFace", "PointLaw", "RemotePoint"]
+__all__ = ["OnFace", "RemotePoint"]
 
 Array = npt.NDArray[np.float64]
 
@@ -45,61 +44,6 @@ class RemotePoint:
     middle: Vector
     arm: Array
     directions: tuple[Vector, ...]
-
-
-class PointLaw:
-    """Forces on the averages of a remote point, or of two points, as a resistance.
-
-    Attributes:
-        kind: Name of the effect's class.
-        title: Name in reports; "" of a law that has no report.
-        averages: The averages.
-    """
-
-    kind: str = ""
-    title: str = ""
-    averages: tuple[Vector, ...] = ()
-
-    @property
-    def rounding(self) -> float:
-        """Size of a force that the machine precision is to be multiplied with [N]."""
-        return 0.0
-
-    def set_time(self, t: float, dt: float) -> None:
-        """Evaluate functions of time for a step whose midpoint is t [s]; its end in statics.
-
-        Raises:
-            SceneError: On this rank, if a user's function fails.
-        """
-
-    def resistance(self, start: Array, moved: Array) -> Array:
-        """Forces on the averages, shape (averages, 3) [N].
-
-        Args:
-            start: Where they are at the start of the step, shape (averages, 3).
-            moved: Their increments, likewise.
-        """
-        raise NotImplementedError
-
-    def stiffness(self, start: Array, moved: Array) -> Array:
-        """Its derivative by averages at the end, shape (averages, 3, averages, 3) [N/m]."""
-        raise NotImplementedError
-
-    def work(self, start: Array, moved: Array) -> float:
-        """Work of a load in the step [J]."""
-        return 0.0
-
-    def taken(self, start: Array, moved: Array) -> float:
-        """Energy that it takes in the step [J]."""
-        return 0.0
-
-    def stored(self, p: Array) -> float:
-        """Potential energy where averages are at p [J]."""
-        return 0.0
-
-    def told(self, start: Array, moved: Array) -> Any:
-        """Its report of the step, if it has a title."""
-        raise NotImplementedError
 
 
 class OnFace(Effect):
@@ -172,11 +116,3 @@ class OnFace(Effect):
         out = copy(self)
         object.__setattr__(out, "_remote", remote)
         return out
-
-    def law(self, structure: Structure) -> PointLaw | None:
-        """Its forces on the averages of its point that depend on the motion, if any. Collective.
-
-        Args:
-            structure: The division that it is bound to.
-        """
-        return None

@@ -1,97 +1,104 @@
-"""The laws of points whose forces depend on the motion: torques, springs, masses, cables."""
+"""Actions on remote points: torques, springs, masses, cables, and a user's own."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
+from rigidfx.effects.action import Action
 from rigidfx.effects.joints.face_motion import Vector
-from rigidfx.effects.joints.on_face import PointLaw
+from rigidfx.effects.joints.remote import RemoteForces, RemoteMotion, RemoteTangent
 
 __all__ = ["Points"]
 
 Array = npt.NDArray[np.float64]
+Heed = Callable[[Action, str], Callable[..., Any]]
+
+
+def _plain(action: Action, method: str) -> Callable[..., Any]:
+    """A method as it is."""
+    return getattr(action, method)
 
 
 class Points:
-    """Laws of remote points; their averages come after those of the joints.
+    """Actions whose `nodes` are remote; their averages come after those of the joints.
 
     Attributes:
-        averages: The averages of all of them.
-        kinds: Names of the kinds of effects.
         rounding: Size of a force that the machine precision is to be multiplied with [N].
     """
 
-    def __init__(self, laws: Sequence[PointLaw], first: int) -> None:
-        """Number their averages.
+    def __init__(self, actions: Sequence[Action], heed: Heed = _plain) -> None:
+        """Take actions over.
 
         Args:
-            laws: The laws.
-            first: Number of the first average.
+            actions: The actions.
+            heed: Makes a function of a method of an action that keeps a user's exceptions.
         """
-        self._laws = tuple(laws)
-        self.averages: list[Vector] = [a for law in laws for a in law.averages]
-        self.kinds = tuple(dict.fromkeys(law.kind for law in laws))
-        self.rounding = sum(law.rounding for law in laws)
-        ends = first + np.cumsum([0, *(len(law.averages) for law in laws)])
-        self._at = [slice(int(a), int(b)) for a, b in pairwise(ends)]
-        none: Array = np.zeros((int(ends[-1]), 3))
-        self._start = self._moved = none
+        self._actions = tuple(actions)
+        self.rounding = sum(action.rounding for action in actions)
+        self._resist, self._stiffen, self._taken, self._stored, self._accept = (
+            [heed(action, method) for action in self._actions]
+            for method in ("resist", "stiffen", "taken", "stored", "accept")
+        )
+
+    def number(self, first: int) -> list[Vector]:
+        """The averages of all actions, whose first one has this number."""
+        for action in self._actions:
+            first = action.nodes.number(first)
+        none: Array = np.zeros((first, 3))
+        self._motion = RemoteMotion(none, none, 1.0)
+        return [end for action in self._actions for end in action.nodes.ends]
 
     def __len__(self) -> int:
-        """How many laws there are."""
-        return len(self._laws)
+        """How many actions there are."""
+        return len(self._actions)
 
     def set_time(self, t: float, dt: float) -> None:
-        """See `PointLaw`."""
-        for law in self._laws:
-            law.set_time(t, dt)
+        """See `Action`."""
+        for action in self._actions:
+            action.set_time(t, dt)
 
-    def look(self, start: Array, moved: Array) -> None:
+    def look(self, start: Array, moved: Array, dt: float) -> None:
         """See an iterate: averages of joints and points at the start, and their increments."""
-        self._start, self._moved = start, moved
+        self._motion = RemoteMotion(start, moved, dt)
 
     def add_to(self, forces: Array) -> None:
         """Add resistances to forces on all averages, shape (averages, 3) [N]."""
-        for law, at in zip(self._laws, self._at, strict=True):
-            forces[at] += law.resistance(self._start[at], self._moved[at])
+        for resist in self._resist:
+            resist(self._motion, RemoteForces(forces))
 
     def stiffness(self) -> csr_array:
         """Their derivatives by all averages, shape (3 · averages,) * 2 [N/m]."""
-        size = self._start.size
-        rows, columns, values = list[Array](), list[Array](), list[Array]()
-        for law, at in zip(self._laws, self._at, strict=True):
-            block = law.stiffness(self._start[at], self._moved[at])
-            n = block.shape[0] * 3
-            numbers = 3 * at.start + np.arange(n)
-            rows.append(np.repeat(numbers, n))
-            columns.append(np.tile(numbers, n))
-            values.append(block.ravel())
-        value, row, column = (np.concatenate(a) for a in (values, rows, columns))
-        return csr_array((value, (row, column)), shape=(size, size))
+        tangent = RemoteTangent(len(self._motion.places))
+        for stiffen in self._stiffen:
+            stiffen(self._motion, tangent)
+        return tangent.matrix()
 
     def told(self) -> dict[str, Any]:
-        """Reports of the laws that have a title, of the last step, by title."""
-        pairs = zip(self._laws, self._at, strict=True)
-        own = ((law, self._start[at], self._moved[at]) for law, at in pairs if law.title)
-        return {law.title: law.told(start, moved) for law, start, moved in own}
+        """Reports of the actions that have a title, of the last step, by title."""
+        return {a.title: a.told(self._motion) for a in self._actions if a.title}
 
     def work(self) -> tuple[float, dict[str, float]]:
         """Work of loads in the step, and loss by dampers by their kind [J]."""
-        done, taken = 0.0, dict[str, float]()
-        for law, at in zip(self._laws, self._at, strict=True):
-            start, moved = self._start[at], self._moved[at]
-            done += law.work(start, moved)
-            if lost := law.taken(start, moved):
-                taken[law.kind] = taken.get(law.kind, 0.0) + lost
-        return done, taken
+        done, lost = 0.0, dict[str, float]()
+        for action, taken in zip(self._actions, self._taken, strict=True):
+            energy = taken(self._motion)
+            if not action.dissipates:
+                done -= energy
+            elif energy:
+                lost[action.kind] = lost.get(action.kind, 0.0) + energy
+        return done, lost
+
+    def accept(self) -> None:
+        """See `Action`."""
+        for accept in self._accept:
+            accept()
 
     def stored(self, p: Array) -> float:
         """Energy of springs where all averages are at p [J]."""
-        pairs = zip(self._laws, self._at, strict=True)
-        return float(sum(law.stored(p[at]) for law, at in pairs))
+        at = RemoteMotion(p, np.zeros_like(p), 1.0)
+        return float(sum(stored(at) for stored in self._stored))

@@ -16,6 +16,7 @@ from rigidfx.base.matrices import Pattern
 from rigidfx.effects.joints.averages import Average
 from rigidfx.effects.joints.face_motion import FaceVector, Vector, cyclic, fitted, turn_map
 from rigidfx.effects.joints.stiff import StiffRow
+from rigidfx.effects.motion import ForcesOfNodes
 from rigidfx.mechanics.rotation import AXES, cross, skew
 
 __all__ = ["Vectors"]
@@ -164,27 +165,22 @@ class Vectors:
             return on_vectors
         return np.asarray(self.slopes(share).T @ on_vectors.ravel()).reshape(-1, 3)
 
-    def spread(
-        self, on_vectors: Array, pose: Array, nodes: npt.NDArray[np.int32], forces: Array
-    ) -> None:
+    def spread(self, on_vectors: Array, pose: Array, forces: ForcesOfNodes) -> None:
         """Add forces on the nodes of faces, of vectors that a body holds.
 
         Args:
             on_vectors: Forces on vectors, shape (vectors, 3) [N].
-            pose: Rows r and Rᵀ of the bodies, shape (bodies, 4, 3).
-            nodes: Owned nodes, sorted.
-            forces: Forces on them, shape (nodes, 3) [N], added to.
+            pose: Matrices of the places of bodies, shape (bodies, n, 3).
+            forces: Forces on nodes.
         """
         for n, vector, held in self._held:
             means = None
             if isinstance(vector, FaceVector):
                 face = vector.face
-                H = face.axes.T @ held.products @ pose[held.body, 1:] / face.size**2
+                H = face.axes.T @ held.products @ pose[held.body, 1:4] / face.size**2
                 means = np.vstack([np.zeros(3), H])
-            there, at, here = np.intersect1d(vector.nodes, nodes, return_indices=True)
-            if there.size:
-                slopes = vector.slopes(means)[at]
-                forces[here] += np.einsum("nij,i->nj", slopes, on_vectors[n])
+            own = np.einsum("nij,i->nj", vector.slopes(means), on_vectors[n])
+            forces.nodes[vector.nodes] += own
 
     def stiffness(self, by_vectors: csr_array, on_vectors: Array, share: float) -> csr_array:
         """Derivative of `forces` by the averages at the end, shape (3 · averages,) * 2 [N/m].

@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 
 from rigidfx.effects.action import Action, Array, Structure
-from rigidfx.effects.attached.grounded import Grounded, GroundedBodies
 from rigidfx.effects.base import Effect, Vector
-from rigidfx.effects.damping.mass_damping import euler
-from rigidfx.mechanics.body_step import Increments
+from rigidfx.effects.inertia import Inertia
+from rigidfx.effects.motion import Motion, Tangent
 
 __all__ = ["Centrifugal"]
 
@@ -43,13 +42,13 @@ class Centrifugal(Effect):
         return SofteningForces(self, structure)
 
 
-class CentrifugalForces(Grounded):
+class CentrifugalForces(Action):
     """M S (x - c) on nodes, and on bodies, whose part of the stiffness it has."""
 
     kind = "Preload"
 
     def __init__(self, load: Centrifugal, structure: Structure) -> None:
-        """Take mass and places over.
+        """Take mass and places over. Collective.
 
         Args:
             load: The effect.
@@ -57,48 +56,38 @@ class CentrifugalForces(Grounded):
         """
         spin, rows = np.asarray(load.spin, dtype=np.float64), structure.rows
         self._S, self._share = spin @ spin * np.eye(3) - np.outer(spin, spin), load.share
-        self._mass, self._u0, self._dofs = structure.mass, structure.u, rows.dofs
-        self._arms = (rows.X - np.asarray(load.centre)).reshape(-1)
-        self._place, self._image = rows.vector(), rows.vector()
-        bodies = structure.bodies
-        axis = np.zeros((len(bodies), 4, 3))
-        axis[:, 0] = load.centre
-        spread = np.reshape([euler(body) for body in bodies.of.records], (-1, 4, 4))
-        none = np.zeros((3, 3))
-        self._bodies = GroundedBodies(spread, axis, 0 * axis, 0.0, -self._S, none, False, 1.0)
+        self._u0, self._dofs = structure.u, rows.dofs
+        self._inertia, self._arms = Inertia(structure), rows.X - np.asarray(load.centre)
+        self._axis = np.zeros_like(structure.bodies.pose)
+        self._axis[:, 0] = load.centre
         self._nodes = rows.nodes[np.flatnonzero(structure.own)]
         self._own_mass = structure.scene.nodal_mass[self._nodes]
         mass = structure.scene.sum(self._own_mass.sum())
-        largest = np.abs(self._arms).max(initial=0.0)
-        self.rounding = (
-            float(np.linalg.norm(self._S)) * mass * structure.scene.comm.allreduce(largest)
-        )
+        largest = structure.scene.comm.allreduce(np.abs(self._arms).max(initial=0.0))
+        self.rounding = float(np.linalg.norm(self._S)) * mass * largest
 
-    def resist_nodes(self, d: Any, dt: float, f: Any) -> None:
+    def resist(self, motion: Motion, forces: Any) -> None:
         """Subtract M S (x - c)."""
-        arms = self._arms + self._u0[self._dofs] + d.array_r
-        self._place.array[:] = (arms.reshape(-1, 3) @ self._S).reshape(-1)
-        self._mass.mult(self._place, self._image)
-        f.axpy(-self._share(), self._image)
+        inertia, increments = self._inertia, motion.increments
+        arms = self._arms + self._u0[self._dofs].reshape(-1, 3) + motion.nodes
+        inertia.field.array[:] = (arms @ self._S).reshape(-1)
+        places = increments.start.pose + increments.displacement - self._axis
+        inertia.add(-self._share(), inertia.field, places @ self._S, forces)
 
-    def resist_bodies(self, increments: Increments) -> Array:
-        """See `Action`."""
-        return self._share() * super().resist_bodies(increments)
-
-    def stiffen_bodies(self, increments: Increments) -> Array:
-        """See `Action`."""
-        return self._share() * super().stiffen_bodies(increments)
+    def stiffen(self, motion: Motion, tangent: Tangent) -> None:
+        """See `Action`; of bodies only."""
+        tangent.add_spread(self._inertia.spread, -self._share() * self._S)
 
     def destroy(self) -> None:
         """Free the work vectors. Collective."""
-        self._place.destroy()
-        self._image.destroy()
+        self._inertia.destroy()
 
 
 class SofteningForces(CentrifugalForces):
     """With the stiffness of nodes."""
 
-    def stiffen_nodes(self, tangent: Any, dt: float, prolongation: Any) -> None:
+    def stiffen(self, motion: Motion, tangent: Tangent) -> None:
         """Subtract M S; of a consistent mass by row sums: iterations see it, the solution not."""
+        super().stiffen(motion, tangent)
         softening = -self._own_mass[:, None, None] * self._S
-        tangent.add_nodal(self._nodes, self._share() * softening)
+        tangent.matrix.add_nodal(self._nodes, self._share() * softening)

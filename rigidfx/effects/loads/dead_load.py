@@ -18,6 +18,8 @@ from rigidfx.base.inputs import check_factor, is_function, numbers, scalar, vect
 from rigidfx.effects.action import Action, Array, Structure
 from rigidfx.effects.base import TimeFunction, Windowed, check_vector, vector_at
 from rigidfx.effects.fields import of_place, some_points, values_at
+from rigidfx.effects.motion import Forces
+from rigidfx.effects.nodes import Nodes
 
 __all__ = ["DeadLoad"]
 
@@ -96,8 +98,8 @@ class DeadLoad(Windowed):
         raise NotImplementedError
 
     def moments(self, structure: Structure, weights: Array) -> Array:
-        """Σ w and Σ w V over the nodes of each body, shape (bodies, 4). Collective."""
-        return structure.moments(weights)
+        """Σ w a over this rank's nodes of each body, shape (bodies, n). Collective."""
+        return structure.moments(weights[:, None])[:, :, 0]
 
     def check(self, scene: Any) -> None:
         """Look its set up, and see whether its function of time can be used."""
@@ -163,11 +165,11 @@ class DeadForces(Action):
         load = self._load
         self._q = vector_at(load.owner, "value or time function", t, lambda: load.intensity(t))
 
-    def load(self, forces: Array, moments: Array, torques: Array) -> None:
-        """Add w q, and Σ w q and Σ w V qᵀ of bodies."""
+    def load(self, forces: Forces) -> None:
+        """Add w q, and Σ w a qᵀ of bodies."""
         if self._q.any():
-            forces += self._weights * self._q
-            moments += self._moments[:, :, None] * self._q
+            forces.nodes[...] += self._weights * self._q
+            forces.moments[...] += self._moments[:, :, None] * self._q
 
 
 class FieldForces(Action):
@@ -180,14 +182,12 @@ class FieldForces(Action):
             load: The effect.
             structure: Its nodes and bodies.
         """
-        self.kind, self._load, self._structure = load.kind, load, structure
-        owned = structure.scene.owned_nodes
-        weights = load.weights(structure.scene)[:owned]
-        self._at = np.flatnonzero(weights)
-        self._weights = weights[self._at, None]
-        self._X = structure.scene.space.tabulate_dof_coordinates()[self._at]
-        self._all = np.zeros((owned, 3))  # forces on all owned nodes, those of bodies too
-        self._own = structure.own[:, None]
+        self.kind, self._load = load.kind, load
+        weights = load.weights(structure.scene)[: structure.scene.owned_nodes]
+        self.nodes = nodes = Nodes(structure, np.flatnonzero(weights))
+        self._weights = weights[nodes.nodes, None]
+        self._X = structure.scene.space.tabulate_dof_coordinates()[nodes.nodes]
+        self._forces: Array = np.zeros((len(nodes), 3))
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate q at the nodes; the result of a user's function is checked.
@@ -195,10 +195,8 @@ class FieldForces(Action):
         Raises:
             SceneError: On this rank, if it fails or gives anything but finite vectors.
         """
-        self._all[self._at] = self._weights * check_values(self._load, t, self._X)
+        self._forces = self._weights * check_values(self._load, t, self._X)
 
-    def load(self, forces: Array, moments: Array, torques: Array) -> None:
-        """Add w q, and Σ w q and Σ w V qᵀ of bodies. Collective."""
-        forces += np.where(self._own, self._all[self._structure.rows.nodes], 0.0)
-        for axis in range(3 if len(moments) else 0):
-            moments[:, :, axis] += self._structure.moments(self._all[:, axis])
+    def load(self, forces: Forces) -> None:
+        """Add w q."""
+        self.nodes.add(self._forces, forces)

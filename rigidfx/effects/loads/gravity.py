@@ -71,17 +71,20 @@ class Gravity(DeadLoad):
 
     def moments(self, structure: Structure, weights: Array) -> Array:
         """As of any dead load, but bodies whose mass is given weigh that mass."""
+        once = structure.once
         out = super().moments(structure, weights)
         carried = {e.title: e for e in structure.scene.named(PointMass) if e.is_carried}
         for k, body in enumerate(structure.bodies.of.records):
             if body.name in carried:
-                out[k, 0] = body.mass if self._acts_on(structure.scene, carried[body.name]) else 0
+                acts = self._acts_on(structure.scene, carried[body.name])
+                out[k, 0] = once * body.mass if acts else 0
             elif body.given:
-                out[k] = self._given(structure.scene, body)
+                given = once * self._given(structure.scene, body)
+                out[k, : given.size] = given
         return out
 
     def _given(self, scene: Any, body: RigidBody) -> Array:
-        """Σ w and Σ w V of a body whose mass is given, shape (4,) [kg, kg m]. Collective.
+        """Σ w a of a body whose mass is given, shape (n,) [kg, kg m]. Collective.
 
         The loaded fraction of its cells' weight, scaled to the given mass, acts at the centre of
         mass. It stands for all lumped mass on its nodes; with a consistent one the mass of flexible
@@ -93,7 +96,7 @@ class Gravity(DeadLoad):
         sums = []
         for cells in parts:
             w = scene.cell_weights(scene.density(), cells)[: scene.owned_nodes]
-            sums.append(np.r_[w[body.nodes].sum(), w[body.nodes] @ body.offsets])
+            sums.append(w[body.nodes] @ body.coordinates())
         whole, acting, others = np.asarray(scene.sum(np.stack(sums)))
         share = acting[0] / whole[0]
         coordinates = (acting - share * whole) / whole[0]

@@ -23,6 +23,7 @@ from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import check_factor, is_function, number, scalar
 from rigidfx.effects.action import Action, Array, FormTerm, Structure
 from rigidfx.effects.base import TimeFunction, Windowed
+from rigidfx.effects.motion import Motion, Tangent
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.element import Element
 from rigidfx.mechanics.rotation import IDENTITY
@@ -132,14 +133,15 @@ class RotatedPressure(Action):
     """A pressure on the rigid bodies."""
 
     kind = Pressure.__name__
+    dissipates = False
 
     def __init__(self, effect: Pressure, moments: Array) -> None:
         """Take the forces of a unit pressure over.
 
         Args:
             effect: The pressure.
-            moments: Σ f and Σ V fᵀ of the forces for p = 1, pushing outwards, in the bodies'
-                frames, shape (bodies, 4, 3) [m², m³].
+            moments: Σ a fᵀ of the forces for p = 1, pushing outwards, in the bodies' frames, shape
+                (bodies, n, 3) [m², m³].
         """
         self._effect, self._moments = effect, moments
         self._p = 0.0
@@ -148,40 +150,38 @@ class RotatedPressure(Action):
         """Evaluate p."""
         self._p = _intensity(self._effect, t)
 
-    def resist_bodies(self, increments: Increments) -> Array:
-        """See `Action`."""
-        return self._p * np.asarray(self._moments @ increments.turned.swapaxes(1, 2))
+    def _turned(self, increments: Increments) -> Array:
+        """Moments in space."""
+        return np.asarray(self._p * (self._moments @ increments.turned.swapaxes(1, 2)))
 
-    def stiffen_bodies(self, increments: Increments) -> Array:
+    def resist(self, motion: Motion, forces: Any) -> None:
+        """See `Action`."""
+        forces.moments[...] += self._turned(motion.increments)
+
+    def stiffen(self, motion: Motion, tangent: Tangent) -> None:
         """See `Action`.
 
         d(T a) = (½ w × a - ½ (θ·w) T a)/(1 + ¼ |θ|²) in the direction w; in statics that of R₁ a is
         T w × R₁ a.
         """
-        if increments.step.share == 1.0:
-            return self._stiffen_statics(increments)
-        theta, length = increments.theta, increments.start.of.length
-        scale = 0.5 * self._p / (1 + 0.25 * (theta * theta).sum(axis=1)) / length
-        a = self._moments @ increments.start.R.swapaxes(1, 2)
-        rotated = a @ increments.T.swapaxes(1, 2)
-        G = np.zeros((len(increments), 6, 6))
+        increments = motion.increments
+        turned, of = self._turned(increments), increments.start.of
+        theta = increments.theta
+        scale = 1 / of.length
+        if not (static := increments.step.share == 1.0):
+            scale = 0.5 * scale / (1 + 0.25 * (theta * theta).sum(axis=1))
+        a = self._p * (self._moments @ increments.start.R.swapaxes(1, 2))
         for j, w in enumerate(IDENTITY):
-            change = np.cross(w, a) - theta[:, j, None, None] * rotated
-            G[:, :, 3 + j] = increments.resultant(scale[:, None, None] * change)
-        return G
+            if static:
+                change = np.cross(increments.T[:, None, :, j], turned)
+            else:
+                change = np.cross(w, a) - theta[:, j, None, None] * turned
+            tangent.moments[:, :, 3 + j] += (scale[:, None, None] * change).reshape(len(a), -1)
 
-    def _stiffen_statics(self, increments: Increments) -> Array:
-        turned = self._moments @ increments.turned.swapaxes(1, 2)
-        scale = (self._p / increments.start.of.length)[:, None, None]
-        G = np.zeros((len(increments), 6, 6))
-        for j in range(3):
-            change = np.cross(increments.T[:, None, :, j], turned)
-            G[:, :, 3 + j] = increments.resultant(scale * change)
-        return G
-
-    def work_on_bodies(self, increments: Increments) -> float:
-        """Work of the pressure in a step [J]."""
-        return -increments.work(increments.resultant(self.resist_bodies(increments)))
+    def taken(self, motion: Motion) -> float:
+        """Work against the pressure in a step [J]."""
+        increments = motion.increments
+        return increments.work(increments.resultant(self._turned(increments)))
 
 
 def _intensity(effect: Pressure, t: float) -> float:

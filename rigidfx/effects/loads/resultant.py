@@ -12,9 +12,11 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import check_factor, scalar, vector
 from rigidfx.effects.action import Action, Array, Structure
 from rigidfx.effects.base import WHOLE, TimeFunction, Vector, Windowed, check_vector
-from rigidfx.effects.joints.on_face import OnFace, PointLaw
+from rigidfx.effects.joints.on_face import OnFace
+from rigidfx.effects.joints.remote import RemoteMotion, RemoteNodes
 from rigidfx.effects.joints.sides import Surface
 from rigidfx.effects.joints.stiff import stiff_rows, weights_of
+from rigidfx.effects.motion import Forces
 from rigidfx.mechanics.rotation import skew
 
 __all__ = ["Resultant"]
@@ -98,9 +100,9 @@ class Resultant(OnFace, Windowed):
             )
         return force, torque
 
-    def law(self, structure: Structure) -> PointLaw | None:
+    def bind_points(self, structure: Structure) -> Action | None:
         """Its couple on a face, as far as the motion changes it."""
-        return None if self.is_dead else FaceCouple(self, structure.static)
+        return None if self.is_dead else FaceCouple(self, structure)
 
     def check(self, scene: Any) -> None:
         """See whether its body is there, and its function of time can be used."""
@@ -124,7 +126,9 @@ class Resultant(OnFace, Windowed):
         if self.body is None:
             return FaceForce(self, structure) if any(self.force) else None
         names = [body.name for body in structure.bodies.of.records]
-        return BodyLoad(self, names.index(self.body)) if self.body in names else None
+        if self.body not in names:
+            return None
+        return BodyLoad(self, names.index(self.body), structure.once)
 
 
 class BodyLoad(Action):
@@ -132,14 +136,15 @@ class BodyLoad(Action):
 
     kind = Resultant.__name__
 
-    def __init__(self, load: Resultant, place: int) -> None:
+    def __init__(self, load: Resultant, place: int, once: float) -> None:
         """Take it over.
 
         Args:
             load: The effect.
             place: Which of the bodies it acts on.
+            once: See `Structure`.
         """
-        self._load, self._place = load, place
+        self._load, self._place, self._once = load, place, once
         self._force: Array = np.zeros(3)
         self._torque: Array = np.zeros(3)
 
@@ -151,10 +156,10 @@ class BodyLoad(Action):
         """
         self._force, self._torque = self._load.both_at(t)
 
-    def load(self, forces: Array, moments: Array, torques: Array) -> None:
+    def load(self, forces: Forces) -> None:
         """Add force and torque."""
-        moments[self._place, 0] += self._force
-        torques[self._place] += self._torque
+        forces.moments[self._place, 0] += self._once * self._force
+        forces.torques[self._place] += self._once * self._torque
 
 
 class FaceForce(Action):
@@ -175,7 +180,8 @@ class FaceForce(Action):
         W, held = weights_of(scene, bodies, middle, stiff_rows(scene, bodies, middle))
         weights = np.asarray(W.toarray()[0])[structure.rows.nodes]
         self._weights = np.where(structure.own, weights, 0.0)[:, None]
-        self._moments = np.asarray(held.toarray()).reshape(-1, 4)[:, :, None]
+        n = structure.bodies.pose.shape[1]
+        self._moments = structure.once * held.toarray().reshape(-1, n)[:, :, None]
         self._force: Array = np.zeros(3)
 
     def set_time(self, t: float, dt: float) -> None:
@@ -186,52 +192,57 @@ class FaceForce(Action):
         """
         self._force, _ = self._load.both_at(t)
 
-    def load(self, forces: Array, moments: Array, torques: Array) -> None:
-        """Add the force, and Σ f and Σ V fᵀ of bodies."""
-        forces += self._weights * self._force
-        moments += self._moments * self._force
+    def load(self, forces: Forces) -> None:
+        """Add the force, and Σ a fᵀ of bodies."""
+        forces.nodes[...] += self._weights * self._force
+        forces.moments[...] += self._moments * self._force
 
 
-class FaceCouple(PointLaw):
+class FaceCouple(Action):
     """The couple of a resultant on three directions d_k of a face.
 
     A torque M acts by ½ M × d^k, d^k their dual basis; a force F at the arm Σ b_k d_k by b_k F.
     """
 
     kind = Resultant.__name__
+    dissipates = False
 
-    def __init__(self, load: Resultant, static: bool) -> None:
+    def __init__(self, load: Resultant, structure: Structure) -> None:
         """Take it over.
 
         Args:
             load: The effect.
-            static: Whether forces are those at the end of a step.
+            structure: The division.
         """
-        self._load, self._share = load, 1.0 if static else 0.5
-        self.averages = load.remote.directions
+        self._load = load
+        self.nodes = RemoteNodes(structure, load.remote.directions)
         self._arm = load.remote.arm[:, None]
         self._force: Array = np.zeros(3)
         self._torque: Array = np.zeros(3)
 
     def set_time(self, t: float, dt: float) -> None:
-        """See `PointLaw`."""
+        """See `Action`."""
         self._force, self._torque = self._load.both_at(t)
 
-    def _duals(self, start: Array, moved: Array) -> Array:
+    def _duals(self, motion: RemoteMotion) -> Array:
         """The dual basis d^k, a row each."""
-        return np.asarray(np.linalg.inv((start + self._share * moved).T))
+        return np.asarray(np.linalg.inv(self.nodes.acting(motion).T))
 
-    def resistance(self, start: Array, moved: Array) -> Array:
-        """See `PointLaw`."""
-        turned = 0.5 * np.cross(self._torque, self._duals(start, moved))
+    def _resistance(self, motion: RemoteMotion) -> Array:
+        """Forces on the directions, shape (3, 3) [N]."""
+        turned = 0.5 * np.cross(self._torque, self._duals(motion))
         return np.asarray(-turned - self._arm * self._force)
 
-    def stiffness(self, start: Array, moved: Array) -> Array:
-        """See `PointLaw`: δd^k = -Σ_a (d^k · δd_a) d^a."""
-        E = self._duals(start, moved)
-        turned = -0.5 * E @ skew(self._torque).T
-        return np.asarray(-self._share * np.einsum("ai,kb->kiab", turned, E))
+    def resist(self, motion: Any, forces: Any) -> None:
+        """See `Action`."""
+        self.nodes.add(self._resistance(motion), forces)
 
-    def work(self, start: Array, moved: Array) -> float:
-        """See `PointLaw`."""
-        return -float(np.vdot(self.resistance(start, moved), moved))
+    def stiffen(self, motion: Any, tangent: Any) -> None:
+        """See `Action`: δd^k = -Σ_a (d^k · δd_a) d^a."""
+        E = self._duals(motion)
+        turned = -0.5 * E @ skew(self._torque).T
+        self.nodes.couple(-self.nodes.share * np.einsum("ai,kb->kiab", turned, E), tangent)
+
+    def taken(self, motion: Any) -> float:
+        """See `Action`."""
+        return float(np.vdot(self._resistance(motion), self.nodes.moved(motion)))

@@ -22,9 +22,11 @@ from mpi4py import MPI
 
 from rigidfx.coupling.mass import Mass
 from rigidfx.effects import Windowed
+from rigidfx.effects.motion import Forces, Motion
 from rigidfx.error.forces.parts import Parts
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.body_step import Increments, Step
 from rigidfx.mechanics.rotation import cross
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.structure import BoundStructure
@@ -78,11 +80,13 @@ class Withheld:
         self._b.x.scatter_reverse(la.InsertMode.add)
         self._frozen = self._b.x.array[parts.rows.dofs].reshape(-1, 3)
         self._loads = forces.bind_loads(parts.cells, self._u0, self._u1)
+        none = Bodies.of_each(())
+        self._none = Increments(Step(none, 1.0), np.empty((0, 6)))
         self._structure = BoundStructure(
             scene=scene,
             rows=parts.rows,
             own=np.ones(parts.rows.nodes.size, dtype=bool),
-            bodies=Bodies.of_each(()),
+            bodies=none,
             mass=mass,
             u=self._u0.x.array,
             surface=forces.surface,
@@ -147,9 +151,9 @@ class Withheld:
         self._a.array[:] = parts.linear(turning.gained).reshape(-1)
         self._mass.mult(self._a, f)
         f.array[:] -= given
-        self._actions.resist_nodes(self._d, dt, f)
+        self._actions.resist(Motion(self._d, self._none, dt), Forces.none(f))
         residual = f.array.reshape(-1, 3)
-        system.resist_at(parts.rows.nodes, residual)
+        system.resist_at_nodes(parts.rows.nodes, residual)
         if not self._untouched:
             of_flexible = system.equilibrium.forces_out_of_balance.array_r.reshape(-1, 3)
             for own, active in self._attached:
@@ -174,7 +178,7 @@ class Withheld:
         # What is foreseen of a step is mostly what comes of it.
         if dead is None or self._asked != (t, dt) or not self._actions.dead:
             self._actions.set_time(t + dt / 2, dt)
-            now: Array = self._actions.external.array_r
+            now: Array = self._actions.loads.vector.array_r
             if dead is None or not np.array_equal(now, dead):
                 dead = now.copy()
             self._dead, self._asked = dead, (t, dt)

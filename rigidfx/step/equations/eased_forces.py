@@ -16,9 +16,9 @@ from rigidfx.coupling.mass import without_zeros
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Action
+from rigidfx.effects.motion import Motion, Tangent
 from rigidfx.flexible.eased_stress import EasedStress
 from rigidfx.flexible.internal_forces import Cells
-from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.eased import Eased
 
 __all__ = ["EasedForces"]
@@ -83,12 +83,13 @@ class EasedForces(Action):
         self._G.multAdd(self._x, self._still, self._f)
         return self._f
 
-    def resist_nodes(self, d: Any, dt: float, f: Any) -> None:
+    def resist(self, motion: Motion, forces: Any) -> None:
         """Add the remaining part of G x½, at nodes of bodies as well."""
-        f.axpy(self._part, self._resistance(d))
+        forces.vector.axpy(self._part, self._resistance(motion.d))
 
-    def stiffen_nodes(self, tangent: Any, dt: float, prolongation: Prolongation) -> None:
+    def stiffen(self, motion: Motion, tangent: Tangent) -> None:
         """Add half of the remaining G."""
+        prolongation: Prolongation = tangent.prolongation
         if self._condensed is None:
             part, dealt = prolongation.layout, prolongation.dealt
             copies = None if dealt is None else dealt.cells
@@ -102,11 +103,11 @@ class EasedForces(Action):
             self._condensed = CondensedMatrix(prolongation, *forms(both))
             self._condensed.assemble(forms(map(self._own, both)))
             self._condensed.matrix.assemble()
-        tangent.add(self._condensed, 0.5 * self._part)
+        tangent.matrix.add(self._condensed, 0.5 * self._part)
 
-    def dissipated(self, d: Any, dt: float, increments: Increments) -> float:
+    def taken(self, motion: Motion) -> float:
         """Remaining part of x½ᵀ G Δx: the work that fades away [J]."""
-        return self._part * float(self._resistance(d).array_r @ d.array_r)
+        return self._part * float(self._resistance(motion.d).array_r @ motion.array_r)
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

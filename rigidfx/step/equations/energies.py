@@ -10,6 +10,7 @@ import numpy.typing as npt
 from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.coupling.mass import Mass
 from rigidfx.effects.joints.linkage import Linkage
+from rigidfx.effects.motion import Instant
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.kernels import integral
 from rigidfx.mechanics.rotation import axial
@@ -103,7 +104,7 @@ class Energies:
         local[2:5] = p.sum(axis=0)
         local[5:8] = axial(x.T @ p)
         local[8] = np.sqrt((p * p).sum(axis=1)).sum()
-        local[9:11] = self._actions.stored(u, bodies, state.t)
+        local[9:11] = self._actions.stored(Instant(bodies, u, state.t))
         local[11] = self._actions.failures.count
         total = np.asarray(self._scene.sum(local))
         if total[11]:

@@ -23,10 +23,11 @@ from rigidfx.coupling.cell_forces import CellForces
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.effects.motion import Forces, Motion, Tangent
 from rigidfx.flexible.bound_forces import BoundForces
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.body_step import Increments, StaticStep, Step
+from rigidfx.mechanics.body_step import StaticStep, Step
 from rigidfx.scene.scene import Scene
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.lost import Lost
@@ -83,7 +84,7 @@ class Equilibrium:
         self.d, self.forces_out_of_balance, self._work, self._inertia, self._before = (
             self._rows.vector() for _ in range(5)
         )
-        self._moments: Array = np.empty((0, 4, 3))
+        self._moments: Array = np.zeros_like(prolongation.increments.displacement)
         self._last: Array = np.empty(0)  # unknowns that d and u₁ belong to
         none = np.empty(0)
         self.trial = Trial(0.0, None, none, none, prolongation.increments.step)
@@ -168,35 +169,41 @@ class Equilibrium:
             r: Residual, overwritten [N].
         """
         self._expand(y)
-        self._actions.look(self.d, self.prolongation.increments)
         f = self.forces_out_of_balance
         self._cells.evaluate(f.array)
-        f.axpy(-1.0, self._actions.external)
+        f.axpy(-1.0, self._actions.loads.vector)
         if self._mass is not None:
             # M (v₁ - v₀)/Δt with v₁ = 2 d/Δt - v₀, rounded as the update of the velocity is.
             self.trial.v0.copy(self._work)
             self._work.axpby(2 / self.dt, -2.0, self.d)
             self._mass.mult(self._work, self._inertia)
             f.axpy(1 / self.dt, self._inertia)
-        self._resist_nodes(f)
-        self.prolongation.collapse(f.array_r, self._body_forces(), r)
+        forces = Forces.none(f, self._moments)
+        self._resist(forces)
+        self.prolongation.collapse(f.array_r, self._body_forces(forces), r)
 
-    def _resist_nodes(self, f: PETSc.Vec) -> None:
-        """Add the resistance of nodes that are no body's to f. Collective."""
-        self._actions.resist_nodes(self.d, self.dt, f)
+    @property
+    def motion(self) -> Motion:
+        """The iterate of the last residual, as effects see it."""
+        return Motion(self.d, self.prolongation.increments, self.dt)
 
-    def _resist_bodies(self, increments: Increments) -> None:
-        """Add that of bodies to the moments of nodal forces."""
-        self._actions.resist_bodies(increments, self._moments)
+    @property
+    def _resists(self) -> bool:
+        """Whether effects resist the motion of bodies."""
+        return not self._actions.dead
 
-    def _body_forces(self) -> Array:
+    def _resist(self, forces: Forces) -> None:
+        """Add the resistance of effects. Collective."""
+        self._actions.resist(self.motion, forces)
+
+    def _body_forces(self, forces: Forces) -> Array:
         """Residual of the bodies, shape (bodies, 6 + m) [N]. Collective."""
-        increments = self.prolongation.increments
+        increments, loads = self.prolongation.increments, self._actions.loads
         if not len(increments):  # without bodies nothing of them is computed
             return increments.unknowns
-        self._moments = self.prolongation.moments(self.forces_out_of_balance)
-        self._resist_bodies(increments)
-        return increments.balance(self._moments, self._actions.torques)
+        more = forces.moments if self._resists else None
+        self._moments = self.prolongation.moments(forces.vector, more) - loads.moments
+        return increments.balance(self._moments, loads.torques)
 
     def tangent(self) -> None:
         """Assemble and condense the tangent at the last iterate. Collective."""
@@ -204,12 +211,13 @@ class Equilibrium:
         K.assemble()
         if self._mass is not None:
             self._mass.add_to(K, 2 / self.dt**2, self.prolongation)
-        self._stiffen(K)
-        K.finish(self._blocks() if self.prolongation.layout.bodies else None)
+        tangent = Tangent(K, self.prolongation)
+        self._stiffen(tangent)
+        K.finish(self._blocks(tangent) if self.prolongation.layout.bodies else None)
 
-    def _stiffen(self, K: CondensedMatrix) -> None:
+    def _stiffen(self, tangent: Tangent) -> None:
         """Add the resistance of effects to a tangent. Collective."""
-        self._actions.stiffen_nodes(K, self.dt, self.prolongation)
+        self._actions.stiffen(self.motion, tangent)
 
     def outdated(self) -> bool:
         """Whether the stiffness of contacts has jumped since it was taken last. Collective."""
@@ -221,13 +229,15 @@ class Equilibrium:
         Returns:
             Its entries at all unknowns, equal on all ranks [N/m].
         """
-        return self._actions.jumping.entries(self.dt, self.prolongation)
+        return self._actions.jumping.entries(self.motion, self.prolongation)
 
-    def _blocks(self) -> Array:
-        """Derivative of the bodies' rows that the condensed tangent does not hold."""
+    def _blocks(self, tangent: Tangent) -> Array:
+        """Derivative of the bodies' rows that the condensed tangent does not hold. Collective."""
         increments = self.prolongation.increments
         blocks = increments.blocks(self._moments)
-        self._actions.stiffen_bodies(increments, blocks)
+        if self._actions.stiffens:
+            self._actions.sum(tangent.moments)
+            blocks += tangent.blocks
         return blocks
 
     @property
@@ -253,7 +263,7 @@ class Equilibrium:
     @property
     def calm(self) -> bool:
         """Whether masses and cells alone resist: no springs, drag or contact, which may jump."""
-        return self.inertial and not self._actions.stiffen
+        return self.inertial and not self._actions.stiffens
 
     @property
     def well_conditioned(self) -> bool:
@@ -262,7 +272,7 @@ class Equilibrium:
 
     def noise(self) -> float:
         """Size of the terms whose small difference the last residual is [N]. Collective."""
-        external = self._actions.external
+        external = self._actions.loads.vector
         momentum = None if self._mass is None else self._before
         return self._rounding.in_residual(self.dt, momentum, external, self.trial.bodies.start)
 
@@ -281,7 +291,7 @@ class Equilibrium:
         known = self.d, self.trial.v0, self._before, self._inertia
         d, v0, before, gained = (v.array_r for v in known)
         energy = 0.5 * (v0 @ before) + abs(gained @ d) / self.dt
-        energy += abs(self._actions.external.array_r @ d)
+        energy += abs(self._actions.loads.vector.array_r @ d)
         if not self._lost.of_momenta:
             return self._lost.of_energy(y.array_r, r.array_r, energy)
         momentum = np.abs(before).sum() + np.abs(gained).sum()

@@ -24,13 +24,12 @@ from scipy.sparse import csr_array, dia_array
 
 from rigidfx.base.errors import StepError
 from rigidfx.base.matrices import Matrix, compact, dense
-from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.ports import Ports
 from rigidfx.effects.joints.drives import prescribes
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.redundancy import independent
+from rigidfx.effects.motion import Forces, Tangent
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.body_step import Increments
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.equations.trial import Trial
 
@@ -167,20 +166,20 @@ class JoinedEquilibrium(Equilibrium):
         values, n = y.array, self.prolongation.owned
         values[:n], values[n:] = of_nodes.array_r, of_joints[: self._own]
 
-    def _resist_nodes(self, f: PETSc.Vec) -> None:
-        super()._resist_nodes(f)
-        self.linkage.look(self.d, self.prolongation.increments, self._multipliers)
-        self.linkage.resist_nodes(f)
+    @property
+    def _resists(self) -> bool:
+        return True
 
-    def _resist_bodies(self, increments: Increments) -> None:
-        super()._resist_bodies(increments)
-        self._moments = self._moments + self.linkage.moments(len(increments))
+    def _resist(self, forces: Forces) -> None:
+        super()._resist(forces)
+        self.linkage.look(self.motion, self._multipliers)
+        self.linkage.resist(forces)
 
-    def _stiffen(self, K: CondensedMatrix) -> None:
+    def _stiffen(self, tangent: Tangent) -> None:
         """See `Equilibrium`."""
-        super()._stiffen(K)
+        super()._stiffen(tangent)
         if self._sprung is not None:
-            K.add_coupling(self._sprung)
+            tangent.matrix.add_coupling(self._sprung)
 
     def border(self) -> tuple[Matrix, Matrix, Matrix, Array]:
         """Addition of joints to the tangent at the last iterate.

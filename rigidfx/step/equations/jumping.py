@@ -15,8 +15,8 @@ from scipy.sparse import coo_array, csr_array
 
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Action
-from rigidfx.mechanics.body_step import Increments
-from rigidfx.step.equations.heeded import Heeded, doing
+from rigidfx.effects.motion import Motion, Tangent
+from rigidfx.step.equations.heeded import Heeded
 
 __all__ = ["Jumping"]
 
@@ -27,22 +27,17 @@ Ints = npt.NDArray[np.int64]
 class Jumping:
     """The actions whose derivatives may jump."""
 
-    def __init__(
-        self, actions: Sequence[Action], on_bodies: bool, heeded: Heeded, comm: MPI.Intracomm
-    ) -> None:
+    def __init__(self, contacts: Sequence[Action], heeded: Heeded, comm: MPI.Intracomm) -> None:
         """Find them.
 
         Args:
-            actions: Those that act.
-            on_bodies: Whether there are rigid bodies.
+            contacts: Contacts that act.
             heeded: Calls them.
             comm: Ranks that take part.
         """
-        own = doing(actions, "outdated")
         self._comm = comm
-        self._outdated = heeded.answers(own, "outdated")
-        self._stiffen_nodes = heeded.does(own, "stiffen_nodes")
-        self._stiffen_bodies = heeded.adds(own if on_bodies else [], "stiffen_bodies")
+        self._outdated = heeded.calls(contacts, "outdated")
+        self._stiffen = heeded.calls(contacts, "stiffen")
 
     def outdated(self) -> bool:
         """Whether a derivative has jumped since `entries`, or a tangent, took it. Collective."""
@@ -51,11 +46,11 @@ class Jumping:
         here = any(outdated() for outdated in self._outdated)
         return bool(self._comm.allreduce(here, op=MPI.LOR))
 
-    def entries(self, dt: float, prolongation: Prolongation) -> csr_array | None:
+    def entries(self, motion: Motion, prolongation: Prolongation) -> csr_array | None:
         """Their part of the tangent at the last iterate; None if there are none. Collective.
 
         Args:
-            dt: Δt [s].
+            motion: The iterate.
             prolongation: Map between unknowns and dofs.
 
         Returns:
@@ -63,19 +58,12 @@ class Jumping:
         """
         if not self._outdated:
             return None
-        found, increments = _Entries(prolongation), prolongation.increments
-        for stiffen in self._stiffen_nodes:
-            stiffen(found, dt, prolongation)
-        if self._stiffen_bodies:
-            found.add_bodies(self._blocks(increments))
+        found = _Entries(prolongation)
+        tangent = Tangent(found, prolongation)
+        for stiffen in self._stiffen:
+            stiffen(motion, tangent)
+        found.add_bodies(tangent.blocks)
         return found.on_all_ranks()
-
-    def _blocks(self, increments: Increments) -> Array:
-        columns = increments.unknowns.shape[1]
-        blocks = np.zeros((len(increments), columns, columns))
-        for stiffen in self._stiffen_bodies:
-            stiffen(blocks, increments)
-        return blocks
 
 
 class _Entries:
@@ -97,9 +85,8 @@ class _Entries:
             self._parts.append((*own.coords, own.data))
 
     def add_bodies(self, blocks: Array) -> None:
-        """Add to the bodies' blocks, shape (bodies, 6 + m, 6 + m), equal on all ranks."""
-        if self._p.comm.rank == 0:
-            self._add(self._p.body_columns, blocks)
+        """Add this rank's part of the bodies' blocks, shape (bodies, 6 + m, 6 + m)."""
+        self._add(self._p.body_columns, blocks)
 
     def _add(self, numbers: Ints, blocks: Array) -> None:
         rows, columns = np.broadcast_arrays(numbers[:, :, None], numbers[:, None, :])

@@ -49,17 +49,22 @@ class BoundStructure:
     notes: dict[int, Any] | None = None
     static: bool = False
 
-    def moments(self, weights: Array) -> Array:
-        """Σ w and Σ w V over the nodes of each body, shape (bodies, 4). Collective.
+    @property
+    def once(self) -> float:
+        """1 on the first rank, 0 on others: counts once what all ranks know."""
+        return float(self.scene.comm.rank == 0)
+
+    def moments(self, values: Array) -> Array:
+        """Σ a v of numbers of this rank's nodes over each body, shape (bodies, n, k).
 
         Args:
-            weights: Per owned node.
+            values: Of owned nodes, shape (nodes, k).
         """
-        sums = [
-            np.r_[weights[body.nodes].sum(), weights[body.nodes] @ body.offsets]
-            for body in self.bodies.of.records
-        ]
-        return np.asarray(self.scene.sum(np.reshape(sums, (-1, 4))))
+        body, a, _ = self.bodies.of.holding(self.u.size // 3)
+        held = np.flatnonzero(body[: len(values)] >= 0)
+        out = np.zeros((*self.bodies.pose.shape[:2], values.shape[1]))
+        np.add.at(out, body[held], a[held, :, None] * values[held, None])
+        return out
 
     def outward_moments(self, where: str, owner: str) -> Array:
         """See `rigidfx.flexible.surface.Surface.outward_moments`. Collective."""

@@ -27,6 +27,7 @@ from rigidfx.base.matrices import dense
 from rigidfx.coupling.ports import Ports
 from rigidfx.effects.joints.elements import end_rates
 from rigidfx.effects.joints.linkage import Linkage
+from rigidfx.effects.motion import Forces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.rotation import orthonormalized
@@ -149,7 +150,7 @@ class JointForces:
     def on_nodes(self, on_vectors: Array, f: PETSc.Vec) -> Array:
         """Forces on vectors as those on the division's rows, f overwritten."""
         f.set(0.0)
-        self._linkage.resist_nodes(f, on_vectors)
+        self._linkage.resist(Forces.none(f), on_vectors)
         return np.asarray(f.array_r)
 
     def _turned(self, increments: Increments) -> Array:

@@ -10,13 +10,14 @@ from rigidfx.effects import (
     JointSpring,
     Motor,
     PointMass,
-    SpringDamper,
     Stop,
     Windowed,
 )
 from rigidfx.effects.joints.linkage import Linkage
-from rigidfx.effects.joints.on_face import OnFace, PointLaw
+from rigidfx.effects.joints.points import Points
 from rigidfx.state import State
+from rigidfx.step.equations.actions import bound
+from rigidfx.step.equations.heeded import Heeded
 from rigidfx.step.equations.structure import BoundStructure
 
 __all__ = ["elements_of", "linked"]
@@ -44,18 +45,21 @@ def linked(structure: BoundStructure, state: State, acting: Sequence[Windowed]) 
     """
     scene, rows = structure.scene, structure.rows
     joints = (*scene.named(Joint), *(e for e in scene.named(PointMass) if e.is_carried))
-    laws = _laws_of(structure, acting)
-    if not joints and not laws:
+    points = _points_of(structure, acting)
+    if not joints and not len(points):
         return None
-    bound = scene, rows, structure.own, state.bodies, state.u.x.array
-    others = structure.notes, structure.static, laws
-    return Linkage(joints, elements_of(scene, acting), *bound, *others)
+    given = scene, rows, structure.own, state.bodies, state.u.x.array
+    others = structure.notes, structure.static, points
+    return Linkage(joints, elements_of(scene, acting), *given, *others)
 
 
-def _laws_of(structure: BoundStructure, acting: Sequence[Windowed]) -> list[PointLaw]:
-    """Forces on points that depend on the motion. Collective."""
+def _points_of(structure: BoundStructure, acting: Sequence[Windowed]) -> Points:
+    """Actions on points that depend on the motion. Collective."""
     here = {id(effect) for effect in acting}
-    every = structure.scene.named(OnFace)
-    points = (e for e in every if not isinstance(e, Windowed) or id(e) in here)
-    laws = [law for point in points if (law := point.law(structure)) is not None]
-    return [*laws, *(spring.law_of(structure) for spring in structure.scene.named(SpringDamper))]
+    every = structure.scene.effects
+    wanted = [e for e in every if not isinstance(e, Windowed) or id(e) in here]
+    pairs = [(e, bound(e, structure, "bind_points")) for e in wanted]
+    structure.failures.settle()  # all ranks go on with the same actions
+    owners = {id(action): effect.owner for effect, action in pairs if action is not None}
+    actions = [action for _, action in pairs if action is not None]
+    return Points(actions, Heeded(owners, structure.failures).call)

@@ -173,9 +173,7 @@ class StaticSystem:
         if self._fixed is None:
             return
         self.share = t
-        self.actions.external.scale(t)
-        self.actions.moments *= t
-        self.actions.torques *= t
+        self.actions.loads.scale(t)
 
     def take_drag(self, drag: float) -> None:
         """Have joints know the drag per mass of a load step [1/s²]."""
@@ -185,8 +183,9 @@ class StaticSystem:
     def load(self, t: float = 1.0, dt: float = 1.0) -> float:
         """Size of all dead loads at the end t of a load step of length dt [N]. Collective."""
         self._set_loads(t, dt)
-        of_bodies = np.abs(self.actions.moments).sum() + np.abs(self.actions.torques).sum()
-        return float(self.actions.external.norm(PETSc.NormType.NORM_1) + of_bodies)
+        loads = self.actions.loads
+        of_bodies = np.abs(loads.moments).sum() + np.abs(loads.torques).sum()
+        return float(loads.vector.norm(PETSc.NormType.NORM_1) + of_bodies)
 
     def _search(self) -> Newton:
         """Newton's method with a line search, made when it is first needed. Collective."""
@@ -273,8 +272,7 @@ class StaticSystem:
 
     def dissipated(self) -> dict[str, float]:
         """Energy that friction takes in the last solution, by its kind [J]. Collective."""
-        d, increments = self._equations.d, self._prolongation.increments
-        by_kind = self.actions.dissipated(d, self._equations.dt, increments)
+        by_kind = self.actions.dissipated(self._equations.motion)
         lost = self._scene.sum([0.0, *(energy for _, energy in by_kind)])[1:]
         out: dict[str, float] = {}
         for (kind, _), energy in zip(by_kind, map(float, lost), strict=True):

@@ -20,6 +20,7 @@ from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import JointReports, SpringDamperReport, Touch, Windowed
+from rigidfx.effects.motion import ForcesOfNodes
 from rigidfx.flexible.eased_stress import EasedStress
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import integral
@@ -210,7 +211,7 @@ class System:
         """
         self.actions.failures.settle()
         if not (solution.residuals and np.isfinite(solution.residuals).all()):
-            self.actions.explain(self.equilibrium.d, self.equilibrium.dt, self.increments)
+            self.actions.explain(self.equilibrium.motion)
             self.actions.failures.settle()
 
     @property
@@ -218,16 +219,18 @@ class System:
         """Whether no force but those of cells and bodies depends on the motion."""
         return self.actions.dead and self.linkage is None
 
-    def resist_at(self, nodes: npt.NDArray[np.int32], forces: Array) -> None:
+    def resist_at_nodes(self, nodes: npt.NDArray[np.int32], forces: Array) -> None:
         """Add resistance at owned nodes, in bodies or not, that is not bound to bodies' nodes.
 
         Args:
-            nodes: The nodes, sorted.
+            nodes: The nodes.
             forces: Shape (nodes, 3) [N], added to.
         """
-        self.actions.resist_at(nodes, forces)
+        every = ForcesOfNodes(np.zeros((self._scene.owned_nodes, 3)))
+        self.actions.resist_at_nodes(self.equilibrium.motion, every)
         if self.linkage is not None:
-            self.linkage.resistance_at(nodes, forces)
+            self.linkage.resist_at_nodes(every)
+        forces += every.nodes[nodes]
 
     @property
     def increments(self) -> Increments:
@@ -270,16 +273,16 @@ class System:
         if self._of_held is not None:
             rest = self._reactions(state, d, forces[prescribed] - held)
             alternating += dt * np.array([sum(of.values(), np.zeros(3)) for of in rest])
-        touches, increments = actions.touches(), prolongation.increments
-        by_kind = actions.dissipated(self.equilibrium.d, dt, increments)
+        touches = actions.touches()
+        motion = self.equilibrium.motion
+        by_kind = actions.dissipated(motion)
         local = [
-            actions.external.array_r @ d,
+            actions.work(motion),
             forces[prescribed] @ d[prescribed],
             -sum(map(integral, self._taken.against_loads)),
             *map(integral, self._taken.dissipated.values()),
             *(energy for _, energy in by_kind),
         ]
-        on_bodies = actions.work_on_bodies(increments)
         failed, dead, supports, followed, *lost = map(
             float, self._scene.sum([self.actions.failures.count, *local])
         )
@@ -289,7 +292,7 @@ class System:
         dissipated: dict[str, float] = {}
         for kind, energy in zip(kinds, lost, strict=True):
             dissipated[kind] = dissipated.get(kind, 0.0) + energy
-        loads = dead + followed + on_bodies
+        loads = dead + followed
         supports += sum(touch.work for touch in touches.values())
         joints, springs = JointReports(), dict[str, SpringDamperReport]()
         if self.linkage is not None:

@@ -1,0 +1,284 @@
+"""Nodes as effects see them, wherever they are: flexible, held by a support, or in a body.
+
+`Nodes` are some nodes of this rank. `LinearNodes` stand for nodes whose forces are linear in their
+displacements: those of a body then have at most n + 3 representatives, however many they are.
+`SharedNodes` are known on all ranks, for forces between places that any rank may have.
+
+Linear forces of a body's nodes need the sums Σ w c cᵀ of c = [a, u₀] only, with the body-fixed
+coordinates a and the displacements u₀ at a reference pose. With QR of √w c these are Σ r rᵀ over
+the rows r = [s, e] of R: representatives that have the coordinates s, the displacements e and the
+weight 1. Forces, stiffness and energies come out as those of all nodes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from scipy.sparse import csr_array, diags_array
+
+from rigidfx.base.matrices import Matrix, compact
+from rigidfx.effects.action import Structure
+from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion, Tangent
+from rigidfx.mechanics.bodies import Bodies
+
+__all__ = ["LinearNodes", "Nodes", "SharedNodes"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+class Nodes:
+    """Some nodes of this rank; arrays have those in no body first, and then each body's.
+
+    Attributes:
+        rows: Places of those in no body among the nodes of the rows.
+        free: The same by their number on this rank.
+        nodes: Numbers of all on this rank.
+        order: Place of each among the nodes that were named.
+        share: Part of a step at whose end forces are: one half, or all in statics.
+        bodies: Of each the body that it is in, -1 if none.
+    """
+
+    def __init__(self, structure: Structure, nodes: npt.NDArray[Any]) -> None:
+        """Find which nodes are whose.
+
+        Args:
+            structure: The division; displacements are up to date at all nodes of bodies.
+            nodes: Owned ones of this rank; those that take no part are left out.
+        """
+        rows, u = structure.rows, structure.u.reshape(-1, 3)
+        self._comm: MPI.Intracomm = structure.scene.comm
+        self.share = 1.0 if structure.static else 0.5
+        place = np.full(len(u), -1)
+        place[rows.nodes[structure.own]] = np.flatnonzero(structure.own)
+        mine = np.flatnonzero(place[nodes] >= 0)
+        self.free = np.asarray(nodes[mine], dtype=np.int32)
+        self.rows = place[self.free]
+        self._X, self._dofs = rows.X[self.rows], rows.dofs.reshape(-1, 3)[self.rows]
+        self._u0, self._pose = structure.u, structure.bodies.pose
+        body, coordinates, _ = structure.bodies.of.holding(len(u))
+        held = np.flatnonzero(body[nodes] >= 0)
+        held = held[np.argsort(body[nodes[held]], kind="stable")]
+        self.order: Ints = np.concatenate([mine, held])
+        self.nodes = np.asarray(nodes[self.order])
+        of = np.asarray(body[nodes[held]], dtype=np.int64)
+        self.bodies: Ints = np.r_[np.full(mine.size, -1), of]
+        self._hold(of, coordinates[nodes[held]], u[nodes[held]])
+
+    def _hold(self, of: Ints, coordinates: Array, displacement: Array) -> None:
+        """Have nodes in bodies: the body, a and the displacement of each."""
+        self._of, self._a, self._held = of, coordinates, displacement
+        n = self._pose.shape[1]
+        columns = (n * of[:, None] + np.arange(n)).ravel()
+        size = len(of), n * len(self._pose)
+        A = csr_array((coordinates.ravel(), columns, n * np.arange(len(of) + 1)), shape=size)
+        self._A: Matrix = compact(A)
+        self._At: Matrix = compact(A.T.tocsr())
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return self.rows.size + len(self._of)
+
+    def follow(self, matrices: Array) -> Array:
+        """Numbers of nodes in bodies by matrices of these, shape (bodies, n, k)."""
+        return np.asarray(self._A @ matrices.reshape(self._A.shape[1], -1))
+
+    def gather(self, values: Array) -> Array:
+        """Σ a v over each body of numbers of nodes in bodies, shape (bodies, n, k)."""
+        return np.asarray(self._At @ values).reshape(*self._pose.shape[:2], -1)
+
+    def _all(self, of_rows: Array, of_bodies: Array, matrices: Array) -> Array:
+        """Vectors of all nodes: at those of rows, and in bodies plus what they follow."""
+        if not len(self._of):
+            return of_rows
+        return np.concatenate([of_rows, of_bodies + self.follow(matrices)])
+
+    # Where they are -----------------------------------------------------------------------------
+
+    def positions(self, at: Instant) -> Array:
+        """Positions, shape (nodes, 3) [m]."""
+        return self._all(self._X + self._displaced(at.u), np.zeros(3), at.bodies.pose)
+
+    def displacement(self, at: Instant) -> Array:
+        """Displacements, likewise [m]."""
+        return self._all(self._displaced(at.u), self._held, at.bodies.pose - self._pose)
+
+    def _displaced(self, u: Array | None) -> Array:
+        return self._u0[self._dofs] if u is None else u.reshape(-1, 3)[self.rows]
+
+    def moved(self, motion: Motion) -> Array:
+        """Increments of displacements at an iterate, likewise [m]."""
+        return self._all(motion.nodes[self.rows], np.zeros(3), motion.increments.displacement)
+
+    def acting(self, motion: Motion) -> Array:
+        """Displacements with which forces of a step are taken, likewise [m]."""
+        return self.displacement(motion.start) + self.share * self.moved(motion)
+
+    def velocities(self, v: Array, bodies: Bodies) -> Array:
+        """Velocities, likewise [m/s].
+
+        Args:
+            v: Those of the rows, one number each [m/s].
+            bodies: The bodies then.
+        """
+        return self._all(v.reshape(-1, 3)[self.rows], np.zeros(3), bodies.pose_rate)
+
+    # Forces on them -----------------------------------------------------------------------------
+
+    def far(self) -> float:
+        """Largest coordinate of one of them at the start of a step [m]. Collective."""
+        x = self._X + self._u0[self._dofs], self.follow(self._pose) if len(self._of) else self._held
+        own = max(float(np.abs(part).max(initial=0.0)) for part in x)
+        return self._comm.allreduce(own, op=MPI.MAX)
+
+    def add(self, force: Array, forces: Forces | ForcesOfNodes) -> None:
+        """Add forces on them, shape (nodes, 3) [N]."""
+        forces.add(self, force)
+
+    def stiffen(self, blocks: Array, tangent: Tangent, which: Ints | None = None) -> None:
+        """Add the stiffness of each by itself. Collective.
+
+        Args:
+            blocks: Shape (nodes, 3, 3) [N/m].
+            tangent: The tangent.
+            which: Those of the nodes that have blocks, sorted; all if None.
+        """
+        tangent.add(self, blocks, which)
+
+
+class LinearNodes(Nodes):
+    """Nodes with weights, for forces that are linear in displacements.
+
+    Attributes:
+        weights: Weight of each, shape (nodes,); 1 of a representative.
+    """
+
+    def __init__(
+        self, structure: Structure, nodes: npt.NDArray[Any], weights: Array, rest: Array
+    ) -> None:
+        """Find representatives of the nodes in bodies. Collective.
+
+        Args:
+            structure: The division; displacements are up to date at all nodes of bodies.
+            nodes: Owned ones of this rank.
+            weights: Weight of each > 0.
+            rest: Displacement of each that displacements are counted from, shape (nodes, 3) [m].
+        """
+        super().__init__(structure, nodes)
+        count, weights, rest = self.rows.size, weights[self.order], rest[self.order]
+        self._rest = rest[:count]
+        rows = np.sqrt(weights[count:, None]) * np.c_[self._a, self._held - rest[count:]]
+        size = rows.shape[1]
+        R = np.concatenate([_factor(rows[self._of == k]) for k in range(len(self._pose))] or [rows])
+        every = self._comm.allgather(R.reshape(len(self._pose), size, size))
+        R = np.stack(
+            [_factor(own) for own in np.concatenate(every, axis=1)] or [np.empty((0, size))]
+        )
+        # All ranks know them; the first one has them, as it might have nodes.
+        of, which = np.nonzero(R.any(axis=-1) & bool(structure.once))
+        self.weights = np.r_[weights[:count], np.ones(len(of))]
+        self.nodes = np.r_[self.free, np.full(len(of), -1)]
+        self._hold(of, R[of, which, :-3], R[of, which, -3:])
+
+    def _displaced(self, u: Array | None) -> Array:
+        return super()._displaced(u) - self._rest
+
+
+class SharedNodes(Nodes):
+    """Nodes whose forces depend on each other; arrays over all of them are equal on all ranks.
+
+    Attributes:
+        size: How many there are on all ranks.
+        bodies: Of each the body that it is in, -1 if none, shape (size,).
+        in_one_body: Whether all are in the same body, and so cannot move against each other.
+    """
+
+    def __init__(
+        self, structure: Structure, nodes: npt.NDArray[Any], numbers: Ints, size: int
+    ) -> None:
+        """Find which nodes are whose. Collective.
+
+        Args:
+            structure: The division.
+            nodes: Owned ones of them on this rank.
+            numbers: The number of each, from 0 on.
+            size: How many there are on all ranks.
+        """
+        super().__init__(structure, nodes)
+        self.size, self._numbers = size, np.asarray(numbers)[self.order]
+        of = self._everywhere(np.asarray(self.bodies[:, None] + 1, dtype=np.float64))[:, 0]
+        self.bodies = of.astype(np.int64) - 1
+        a = np.zeros((len(self._numbers), self._pose.shape[1]))
+        a[self.rows.size :] = self._a
+        self._coordinates = self._everywhere(a)
+        self.in_one_body = bool((self.bodies >= 0).all() and np.ptp(self.bodies) == 0)
+        self._unknowns: Ints | None = None
+
+    def _everywhere(self, values: Array) -> Array:
+        """Values of all nodes from those of this rank, zero where there are none. Collective."""
+        out = np.zeros((self.size, *values.shape[1:]))
+        out[self._numbers] = values
+        if self._comm.size > 1:
+            self._comm.Allreduce(MPI.IN_PLACE, out)
+        return out
+
+    def _all(self, of_rows: Array, of_bodies: Array, matrices: Array) -> Array:
+        """See `Nodes`. Collective."""
+        return self._everywhere(super()._all(of_rows, of_bodies, matrices))
+
+    def add(self, force: Array, forces: Forces | ForcesOfNodes) -> None:
+        """Add forces on them, which are equal on all ranks, shape (size, 3) [N]."""
+        forces.add(self, force[self._numbers])
+
+    def couple(self, nodes: Ints, G: Array, stiffness: Array, tangent: Tangent) -> None:
+        """Add the stiffness of scalars of several nodes: Σ s (Lᵀ G)(Gᵀ P). Collective.
+
+        Args:
+            nodes: Nodes that each scalar depends on, shape (scalars, k).
+            G: Its derivatives by their displacements, shape (scalars, k, 3).
+            stiffness: Derivative of the force along each by it, shape (scalars,) [N/m].
+            tangent: The tangent.
+        """
+        p = tangent.prolongation
+        if self._unknowns is None:
+            self._unknowns = self._numbered(p)
+        left, right = (self._by(M, nodes, G, p) for M in (p.increments.L, p.increments.P))
+        tangent.matrix.add_coupling((left.T @ diags_array(stiffness) @ right).tocsr())
+
+    def _numbered(self, prolongation: Any) -> Ints:
+        """Unknown of each dof of all nodes, -1 where there is none, shape (size, 3). Collective."""
+        own = np.zeros((len(self._numbers), 3))
+        own[: self.rows.size] = prolongation.numbers.reshape(-1, 3)[self.rows] + 1.0
+        return self._everywhere(own).astype(np.int64) - 1
+
+    def _by(self, M: Array, nodes: Ints, G: Array, prolongation: Any) -> csr_array:
+        """Derivatives of scalars, M being L or P of the bodies, shape (bodies, 3 n, unknowns)."""
+        assert self._unknowns is not None
+        scalar = np.broadcast_to(np.arange(len(nodes))[:, None], nodes.shape)
+        alone = self.bodies[nodes] < 0
+        columns = [self._unknowns[nodes[alone]].reshape(-1)]
+        values = [G[alone].reshape(-1)]
+        rows = [np.repeat(scalar[alone], 3)]
+        if not alone.all():
+            held = nodes[~alone]
+            of, a = self.bodies[held], self._coordinates[held]
+            moves = M.reshape(len(M), a.shape[1], 3, -1)[of]
+            moved = np.einsum("na,naij,ni->nj", a, moves, G[~alone])
+            columns.append(prolongation.body_columns[of].reshape(-1))
+            values.append(moved.reshape(-1))
+            rows.append(np.repeat(scalar[~alone], moved.shape[1]))
+        row, column, value = (np.concatenate(part) for part in (rows, columns, values))
+        known = column >= 0
+        shape = len(nodes), prolongation.size
+        return csr_array((value[known], (row[known], column[known])), shape=shape)
+
+
+def _factor(rows: Array) -> Array:
+    """R of a QR factorisation, with rows of zeros up to its number of columns."""
+    R = np.asarray(np.linalg.qr(rows, mode="r"))
+    out = np.zeros((rows.shape[1], rows.shape[1]))
+    out[: len(R)] = R
+    return out
