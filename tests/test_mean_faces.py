@@ -130,6 +130,30 @@ def test_a_lever_on_a_motor_yields_alike_at_all_angles(face):
     assert found == pytest.approx([found[0]] * 3, rel=1e-5)
 
 
+def test_a_hinge_between_two_parts_yields_alike_at_all_angles():
+    """A lever on top of a square post, which bends alike towards all sides, is pushed across."""
+    b, top = THICK / 2, 0.3
+    post = (-b, -b, 0), (b, b, top), (2, 2, 4)
+    domain = boxes(post, ((-b, -b, top + 1e-6), (1, b, top + THICK), (11, 2, 2)))
+    domain = domain.with_facets("root", lambda x: np.isclose(x[2], 0))
+    domain = domain.with_facets("top", lambda x: np.abs(x[2] - top) < 1e-7)
+    domain = domain.with_facets("hub", lambda x: (x[0] < b + 1e-9) & (x[2] > top + 5e-7))
+    domain = domain.with_facets("end", lambda x: np.isclose(x[0], 1))
+    found = []
+    for q, flip in ((0.0, False), (np.pi / 4, True), (3 * np.pi / 4, False)):
+        sides = [rf.MeanFace("top"), rf.MeanFace("hub")]
+        hinge = rf.Revolute(*sides[:: -1 if flip else 1], (0, 0, top), (0, 0, 1), name="h")
+        turned = rf.Motor("h", angle=lambda t, q=-q if flip else q: q * min(2 * t, 1.0))
+        across = np.array([-np.sin(q), np.cos(q), 0])
+        push = rf.Traction("end", tuple(1e5 * across), time=lambda t: max(2 * t - 1, 0.0))
+        effects = [rf.Fixed("root"), hinge, turned, push]
+        scene = rf.Scene(domain, STEEL, effects, element="enhanced", probes={"end": (1, 0, 0.35)})
+        *_, last = rf.static(scene, 8, verbose=False)
+        place = last.probes["end"] + [1, 0, 0]  # from the hinge
+        found.append(float(place @ across))
+    assert found == pytest.approx([found[0]] * 3, rel=1e-5)
+
+
 @pytest.mark.parametrize("face", [rf.MeanFace("x1"), rf.RigidFace("x1")])
 @pytest.mark.parametrize("arm", [-0.3, 0.2])
 def test_a_mass_beside_an_end_swings_as_beam_theory_has_it(face, arm):
