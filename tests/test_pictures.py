@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import re
 import runpy
 import sys
 from pathlib import Path
@@ -144,6 +145,8 @@ def test_joints_over_time(tmp_path):
     acting = [rf.Motor("pin_a", torque=3.0), rf.Stop("guide", high=1e-5, stiffness=1e5)]
     acting += [rf.Motor("guide", force=30.0), rf.Rigid("bar"), rf.Rigid("slider")]
     scene = rf.Scene(bars, MATERIAL, [pin, guide, *acting])
+    assert re.search(r"\n  Motor +of 'pin_a' +torque 3 ", scene.describe())
+    assert "Motor 'guide'" in scene.describe()
     reports = []
     with rf.Recorder(scene, tmp_path, every=9) as recorder:
         for report in rf.simulate(scene, 0.01, 0.06, progress=False):

@@ -28,7 +28,7 @@ from rigidfx.scene.weights import inertial_masses
 
 __all__ = ["FURTHER", "description", "effects_table", "in_a_line", "in_words", "phases"]
 
-ELSEWHERE = ("where", "components", "since", "until", "a", "b")  # not among the values
+ELSEWHERE = ("where", "joint", "components", "since", "until", "a", "b")  # not among the values
 
 # What modules that come later in the flow of data add to a description, from the scene, the time
 # step thought of and the number of periods: lines.
@@ -213,7 +213,7 @@ def _kind(effect: Any) -> str:
 
 
 def _short(effect: Effect) -> str:
-    where: Any = getattr(effect, "where", None)
+    where: Any = getattr(effect, "where", getattr(effect, "joint", None))
     return _kind(effect) + (f" {_place(where)}" if where else "")
 
 
@@ -224,6 +224,8 @@ def _place(where: Any) -> str:
 def _where(effect: Any) -> str:
     if isinstance(effect, Between):
         return effect.between
+    if hasattr(effect, "joint"):
+        return f"of '{effect.joint}'"
     if not hasattr(effect, "where"):
         return "everywhere"
     components = getattr(effect, "components", "xyz")

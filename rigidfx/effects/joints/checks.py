@@ -76,8 +76,8 @@ def check_near(owner: str, name: Side, side: Any, at: Array, apart: str = "") ->
     away = float(np.linalg.norm(at - side.centre))
     if isinstance(name, Surface) and round(away / side.size, 6) > FAR:
         raise SceneError(
-            f"{owner}: {apart}it is at {at} m, and {side_name(name)} is around "
-            f"{side.centre} m, {away:.3g} m away and {side.size:.3g} m large."
+            f"{owner}: {apart}it is at {_place(at)} m, and {side_name(name)} is around "
+            f"{_place(side.centre)} m, {away:.3g} m away and {side.size:.3g} m large."
         )
 
 
@@ -102,9 +102,9 @@ def warn_of_arm(
     if away > most * side.size and name not in given:
         warn(
             scene.comm,
-            f"{owner}: it is at {at} m, {away:.3g} m away from the middle of {side_name(name)}, "
-            f"which is {side.size:.3g} m large (root mean square): it moves with it as on a rigid "
-            "arm. Check `at`, in metres, and the side.",
+            f"{owner}: it is at {_place(at)} m, {away:.3g} m away from the middle of "
+            f"{side_name(name)}, which is {side.size:.3g} m large (root mean square): it moves "
+            "with it as on a rigid arm. Check `at`, in metres, and the side.",
         )
 
 
@@ -114,3 +114,8 @@ def _among(scene: Any, side: Sided, where: str | None, kind: str) -> bool:
         return True
     outside = scene.members(where, kind)[side.nodes, 0] == 0.0
     return bool(scene.sum(np.count_nonzero(outside)) == 0)
+
+
+def _place(x: Array) -> str:
+    """A place, without the rounding of coordinates that are zero."""
+    return f"({', '.join(f'{each:.4g}' for each in x.round(9) + 0.0)})"
