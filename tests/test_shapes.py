@@ -17,6 +17,7 @@ from rigidfx.shapes.patterns import patterns, unit_loads
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.ritz import ritz, shapes_of
 from rigidfx.state import State
+from rigidfx.switch.inventory import divide
 
 STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=8000.0)
 EPS = float(np.finfo(np.float64).eps)
@@ -110,11 +111,12 @@ def test_responses_are_those_of_dense_matrices(built):
 def test_shapes_hold_the_loads_responses(built):
     """With the whole as the part: deflections under each load to 1e-10, Ω diagonal, no motion."""
     r, F = built.responses, built.pushed()
-    vectors = ritz(r, F, 2)
-    np.testing.assert_allclose(r.dot(vectors, r.inertia(vectors)), np.eye(6), atol=100 * EPS)
+    vectors, count = ritz(r, F, 2), 12 if r.swings.size else 6
+    gram = r.dot(vectors, r.inertia(vectors))
+    np.testing.assert_allclose(gram, np.eye(count), atol=100 * EPS)
     shapes = built.part.shapes(vectors)
     Phi, Omega = shapes.modes, shapes.stiffness
-    assert Phi.shape[2] == 6
+    assert Phi.shape[2] == count
     np.testing.assert_allclose(np.linalg.norm(Phi, axis=1).max(axis=0), 1, atol=100 * EPS)
     K = r.dot(Phi, built.part.times_stiffness(Phi))
     scale = np.sqrt(np.outer(np.diag(K), np.diag(K)))
@@ -255,6 +257,32 @@ def test_conjugate_gradients_are_as_exact(monkeypatch):
         monkeypatch.undo()
         made.destroy()
         again.destroy()
+
+
+@pytest.mark.parametrize("held", [[], [rf.Fixed("x0")]])
+def test_parts_that_stay_rigid(held):
+    """Their nodes move rigidly, forces balance at all others, resultants on the part."""
+    made = Built(*held, rf.Rigid("half"), rf.Resultant("half", (0, 0, 2.0), (1.0, 0, 0)))
+    division = divide(made.scene, made.forces, made.state, tuple(held))
+    bodies = division.bodies
+    made.responses.destroy()
+    r = made.responses = Responses(
+        made.scene, made.forces, made.state, made.scene.acting(0.0), bodies
+    )
+    F = patterns(r, made.state, 1.0)
+    assert F.shape[2] == 1
+    u = r.solve(F)
+    nodes, R = bodies.of.records[0].nodes, made.motions()
+    own = R[nodes].reshape(-1, 6)
+    moved = u[nodes].reshape(-1, u.shape[2])
+    assert np.abs(own @ np.linalg.lstsq(own, moved)[0] - moved).max() < 1e-12 * np.abs(moved).max()
+    left = made.part.times_stiffness(u) - r.balanced(F)
+    left.reshape(-1, u.shape[2])[r.stiffness.held] = 0.0
+    scale = np.abs(F).max()
+    assert np.abs(np.einsum("nai,nak->ik", R[nodes], left[nodes])).max() < 1e-10 * scale
+    left[nodes] = 0.0
+    assert np.abs(left).max() < 1e-10 * scale
+    made.destroy()
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,7 @@ def of_supports(responses: Responses, span: tuple[float, float]) -> list[Array]:
     if not held.moves or not ts.size:
         return []
     rates = np.stack([held.velocities(t, ts[-1] - ts[0], u) for t in ts], axis=1)
-    V = stiffness.motions()
+    V = responses.rigid.all
     on_held = columns(V)[held.mask]
     gram = np.asarray(scene.sum(on_held.T @ on_held))
     rigid = np.linalg.pinv(gram, hermitian=True) @ scene.sum(on_held.T @ rates)
@@ -67,13 +67,12 @@ def _spun(responses: Responses, V: Array, rigid: Array) -> Array:
         V: Rigid motions of the parts, shape (owned nodes, 3, 6 · parts).
         rigid: Their coefficients, shape (6 · parts, k).
     """
-    stiffness = responses.stiffness
     turning = rigid.reshape(-1, 6, rigid.shape[1]).copy()
     turning[:, :3] = 0.0
     r, rotation = V @ rigid, V @ turning.reshape(rigid.shape)
     energies = [np.diag(responses.dot(u, responses.inertia(u))) for u in (r, rotation)]
     some = energies[1] > SMALL * energies[0]
-    omega = (turning[:, 3:] / stiffness.sizes[:, None, None])[stiffness.part][:, :, some]
+    omega = responses.rigid.spins(rigid[:, some])
     F = responses.inertia(np.cross(omega, r[:, :, some], axis=1))
     return compressed(responses.scene, F)
 
@@ -90,11 +89,9 @@ def _pulled(responses: Responses, e: Array) -> Array:
     _, cells = split(scene, stiffness.cells, moved)
     nodes = np.flatnonzero(nodes_of(scene, cells)[: scene.owned_nodes]).astype(np.int32)
     rows = Rows(scene.space, nodes)
-    K, d, f = assembled(rows, stiffness.linear.tangent(cells)), rows.vector(), rows.vector()
-    F = np.zeros_like(e)
-    F[nodes] = -times(K, e[nodes], d, f)
-    for item in (K, d, f):
-        item.destroy()
+    K, F = assembled(rows, stiffness.linear.tangent(cells)), np.zeros_like(e)
+    F[nodes] = -times(K, columns(e[nodes]), rows.vector).reshape(-1, *e.shape[1:])
+    K.destroy()
     return F
 
 
@@ -108,14 +105,12 @@ def of_state(responses: Responses, state: State) -> list[Array]:
     Returns:
         Shape (owned nodes, 3, k) each.
     """
-    scene, stiffness = responses.scene, responses.stiffness
+    scene = responses.scene
     v = state.velocities(np.arange(scene.owned_nodes))[:, :, None]
-    f = stiffness.internal_forces(stiffness.cells)[: v.size].reshape(v.shape)
-    if not scene.sum((f**2).sum()) > stiffness.rounding**2:
-        f = f[:, :, :0]
+    f = responses.rigid.internal[:, :, None]
     if not scene.sum((v**2).sum()) > 0:
         return [f]
-    V, momenta = stiffness.motions(), responses.inertia(v)
+    V, momenta = responses.rigid.all, responses.inertia(v)
     gram = responses.dot(V, responses.inertia(V))
     rigid = np.linalg.pinv(gram, hermitian=True) @ responses.dot(V, momenta)
     return [f, momenta, _spun(responses, V, rigid)]

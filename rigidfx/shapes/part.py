@@ -80,8 +80,7 @@ class Part:
         self._rows = Rows(scene.space, nodes)
         self._mass = mass_operator(scene, self._rows, cells, np.ones(nodes.size, dtype=bool))
         self._K = assembled(self._rows, stiffness.linear.tangent(cells))
-        self._d, self._f = self._rows.vector(), self._rows.vector()
-        self._internal = stiffness.internal_forces(cells)[self._rows.dofs].reshape(-1, 3)
+        self._internal = stiffness.internal_forces(cells)[nodes]
         self._motions = self._rigid_motions()
         self._momenta = self.times_mass(self._motions)
 
@@ -109,11 +108,11 @@ class Part:
 
     def times_mass(self, u: Array) -> Array:
         """M u of its own mass, shape (nodes, 3, k). Collective."""
-        return times(self._mass, u, self._d, self._f)
+        return times(self._mass, columns(u), self._rows.vector).reshape(u.shape)
 
     def times_stiffness(self, u: Array) -> Array:
         """K u of its own cells, shape (nodes, 3, k). Collective."""
-        return times(self._K, u, self._d, self._f)
+        return times(self._K, columns(u), self._rows.vector).reshape(u.shape)
 
     def _dot(self, a: Array, b: Array) -> Array:
         return self._responses.dot(a, b)
@@ -200,5 +199,5 @@ class Part:
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        for item in (self._mass, self._K, self._d, self._f):
-            item.destroy()
+        self._mass.destroy()
+        self._K.destroy()

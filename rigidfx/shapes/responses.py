@@ -17,6 +17,7 @@ from rigidfx.effects import Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.scene.scene import Scene
+from rigidfx.shapes.loose import Motions
 from rigidfx.shapes.orthonormal import columns, normalised
 from rigidfx.shapes.solver import Solver
 from rigidfx.shapes.stiffness import Stiffness
@@ -37,7 +38,9 @@ class Responses:
     Attributes:
         scene: The problem.
         stiffness: The matrices and how unknowns sit in nodes.
-        motions: Motions of connected parts that nothing prevents, RᵀMR = 1.
+        rigid: Rigid motions of connected parts.
+        motions: Those that nothing prevents, RᵀMR = 1.
+        swings: Those that springs alone resist, likewise.
     """
 
     def __init__(
@@ -62,10 +65,15 @@ class Responses:
         """
         self.scene = scene
         self.stiffness = Stiffness(scene, forces, state, acting, bodies)
-        R = self.stiffness.loose
-        self.motions: Array = normalised(R, self.dot(R, self.inertia(R)))
-        self._momenta = self.inertia(self.motions)
+        self.rigid = Motions(self.stiffness)
+        self.motions, self._momenta = self._normalised(self.rigid.loose)
+        self.swings, self._swinging = self._normalised(self.rigid.swings)
         self._solver: Solver | None = None
+
+    def _normalised(self, R: Array) -> tuple[Array, Array]:
+        """Motions with RᵀMR = 1, and M R. Collective."""
+        R = normalised(R, self.dot(R, self.inertia(R)))
+        return R, self.inertia(R)
 
     def dot(self, a: Array, b: Array) -> Array:
         """aᵀb of all columns, shape (k, l). Collective."""
@@ -96,9 +104,20 @@ class Responses:
             SceneError: If the state is not stable.
         """
         if self._solver is None:
-            self._solver = Solver(self.stiffness)
+            self._solver = Solver(self.stiffness, self.rigid)
         u = self._solver.solve(self.balanced(F))
         return np.asarray(u - self.motions @ self.dot(self._momenta, u))
+
+    def deformed(self, F: Array) -> Array:
+        """As `solve`, without rigid motions that springs alone resist. Collective."""
+        u = self.solve(F)
+        for _ in range(2):  # once more for what rounding leaves
+            u -= self.swings @ self.dot(self._swinging, u)
+        return u
+
+    def swinging(self, F: Array) -> Array:
+        """Inertia forces of such motions as forces accelerate them. Collective."""
+        return np.asarray(self._swinging @ self.dot(self.swings, F))
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

@@ -2,6 +2,10 @@
 
 E. L. Wilson, M.-W. Yuan, J. M. Dickens, Earthquake Engng Struct. Dyn. 10 (1982) 813,
 doi:10.1002/eqe.4290100606.
+
+On springs f is in balance with springs in K⁻¹f, with inertia soon after it begins: the response to
+the inertia of the rigid motion that f starts is among the first vectors. Rigid motions themselves,
+which may be many times as large, are taken out of all.
 """
 
 from __future__ import annotations
@@ -33,10 +37,12 @@ def ritz(responses: Responses, F: Array, depth: int) -> Array:
         Vectors Y with YᵀMY = 1, dependent ones left out, shape (owned nodes, 3, n) [1/√kg].
     """
     basis = Basis(len(F), responses.scene.sum)
+    if responses.swings.shape[2]:
+        F = np.concatenate([F, responses.swinging(F)], axis=2)
     for _ in range(depth):
         if F.shape[2] == 0:
             break
-        Y = responses.solve(F)
+        Y = responses.deformed(F)
         MY = responses.inertia(Y)
         sizes = np.sqrt(np.asarray(responses.scene.sum(np.einsum("nak,nak->k", Y, MY))))
         before = len(basis)

@@ -9,7 +9,8 @@ from petsc4py import PETSc
 from rigidfx.base.errors import SceneError
 from rigidfx.error.forces.rigid_motions import independent
 from rigidfx.shapes.iterative import conjugate_gradients
-from rigidfx.shapes.stiffness import Stiffness
+from rigidfx.shapes.loose import Motions
+from rigidfx.shapes.stiffness import Stiffness, times
 from rigidfx.step.linear.definite import solver_of
 
 __all__ = ["Solver"]
@@ -29,19 +30,24 @@ UNSTABLE = (
 class Solver:
     """K⁻¹ with some rows pinned that determine the motions without stiffness."""
 
-    def __init__(self, stiffness: Stiffness) -> None:
+    def __init__(self, stiffness: Stiffness, motions: Motions) -> None:
         """Factor. Collective.
 
         Args:
             stiffness: The stiffness.
+            motions: Its motions without stiffness, and those that springs alone resist.
 
         Raises:
             SceneError: On every rank, if it is not definite.
         """
-        self._of = stiffness
+        self._of, self._resisted = stiffness, motions.resisted
         p = stiffness.prolongation
-        self._pins = self._pinned(stiffness.unknowns_of(stiffness.loose))
-        K = stiffness.matrix()
+        loose, swings = map(stiffness.unknowns_of, (motions.loose, motions.swings))
+        self._pins = self._pinned(loose)
+        pinned = np.concatenate(p.comm.allgather(np.c_[loose, swings][self._pins]))
+        free = loose.shape[1]
+        self._swings = swings - loose @ np.linalg.solve(pinned[:, :free], pinned[:, free:])
+        K = stiffness.matrix().convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
         diagonal = K.getDiagonal()
         scale = float(diagonal.norm()) / np.sqrt(p.size)
         diagonal.destroy()
@@ -80,24 +86,26 @@ class Solver:
         Returns:
             Of the same shape [m].
         """
-        p, count = self._of.prolongation, F.shape[2]
-        rows, y = self._of.structure.rows, p.unknowns()
-        f = rows.vector()
-        none = np.zeros((len(self._of.bodies), 6))
-        right = np.empty((p.owned, count))
-        for k in range(count):
-            f.array[:] = F[:, :, k].reshape(-1)
-            p.restrict(f, none, y)
-            right[:, k] = y.array_r
+        right = self._of.on_unknowns(F)
         right[self._pins] = 0.0
-        found, out = self._inverse(right), np.empty_like(F)
-        for k in range(count):
-            y.array[:] = found[:, k]
-            p.apply(y, p.bodies_part(y), np.zeros(p.prescribed.size), f)
-            out[:, :, k] = f.array_r.reshape(-1, 3)
-        y.destroy()
-        f.destroy()
-        return out
+        found = self._inverse(right)
+        if self._swings.shape[1]:
+            found += self._inverse(self._left(right, found))
+        return self._of.at_nodes(found)
+
+    def _left(self, right: Array, found: Array) -> Array:
+        """Rest of the forces, exact also where soft springs let parts move far. Collective.
+
+        Of a rigid motion that springs resist, cells leave but rounding, which is not in K times
+        that motion as it is known.
+        """
+        N, scene = self._swings, self._of.scene
+        a = np.linalg.solve(scene.sum(N.T @ N), scene.sum(N.T @ found))
+        K, _ = self._ksp.getOperators()
+        left = right - self._resisted @ a
+        left -= times(K, found - N @ a, self._of.prolongation.unknowns)
+        left[self._pins] = 0.0
+        return np.asarray(left)
 
     def _solved(self, right: Array) -> Array:
         """K⁻¹ times several right sides of this rank's unknowns, by factors. Collective."""
