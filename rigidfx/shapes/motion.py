@@ -14,10 +14,9 @@ import numpy.typing as npt
 from rigidfx.coupling.dof_layout import nodes_of, split
 from rigidfx.coupling.rows import Rows
 from rigidfx.error.linear_motion import assembled
-from rigidfx.shapes.compressed import compressed
-from rigidfx.shapes.instants import instants
 from rigidfx.shapes.orthonormal import columns
 from rigidfx.shapes.responses import Responses
+from rigidfx.shapes.samples import compressed, instants
 from rigidfx.shapes.stiffness import times
 from rigidfx.state import State
 

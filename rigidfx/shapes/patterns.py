@@ -18,10 +18,9 @@ from rigidfx.effects import Effect, Resultant, Windowed
 from rigidfx.effects.joints.remote import RemoteForces, RemoteMotion
 from rigidfx.error.forces.rigid_motions import rigid_motions
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.shapes.compressed import compressed, interleaved
-from rigidfx.shapes.instants import instants
 from rigidfx.shapes.motion import of_state, of_supports
 from rigidfx.shapes.responses import Responses
+from rigidfx.shapes.samples import compressed, instants, interleaved
 from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions
 

@@ -18,6 +18,7 @@ __all__ = ["Solver"]
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
+SOLVED = 1e-6  # part of forces that a solve may leave: more is left where K is not definite
 # Unknowns: factors of a block of so many take some 3 GB.
 FACTORED_UP_TO = 150_000
 UNSTABLE = (
@@ -52,7 +53,6 @@ class Solver:
         scale = float(diagonal.norm()) / np.sqrt(p.size)
         diagonal.destroy()
         K.zeroRowsColumns((p.first_column + self._pins).astype(PETSc.IntType), diag=scale)
-        self._inverse = self._solved if p.size <= FACTORED_UP_TO else self._iterated
         if p.size > FACTORED_UP_TO:
             self._ksp = conjugate_gradients(K, p, stiffness.places[stiffness.structure.rows.nodes])
             return
@@ -88,9 +88,14 @@ class Solver:
         """
         right = self._of.on_unknowns(F)
         right[self._pins] = 0.0
-        found = self._inverse(right)
+        found = self._solved(right)
+        left = self._left(right, found)
         if self._swings.shape[1]:
-            found += self._inverse(self._left(right, found))
+            found += self._solved(left)
+            left = self._left(right, found)
+        sizes = self._of.scene.sum(np.stack([(left**2).sum(axis=0), (right**2).sum(axis=0)]))
+        if not (sizes[0] <= SOLVED**2 * sizes[1]).all():
+            raise SceneError(UNSTABLE)
         return self._of.at_nodes(found)
 
     def _left(self, right: Array, found: Array) -> Array:
@@ -108,7 +113,7 @@ class Solver:
         return np.asarray(left)
 
     def _solved(self, right: Array) -> Array:
-        """K⁻¹ times several right sides of this rank's unknowns, by factors. Collective."""
+        """K⁻¹ times several right sides of this rank's unknowns. Collective."""
         p = self._of.prolongation
         sizes = (p.owned, None), (None, right.shape[1])
         B, X = (PETSc.Mat().createDense(sizes, comm=p.comm) for _ in range(2))
@@ -122,24 +127,6 @@ class Solver:
         B.destroy()
         X.destroy()
         return np.asarray(out)
-
-    def _iterated(self, right: Array) -> Array:
-        """The same by iterations.
-
-        Raises:
-            SceneError: On every rank, if these find that K is not definite. Collective.
-        """
-        b, x = self._of.prolongation.unknowns(), self._of.prolongation.unknowns()
-        out = np.empty_like(right)
-        for k in range(right.shape[1]):
-            b.array[:] = right[:, k]
-            self._ksp.solve(b, x)
-            if self._ksp.getConvergedReason() < 0:
-                raise SceneError(UNSTABLE)
-            out[:, k] = x.array_r
-        b.destroy()
-        x.destroy()
-        return out
 
     def destroy(self) -> None:
         """Free the factors. Collective."""

@@ -1,4 +1,4 @@
-"""The patterns that differ among many forces."""
+"""Forces at some instants, and the patterns that differ among them."""
 
 from __future__ import annotations
 
@@ -7,17 +7,20 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.effects import Effect, Windowed
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.orthonormal import columns
 from rigidfx.shapes.responses import Responses
 
-__all__ = ["compressed", "interleaved"]
+__all__ = ["compressed", "instants", "interleaved"]
 
 Array = npt.NDArray[np.float64]
 
 # Size of a pattern over the largest one of its load: to leave it out alters the load's response by
 # a tenth of the error that is allowed, 0.01.
 DIFFERS = 1e-3
+# Beside the breakpoints: a force that moves along a part is known at each twentieth of its way.
+INSTANTS = 20
 
 
 def compressed(scene: Scene, F: Array) -> Array:
@@ -51,3 +54,22 @@ def interleaved(responses: Responses, each: Sequence[Array]) -> Array:
     every = responses.balanced(every)
     sizes = np.sqrt(responses.scene.sum((columns(every) ** 2).sum(axis=0)))
     return np.asarray(every[:, :, sizes > 0] / sizes[sizes > 0])
+
+
+def instants(effects: Sequence[Effect], span: tuple[float, float]) -> Array:
+    """Instants while all of some effects act, sorted; none if they do not act together [s].
+
+    Args:
+        effects: The effects.
+        span: From when to when [s].
+    """
+    start, end = span
+    for effect in effects:
+        if isinstance(effect, Windowed):
+            start, end = max(start, effect.since), min(end, effect.until)
+    if not start < end:
+        return np.empty(0)
+    kinks = [t for effect in effects for t in effect.breakpoints if start <= t < end]
+    # Parts of the golden section, which are no multiples of a period.
+    parts = np.modf((np.arange(INSTANTS) + 0.5) * (np.sqrt(5) - 1) / 2)[0]
+    return np.unique(np.r_[start, start + (end - start) * parts, kinks])
