@@ -25,7 +25,6 @@ PREFIX = "rigidfx_shapes_"
 # Residual over the right side: responses are then exact to 1e-7 of their size in slender parts, a
 # tenth of what makes a vector a new one (`INDEPENDENT`).
 RESIDUAL = 1e-10
-MOST = 10_000  # iterations
 
 ALONE = {"pc_type": "icc", "pc_factor_shift_type": "positive_definite"}
 TOGETHER = {"pc_type": "bjacobi"} | {f"sub_{name}": value for name, value in ALONE.items()}
@@ -81,7 +80,7 @@ def conjugate_gradients(A: PETSc.Mat, prolongation: Prolongation, places: Array)
     both.destroy()  # the solver has it
     ksp.setType(PETSc.KSP.Type.CG)
     ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-    ksp.setTolerances(rtol=RESIDUAL, atol=0.0, max_it=MOST)
+    ksp.setTolerances(rtol=RESIDUAL, atol=0.0)
     with default_options(PREFIX, **(ALONE if A.comm.size == 1 else TOGETHER)):
         fine.setFromOptions()
         ksp.setUp()
