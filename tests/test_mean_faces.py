@@ -178,3 +178,21 @@ def test_a_mass_beside_its_face_weighs():
     own = 780.0
     assert last.reactions["x0"] == pytest.approx([0, 0, own + 100], abs=1e-6)
     assert last.reaction_moments["x0"] == pytest.approx([100 * 0.2, -(0.5 * own + 130), 0], abs=0.1)
+
+
+def test_a_bar_twisted_between_flat_mean_faces_is_as_soft_as_its_page_says():
+    """Of G J φ/L of its mesh, of whose ends two lengths know nothing: 0.995 and 0.991."""
+    b, compliances = THICK / 2, []
+    for length in (1.0, 0.5):
+        domain, effects = rf.box((0, -b, -b), (length, b, b), (10, 4, 4)), []
+        for x, angle in ((0, 0.0), (1, 1e-3)):
+            at, name = (x * length, 0, 0), f"x{x}"
+            effects += [rf.Revolute("ground", rf.MeanFace(name), at, (1, 0, 0), name=name)]
+            effects += [rf.Motor(name, angle=lambda t, angle=angle: angle * t)]
+        *_, last = rf.static(rf.Scene(domain, STEEL, effects, order=2), 1, verbose=False)
+        (torque,) = last.joints["x1"].efforts.values()
+        compliances.append(1e-3 / abs(torque))
+    long, short = compliances
+    GJ = 0.5 / (long - short)
+    assert pytest.approx(0.1406 * THICK**4 * E / 2.6, rel=5e-3) == GJ
+    assert [1 / (GJ * long), 0.5 / (GJ * short)] == pytest.approx([0.995, 0.991], abs=6e-4)
