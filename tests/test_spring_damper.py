@@ -377,7 +377,7 @@ def test_history_and_description_have_the_springs(tmp_path, capsys):
         (lambda: rf.SpringDamper("corner", "b", 1.0, at_a=A), "'corner' is the mean place of the"),
         (
             lambda: rf.SpringDamper(rf.MeanFace("a"), "B", 1.0, at_a=(99, 0, 0)),
-            r"it is at \[99.*m away and 0.1 m large",
+            r"it is at \(99.*m away and 0.1 m large",
         ),
         (
             lambda: rf.SpringDamper("ground", "corner", 1.0, at_a=(SIDE,) * 3),
