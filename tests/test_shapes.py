@@ -8,6 +8,7 @@ from mpi4py import MPI
 from parallel import report as tell
 from parallel import run as mpirun
 from scipy.linalg import eigh
+from test_contact_pairs import boxes
 
 import rigidfx as rf
 from rigidfx.flexible.internal_forces import InternalForces
@@ -328,8 +329,24 @@ def test_a_state_that_buckles(factored, monkeypatch):
 
 
 def test_machines_come_next():
+    """A spring at a point of a face of the part is refused, one of another part is none of it."""
+    domain = boxes(((0, 0, 0), (1, 1, 1), (2, 1, 1)), ((0, 2, 0), (1, 3, 1), (2, 1, 1)))
+    domain = domain.with_facets("face", lambda x: (x[0] < 1e-9) & (x[1] < 1.5))
+    domain = domain.with_cells("near", lambda x: x[1] < 1.5).with_cells("far", lambda x: x[1] > 1.5)
+    scene = rf.Scene(domain, STEEL, [rf.Spring(rf.MeanFace("face"), 1e6)])
+    state = State(scene)
+    forces = InternalForces(scene, state.u)
+    r = Responses(scene, forces, state, ())
+    nodes = scene.space.dofmap.list
+    cells = scene.owned_cells("far", "")
+    part = Part(r, forces.cells(cells), np.unique(nodes[cells]), "far")
+    shapes = shapes_of(part, r, unit_loads(r, np.unique(nodes[cells])[:1].astype(np.int64)))
+    assert shapes.modes.shape[2] == 12
+    part.destroy()
+    cells = scene.owned_cells("near", "")
     with pytest.raises(rf.SceneError, match="machines come next"):
-        Built(rf.Spring(rf.MeanFace("x0"), 1e6))
+        Part(r, forces.cells(cells), np.unique(nodes[cells]), "near")
+    r.destroy()
 
 
 def found():

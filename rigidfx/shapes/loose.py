@@ -21,6 +21,7 @@ class Motions:
     """Rigid motions of the connected parts of a structure.
 
     Attributes:
+        part: Connected part of each owned node.
         all: Six of each part, shape (owned nodes, 3, 6 · parts).
         loose: Those that nothing prevents, shape (owned nodes, 3, n).
         internal: Internal forces of the state, zero if they are rounding, shape (owned nodes, 3).
@@ -41,7 +42,7 @@ class Motions:
             np.zeros(scene.nodal_mass.size, np.int64),
         )
         of_node[scene.space.dofmap.list] = parts.of_cell[:, None]
-        self._part = part = of_node[:n]
+        self.part = part = of_node[:n]
         self._sizes = np.linalg.norm(parts.upper - parts.lower, axis=1)
         every = np.zeros((n, 3, parts.count, 6))
         every[np.arange(n), :, part] = rigid_motions(stiffness.places, part, parts)
@@ -81,4 +82,4 @@ class Motions:
             c: Coefficients of all motions, shape (6 · parts, k).
         """
         turns = c.reshape(self._sizes.size, 6, c.shape[1])[:, 3:] / self._sizes[:, None, None]
-        return np.asarray(turns[self._part])
+        return np.asarray(turns[self.part])

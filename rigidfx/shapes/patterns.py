@@ -1,8 +1,7 @@
 """Patterns of forces that act on a structure: a Ritz vector follows from each.
 
 A force whose distribution over the nodes changes in time has as many patterns as differ; amplitudes
-do not matter. Springs need none: they are in K, so that their forces in a rigid motion r lead to r
-itself, and the inertia of r to the next Ritz vector.
+do not matter. Springs need none: K has them, and `ritz` the inertia of the motion on them.
 """
 
 from __future__ import annotations

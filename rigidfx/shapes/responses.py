@@ -61,7 +61,7 @@ class Responses:
             bodies: Those that stay rigid; none if None.
 
         Raises:
-            SceneError: If there are joints, or supports hold everything.
+            SceneError: If supports hold everything.
         """
         self.scene = scene
         self.stiffness = Stiffness(scene, forces, state, acting, bodies)

@@ -15,8 +15,7 @@ from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.dof_layout import dof_layout, nodes_of
 from rigidfx.coupling.mass import Mass, mass_operator
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import Joint, SpringDamper, Windowed
-from rigidfx.effects.joints.on_face import OnFace
+from rigidfx.effects import Windowed
 from rigidfx.effects.motion import Motion, Tangent
 from rigidfx.error.forces.rigid_motions import rigid_motions
 from rigidfx.flexible.internal_forces import Cells, InternalForces
@@ -60,7 +59,6 @@ class Stiffness:
         bodies: Bodies | None = None,
     ) -> None:
         """Bind forms and effects: see `Responses`. Collective."""
-        _check(scene)
         state.rebuild()
         self.scene, self.cells = scene, forces.cells()
         self.bodies = Bodies.of_each(()) if bodies is None else bodies
@@ -204,18 +202,3 @@ def times(operator: Mass | PETSc.Mat, u: Array, vector: Callable[[], PETSc.Vec])
     a.destroy()
     b.destroy()
     return out
-
-
-def _check(scene: Scene) -> None:
-    """See that nothing acts that the stiffness cannot hold.
-
-    Raises:
-        SceneError: If there is a joint, or a spring at a point of a face.
-    """
-    linked = [*scene.named(Joint), *scene.named(SpringDamper)]
-    linked += [e for e in scene.named(OnFace) if e.face is not None and e.is_lasting]
-    if linked:
-        raise SceneError(
-            f"Reduced: {linked[0].owner} joins parts or faces. Reduced parts in machines come "
-            "next; leave the part flexible, or name it Rigid, until then."
-        )
