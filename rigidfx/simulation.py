@@ -349,7 +349,8 @@ def _reports(
                 solver.warn_of_unasked(scene.comm)
             for look in looks[:-1]:
                 look.follow(report)
-            bar.update(result.dt)
+            bar.n = min(report.t, timeline.t_end)  # sums of steps may be more
+            bar.update(0)
             report = replace(report, wall=perf_counter() - start, _writers=writers)
             account.follow(report)
             yield report

@@ -103,6 +103,10 @@ def test_messages_name_options_that_there_are(options):
             "add supports, or a weak Spring, rf.Table. (Only scripts in Python have Spring, "
             "rf.Table.)",
         ),
+        (
+            "read_cad: no facets, Spring.\nSurfaces:\n Plane",
+            "no facets, Spring. (Only scripts in Python have Spring.)\nSurfaces:\n Plane",
+        ),
         ("It's gmsh's and Newton's tol: order=2.", "It's gmsh's and Newton's tol: --order 2."),
     ],
 )

@@ -244,6 +244,7 @@ BRACKET = ROOT / "meshes" / "bracket.geo"
         (["--window", "abc"], 2, "--window: 'abc' is no finite number"),
         (["--window", -3], 2, "--window: must be > 0, got -3"),
         (["--tol", -1], 2, "--tol: must be ≥ 0, got -1"),
+        (["--modes", 0], 2, "--modes: must be a whole number ≥ 1, got 0"),
         (["--damping", 2], 2, "xi must lie in"),
         (["--load", "end", 0, "x", 1], 2, "--load end: 'x' is no finite number"),
         (["--material", "a", 1, 0.3, "x"], 2, "--material a: 'x' is no finite number"),

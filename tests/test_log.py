@@ -175,3 +175,13 @@ if __name__ == "__main__":
     os.sched_setaffinity(0, own)
     if MPI.COMM_WORLD.rank == 0:
         parallel.report(heard)
+
+
+def test_a_bar_ends_where_the_run_does(capsys):
+    """Steps of 0.001 and 0.009 s add up to more than 0.01 s by rounding: tqdm had warned."""
+    bar = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1))
+    push = rf.Traction("x1", (1.0, 0, 0), until=0.001)
+    scene = rf.Scene(bar, rf.StVenantKirchhoff(E=1e7, nu=0.3, rho=1e3), [rf.Fixed("x0"), push])
+    *_, last = rf.simulate(scene, dt=1.0, t_end=0.01, progress=True, verbose=False)
+    assert last.t == 0.01
+    assert "100%" in capsys.readouterr().err

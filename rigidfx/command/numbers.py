@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentTypeError
 from math import isfinite, nan
 
-__all__ = ["nonnegative", "number", "positive"]
+__all__ = ["count", "nonnegative", "number", "positive"]
 
 
 def number(text: str) -> float:
@@ -17,6 +17,13 @@ def number(text: str) -> float:
     if not isfinite(value):
         raise ArgumentTypeError(f"'{text}' is no finite number")
     return value
+
+
+def count(text: str) -> int:
+    """A whole number above zero."""
+    if not text.isdecimal() or int(text) == 0:
+        raise ArgumentTypeError(f"must be a whole number ≥ 1, got {text}")
+    return int(text)
 
 
 def positive(text: str) -> float:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rigidfx.command.numbers import nonnegative, number, positive
+from rigidfx.command.numbers import count, nonnegative, number, positive
 from rigidfx.command.parser import RankParser
 
 __all__ = ["CAD", "GEO", "Example", "ask"]
@@ -158,7 +158,7 @@ def _of_run(parser: RankParser, example: Example | None) -> None:
     if example is not None:
         group.add_argument("--short", action="store_true", help="coarse, and for a short time")
     group.add_argument("--describe", action="store_true", help="show what would be run, and stop")
-    group.add_argument("--modes", metavar="N", type=int, help="the lowest N modes, and no run")
+    group.add_argument("--modes", metavar="N", type=count, help="the lowest N modes, and no run")
     group.add_argument("--static", action="store_true", help="equilibrium under loads, and no run")
     group.add_argument("--dt", type=positive, help="time step [s] (a 400th of the run)")
     group.add_argument("--t-end", type=positive, help="end of the run [s]")

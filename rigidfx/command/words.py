@@ -61,6 +61,7 @@ def in_options(message: str) -> str:
     Args:
         message: One in the words of Python.
     """
+    message, *table = message.split("\n", 1)  # of what there is, in words of its own
     for pattern, words in WORDS:
         if "'" in pattern:
             message = re.sub(pattern, words, message)
@@ -73,7 +74,6 @@ def in_options(message: str) -> str:
     others = [found.strip("()=?") for part in own for found in OTHERS.findall(part)]
     parts[::2] = own
     text = "".join(parts)
-    if not others:
-        return text
-    names = ", ".join(dict.fromkeys(others))
-    return f"{text} (Only scripts in Python have {names}.)"
+    if others:
+        text += f" (Only scripts in Python have {', '.join(dict.fromkeys(others))}.)"
+    return "\n".join([text, *table])
