@@ -14,6 +14,7 @@ from mpi4py import MPI
 import rigidfx as rf
 from rigidfx.command.main import main
 from rigidfx.command.options import ask
+from rigidfx.command.pair import Pair
 from rigidfx.command.words import WORDS, in_options
 from rigidfx.report.peaks import Peaks
 
@@ -159,3 +160,18 @@ def test_warnings_are_lines_that_name_options(tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit):
         called(monkeypatch, tmp_path, "--hold wall --load tip 0 0 1 --static")
     assert capsys.readouterr().err.startswith("rigidfx: --load: there are no facets named 'tip'")
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_a_switch_is_told_once(monkeypatch, capsys, terminal):
+    """By the run in a terminal, else by the command."""
+    box = rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1))
+    spin = rf.InitialVelocity(angular=(0.0, 0.0, 1.0))
+    scene = rf.Scene(box, rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1e3), [spin])
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
+    rule = rf.StrainRate(1e9, 0.02, min_cells=1, patience=1)
+    with Pair(scene, 0.01, 0.04, rule, compare=False) as run:
+        assert sum(len(report.events) for report in run) == 1
+    out, err = capsys.readouterr()
+    assert out.count("freeze") == (not terminal)
+    assert err.count("freeze") == terminal

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ class Pair:
     """Two runs that go on together, so that a change of the machine's speed hits them alike.
 
     It is a context, at the end of which both are freed, and iterates over the reports of the
-    adaptive run; its freezes and releases are printed.
+    adaptive run; its freezes and releases are printed where no terminal shows those of its log.
 
     Attributes:
         adaptive: Reports so far.
@@ -85,7 +86,7 @@ class Pair:
             # A step that was cut has reports at times that the other run has not.
             while self._beside is not None and self._is_behind(report.t):
                 next(self._beside)
-            for event in report.events:
+            for event in () if sys.stderr.isatty() else report.events:
                 say(line_of(event))
             yield report
 
