@@ -764,6 +764,10 @@ def history(mass):
     driven += rf.Spring(far, 500.0, at=(1.5, 0.3, 0.1)), rf.Resultant(far, torque=(0.0, 1.0, 2.0))
     driven += rf.PointMass(far, 3.0, at=(1.4, 0.3, 0.1)), rf.Resultant(far, force=(5.0, 0.0, 0.0))
     scene = bars(*driven, mass=mass, probes={"tip": (2.02, 0.2, 0.2)})
+    resolved = bars(*driven, rf.ResolvedForces(), mass=mass, probes={"tip": (2.02, 0.2, 0.2)})
+    for r in list(rf.simulate(resolved, 0.01, 0.03))[1:]:
+        told = r.joints[title]
+        rows.append([r.energy, told.angle, *told.force, *r.probes["tip"]])
     release = rf.Release(at=(0.1,))
     criterion = rf.StrainRate(1e9, 0.05, patience=1, wake="none", release=release)
     for r in rf.simulate(scene, 0.01, 0.15, rigidify=criterion):

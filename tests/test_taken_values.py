@@ -68,6 +68,7 @@ RECORDS = {
     rf.NumericalDamping: lambda: {"xi": np.array(0.1), **_window()},
     rf.PointMass: lambda: {"where": "x0", "mass": np.array(2.0)},
     rf.Preload: lambda: {"loads": [rf.Gravity()], "increments": np.array(2)},
+    rf.ResolvedForces: lambda: {},
     rf.Rigid: lambda: {"mass": np.array(2.0), "inertia": np.eye(3)},
     rf.Spring: lambda: {
         "where": "x0",

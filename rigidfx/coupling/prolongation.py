@@ -219,6 +219,10 @@ class Prolongation:
         """Displacement of the attached nodes, in their rows, `attached` [m]."""
         return self._held.displacement + self._held.moved(bodies.moved)
 
+    def rates(self, bodies: Bodies) -> Array:
+        """Velocities of these by those of the bodies [m/s]."""
+        return self._held.moved(bodies.pose_rate)
+
     def pose(self, bodies: Bodies) -> None:
         """Set L and P to those of θ = 0, where they agree and map velocities, equation (25)."""
         self.rotate(np.zeros((len(bodies), bodies.of.columns)), Step(bodies, 1.0))

@@ -123,6 +123,46 @@ class Equilibrium:
         """
         self.prolongation.collapse(increment, bodies, y)
 
+    def right_side(self, f: PETSc.Vec, bodies: Array, across: Array, r: PETSc.Vec) -> None:
+        """Set a right-hand side for the tangent. Collective.
+
+        Args:
+            f: One number per row [N].
+            bodies: Further ones of bodies, shape (bodies, 6 + m).
+            across: Displacement that is wanted across rows of joints [m].
+            r: Overwritten.
+        """
+        self.prolongation.restrict(f, bodies, r)
+
+    def response(self, z: PETSc.Vec, held: Array, d: PETSc.Vec) -> tuple[Array, Array]:
+        """Displacements by a solution with the tangent. Collective.
+
+        Args:
+            z: The solution.
+            held: Displacements of held rows [m].
+            d: Those of all rows, overwritten.
+
+        Returns:
+            Those of bodies, shape (bodies, 6 + m) [m], and the multipliers of joints [N].
+        """
+        of_bodies = self.prolongation.bodies_part(z)
+        self.prolongation.apply(z, of_bodies, held, d)
+        return of_bodies, np.empty(0)
+
+    def cells_at(self, at_start: Array, at_end: Array) -> Array:
+        """The cells' forces beside the last iterate, one number per row [N]. Collective.
+
+        Args:
+            at_start: Displacement at the start of the step, which u₀ has already [m].
+            at_end: Displacement at its end, which u₁ keeps [m].
+        """
+        self._cells.begin(self.start + at_start)
+        self._cells.displace(self.start + self.d.array_r + at_end)
+        self._cells.settle()
+        forces = np.empty(at_end.size)
+        self._cells.evaluate(forces)
+        return forces
+
     def largest(self, y: PETSc.Vec) -> float:
         """Largest increment among unknowns [m]. Collective."""
         return float(y.norm(PETSc.NormType.INFINITY))

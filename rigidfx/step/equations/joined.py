@@ -134,6 +134,16 @@ class JoinedEquilibrium(Equilibrium):
         """See `Equilibrium`."""
         return super().largest(self._part(y, self._inner))
 
+    def right_side(self, f: PETSc.Vec, bodies: Array, across: Array, r: PETSc.Vec) -> None:
+        """See `Equilibrium`."""
+        super().right_side(f, bodies, across, self._rest)
+        self._put(self._rest, self._scale * across, r)
+
+    def response(self, z: PETSc.Vec, held: Array, d: PETSc.Vec) -> tuple[Array, Array]:
+        """See `Equilibrium`."""
+        six, _ = super().response(self._part(z, self._inner), held, d)
+        return six, self._scale * self.of_joints(z.array_r)
+
     def _part(self, y: PETSc.Vec, out: PETSc.Vec) -> PETSc.Vec:
         """Unknowns, or residuals, without those of joints."""
         out.array[:] = y.array_r[: self.prolongation.owned]

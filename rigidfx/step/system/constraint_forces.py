@@ -36,9 +36,10 @@ from rigidfx.step.newton.parted import parted
 from rigidfx.step.system.reduced_mass import ReducedMass
 from rigidfx.step.system.supports import PrescribedDofs
 
-__all__ = ["HeldForces", "JointForces"]
+__all__ = ["HeldForces", "JointForces", "gained_across", "path_rates"]
 
 Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.signedinteger]
 
 
 class HeldForces:
@@ -53,7 +54,8 @@ class HeldForces:
         """
         self._prescribed, self._reduced = prescribed, reduced
         rows = reduced.p.layout.rows
-        self._held, self._last = rows.dofs[reduced.p.prescribed], np.empty(0)
+        self._held = rows.dofs[reduced.p.prescribed]
+        self._last: Array = np.empty(0)
         self.w, self._momenta = rows.vector(), rows.vector()
 
     def find(self, state: State, dt: float, d: Array, gained: Array) -> Array:
@@ -68,12 +70,8 @@ class HeldForces:
         Returns:
             Shape (held rows,) [kg m/s].
         """
-        at, t = self._reduced.p.prescribed, state.t
-        middle = self._prescribed.increments(t, t + 0.5 * dt, state.u.x.array, watched=False)
-        first, self._last = end_rates(np.zeros(at.size), d[at], middle, dt)
-        if state.path_rates is not None:
-            known = state.path_rates[self._held]
-            first = np.where(np.isnan(known), first, known)
+        at = self._reduced.p.prescribed
+        first, self._last = path_rates(self._prescribed, state, dt, self._held, d[at])
         self.w.set(0.0)
         self.w.array[at] = gained[at] - (self._last - first)
         self._reduced.followed(self.w, self._momenta)
@@ -137,8 +135,7 @@ class JointForces:
 
         def added() -> tuple[Array, Array]:
             if not found:
-                off = linkage.across(1.0, end) - linkage.across(0.0, start)
-                off[linkage.active.size :] += given
+                off = gained_across(linkage, start, end, given)
                 more, bound = np.zeros(off.size), linkage.compliance() == 0.0
                 D = dense(linkage.test() @ self._ports.lead(increments.L))[bound]
                 more[bound] = _inverse(D @ self._turned(increments) @ D.T) @ off[bound] / dt
@@ -164,6 +161,41 @@ class JointForces:
             for at in (first + 6 * k, first + 6 * k + 3):
                 Q[at : at + 3, at : at + 3] = own
         return np.asarray(Q @ self._C @ Q.T)
+
+
+def path_rates(
+    prescribed: PrescribedDofs, state: State, dt: float, held: Ints, d: Array
+) -> tuple[Array, Array]:
+    """Rates of paths at both ends of a step that has been solved [m/s]. Collective.
+
+    Args:
+        prescribed: Dofs that supports hold.
+        state: The state at its start, with rates at the end of the step before.
+        dt: Its length [s].
+        held: The dofs.
+        d: Their increments [m].
+    """
+    u = state.u.x.array
+    middle = prescribed.increments(state.t, state.t + 0.5 * dt, u, watched=False)
+    first, last = end_rates(np.zeros(d.size), d, middle, dt)
+    if state.path_rates is not None:
+        known = state.path_rates[held]
+        first = np.where(np.isnan(known), first, known)
+    return first, last
+
+
+def gained_across(linkage: Linkage, start: Array, end: Array, given: Array) -> Array:
+    """Change of velocities across rows of joints in a step that has been solved [m/s].
+
+    Args:
+        linkage: The joints.
+        start: Velocities of averages at its start, shape (averages, 3) [m/s].
+        end: Those at its end.
+        given: Change of rates that motors prescribe [m/s].
+    """
+    out = linkage.across(1.0, end) - linkage.across(0.0, start)
+    out[linkage.active.size :] += given
+    return out
 
 
 def _inverse(S: Array) -> Array:

@@ -19,7 +19,7 @@ from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import JointReports, SpringDamperReport, Touch, Windowed
+from rigidfx.effects import JointReports, ResolvedForces, SpringDamperReport, Touch, Windowed
 from rigidfx.effects.motion import ForcesOfNodes
 from rigidfx.flexible.eased_stress import EasedStress
 from rigidfx.flexible.internal_forces import Cells, InternalForces
@@ -40,6 +40,7 @@ from rigidfx.step.newton.solution import Solution
 from rigidfx.step.system.constraint_forces import HeldForces, JointForces
 from rigidfx.step.system.linked import linked
 from rigidfx.step.system.reduced_mass import ReducedMass
+from rigidfx.step.system.resolved_forces import ResolvedConstraints
 from rigidfx.step.system.supports import PrescribedDofs
 
 __all__ = ["System", "Work"]
@@ -169,12 +170,17 @@ class System:
         self._reduced: ReducedMass | None = None
         self._of_joints: JointForces | None = None
         self._of_held: HeldForces | None = None
-        if self._prescribed.moves or self.linkage is not None:
+        self._resolved: ResolvedConstraints | None = None
+        constrained = self._prescribed.active or self.linkage is not None
+        if constrained and self._scene.named(ResolvedForces):
+            known = self.equilibrium, self.mass, self._prescribed, self._scene
+            self._resolved = ResolvedConstraints(*known)
+        elif self._prescribed.moves or self.linkage is not None:
             reduced = ReducedMass(self.equilibrium.prolongation, self.mass, bodies)
             self._reduced, self._of_held = reduced, HeldForces(self._prescribed, reduced)
             if isinstance(self.equilibrium, JoinedEquilibrium):
-                known = self.equilibrium.ports, reduced, bodies
-                self._of_joints = JointForces(self.equilibrium.linkage, *known)
+                ports = self.equilibrium.ports
+                self._of_joints = JointForces(self.equilibrium.linkage, ports, reduced, bodies)
 
     def follow(self, acting: Sequence[Windowed]) -> bool:
         """Let dead loads begin and end; False if other effects do, which takes a new system.
@@ -242,7 +248,9 @@ class System:
         work = self.foresee(state, dt, t)
         self.newton.accept()
         self.actions.accept()
-        if self._of_held is not None and self._prescribed.moves:
+        if self._resolved is not None:
+            self._resolved.accept(state)
+        elif self._of_held is not None and self._prescribed.moves:
             self._of_held.accept(state)
         return work
 
@@ -270,7 +278,7 @@ class System:
         held, added = self._constraint_forces(state, dt, d, forces[prescribed])
         reactions, moments = self._reactions(state, d, held)
         alternating = np.zeros((2, 3))
-        if self._of_held is not None:
+        if self._of_held is not None or self._resolved is not None:
             rest = self._reactions(state, d, forces[prescribed] - held)
             alternating += dt * np.array([sum(of.values(), np.zeros(3)) for of in rest])
         touches = actions.touches()
@@ -309,8 +317,11 @@ class System:
     ) -> tuple[Array, Callable[[], tuple[Array, Array]] | None]:
         """Forces of supports on held rows, and addition to joints' forces, that do not alternate.
 
-        Collective; `constraint_forces` says why.
+        Collective; `constraint_forces` and `resolved_forces` say why.
         """
+        if self._resolved is not None:
+            more, added = self._resolved.find(state)
+            return held + more, added
         if self._of_held is None:
             return held, None
         v0, at = self._v0.array_r, self.equilibrium.prolongation.prescribed
@@ -342,7 +353,7 @@ class System:
         solved = self.newton, self.equilibrium
         for item in (*solved, self.mass, self.energies, self.actions, self._v0):
             item.destroy()
-        for item in (self._reduced, self._of_held):
+        for item in (self._reduced, self._of_held, self._resolved):
             if item is not None:
                 item.destroy()
         if self._dealt is not None:
