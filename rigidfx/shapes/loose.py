@@ -1,4 +1,4 @@
-"""Rigid motions of connected parts: those that nothing prevents, or springs alone."""
+"""Rigid motions of the connected parts of a structure, and those that no support prevents."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.shapes.orthonormal import columns
-from rigidfx.shapes.stiffness import Stiffness, times
+from rigidfx.shapes.stiffness import Stiffness
 from rigidfx.step.system.rigid_motion import FREE, rigid_motions
 
 __all__ = ["Motions"]
 
 Array = npt.NDArray[np.float64]
 
-# Stiffness of springs against a motion, or internal forces, over those of K's diagonal: rounding.
+# Internal forces over K's diagonal and the extent of the structure: rounding.
 ROUNDING = 1e3 * float(np.finfo(np.float64).eps)
 
 
@@ -23,10 +23,8 @@ class Motions:
     Attributes:
         part: Connected part of each owned node.
         all: Six of each part, shape (owned nodes, 3, 6 · parts).
-        loose: Those that nothing prevents, shape (owned nodes, 3, n).
+        loose: Those that no support prevents, shape (owned nodes, 3, n).
         internal: Internal forces of the state, zero if they are rounding, shape (owned nodes, 3).
-        swings: Those that springs alone resist, shape (owned nodes, 3, n).
-        resisted: K times these, without rounding of the cells' part, shape (owned unknowns, n).
     """
 
     def __init__(self, stiffness: Stiffness) -> None:
@@ -47,33 +45,16 @@ class Motions:
         every = np.zeros((n, 3, parts.count, 6))
         every[np.arange(n), :, part] = rigid_motions(stiffness.places, part, parts)
         self.all: Array = every.reshape(n, 3, 6 * parts.count)
-        diagonal = stiffness.matrix(springs=False).getDiagonal()
+        diagonal = stiffness.matrix().getDiagonal()
         rounding = ROUNDING * float(diagonal.norm()) * float(self._sizes.max())
+        diagonal.destroy()
         self.internal: Array = stiffness.internal_forces(stiffness.cells)
         if not scene.sum((self.internal**2).sum()) > rounding**2:
             self.internal[:] = 0.0
         on_held = columns(self.all)[stiffness.held]
         values, vectors = np.linalg.eigh(scene.sum(on_held.T @ on_held))
-        c = vectors[:, values <= FREE * max(float(values[-1]), 1.0)]
-        y = stiffness.unknowns_of(self._moved(stiffness, c))
-        K = stiffness.matrix(cells=False)
-        image = times(K, y, stiffness.prolongation.unknowns)
-        stiff = np.asarray(scene.sum(y.T @ image))
-        sizes = np.asarray(scene.sum(np.abs(diagonal.array_r) @ y**2))
-        diagonal.destroy()
-        values, vectors = np.linalg.eigh(0.5 * (stiff + stiff.T))
-        free = values <= ROUNDING * float(sizes.max(initial=0.0))
-        self.loose: Array = self._moved(stiffness, c @ vectors[:, free])
-        held = c @ vectors[:, ~free]
-        self.swings: Array = self._moved(stiffness, held)
-        turned = np.cross(self.spins(held), self.internal[:, :, None], axis=1)  # as the state turns
-        self.resisted: Array = image @ vectors[:, ~free] + stiffness.on_unknowns(turned)
-
-    def _moved(self, stiffness: Stiffness, c: Array) -> Array:
-        """Combinations of all motions, exactly zero where they are held."""
-        out = np.asarray(self.all @ c)
-        columns(out)[stiffness.held] = 0.0
-        return out
+        self.loose: Array = self.all @ vectors[:, values <= FREE * max(float(values[-1]), 1.0)]
+        columns(self.loose)[stiffness.held] = 0.0
 
     def spins(self, c: Array) -> Array:
         """Angular velocity of each owned node's part, shape (owned nodes, 3, k) [rad/s].

@@ -27,7 +27,7 @@ from rigidfx.shapes.orthonormal import Basis, columns, normalised
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.stiffness import times
 
-__all__ = ["LACKING", "MOST", "Part", "PartShapes"]
+__all__ = ["BLOCK", "LACKING", "MOST", "Part", "PartShapes"]
 
 Array = npt.NDArray[np.float64]
 Int32s = npt.NDArray[np.int32]
@@ -62,6 +62,7 @@ class Part:
 
     Attributes:
         nodes: Its owned nodes on this rank.
+        room: Number of its free unknowns less its rigid motions.
     """
 
     def __init__(
@@ -88,17 +89,19 @@ class Part:
         self._K = assembled(self._rows, stiffness.linear.tangent(cells))
         self._internal = stiffness.internal_forces(cells)[nodes]
         self._motions = self._rigid_motions()
+        self.room -= self._motions.shape[2]
         self._momenta = self.times_mass(self._motions)
 
     def _check(self, cells: Cells) -> None:
         """Find how many of its dofs are free; see that it can deform, as it is held. Collective."""
         scene, held = self._scene, self._responses.stiffness.held.reshape(-1, 3)[self.nodes]
         count = sum(len(own) for own in cells.values())
-        cells_in, self._free = map(int, scene.sum([count, int((~held).sum())]))
+        cells_in, free = map(int, scene.sum([count, int((~held).sum())]))
         few = f"it has {cells_in} cell, which no shapes divide. Name it Rigid, or refine its mesh"
         wrong = few if cells_in < 2 else "supports hold all of it. Take the Reduced away"
-        if cells_in < 2 or not self._free:
+        if cells_in < 2 or not free:
             raise SceneError(f"Reduced '{self._name}': {wrong}.")
+        self.room = free
         part = self._responses.rigid.part
         own = np.concatenate(scene.comm.allgather(np.unique(part[self.nodes])))
         for effect, points in _linked(scene):
@@ -146,23 +149,23 @@ class Part:
             own = own - self._motions @ self._dot(self._momenta, own)
         return np.asarray(own)
 
-    def shapes(self, vectors: Array, count: int | None = None) -> PartShapes:
+    def shapes(self, vectors: Array, count: int = MOST, block: int = 1) -> PartShapes:
         """Shapes from vectors of the whole; dependent ones are left out. Collective.
 
         Args:
             vectors: The most important first, shape (owned nodes, 3, k).
-            count: How many, at most; if None `MOST` at most, in threes.
+            count: How many, at most.
+            block: A multiple of which they are to be, if they are more.
 
         Raises:
             SceneError: On every rank, if it can have no such number of shapes, or its stiffness is
                 not definite for one.
         """
         scene, own = self._scene, vectors[self.nodes]
-        room = self._free - self._motions.shape[2]
-        if count is not None and count > room:
+        if count > self.room:
             raise SceneError(
-                f"Reduced '{self._name}': shapes={count}, but it has no more than {self._free} "
-                f"unknowns, {self._free - room} of them for rigid motions. Ask for {room} at most."
+                f"Reduced '{self._name}': shapes={count}, but it has no more than {self.room} "
+                f"unknowns beside its rigid motions. Ask for {self.room} at most."
             )
         before = np.einsum("nak,nak->k", own, self.times_mass(own))
         deformed = self.unmoved(vectors)
@@ -171,11 +174,10 @@ class Part:
         before, after = np.sqrt(np.maximum(scene.sum(np.stack([before, after])), 0.0))
         some = after > STRAINING * before
         basis = Basis(self.nodes.size, scene.sum)
-        most = MOST if count is None else count
-        basis.grow(deformed[:, :, some], images[:, :, some], after[some], most)
-        Y, m = basis.vectors, len(basis)
-        if count is None and m > BLOCK:
-            Y, m = Y[:, :, : m - m % BLOCK], m - m % BLOCK
+        basis.grow(deformed[:, :, some], images[:, :, some], after[some], count)
+        m = len(basis)
+        m -= m % block if m > block else 0
+        Y = basis.vectors[:, :, :m]
         K = self._dot(Y, self.times_stiffness(Y))
         squares, turn = scene.comm.bcast(np.linalg.eigh(0.5 * (K + K.T)))
         if m and squares[0] <= 0:

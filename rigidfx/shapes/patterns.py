@@ -1,7 +1,7 @@
 """Patterns of forces that act on a structure: a Ritz vector follows from each.
 
 A force whose distribution over the nodes changes in time has as many patterns as differ; amplitudes
-do not matter. Springs need none: K has them, and `ritz` the inertia of the motion on them.
+do not matter. Springs have those of the rigid motions of connected parts.
 """
 
 from __future__ import annotations
@@ -15,15 +15,17 @@ import numpy.typing as npt
 from rigidfx.base.errors import together
 from rigidfx.effects import Effect, Resultant, Windowed
 from rigidfx.effects.joints.remote import RemoteForces, RemoteMotion
+from rigidfx.effects.motion import Forces, Motion
 from rigidfx.error.forces.rigid_motions import rigid_motions
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.shapes.motion import of_state, of_supports
+from rigidfx.shapes.orthonormal import columns
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.samples import compressed, instants, interleaved
 from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions
 
-__all__ = ["patterns", "unit_loads"]
+__all__ = ["of_springs", "patterns", "unit_loads"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -49,6 +51,21 @@ def patterns(responses: Responses, state: State, until: float) -> Array:
     each += of_supports(responses, span)
     each += of_state(responses, state)
     return interleaved(responses, each)
+
+
+def of_springs(responses: Responses) -> Array:
+    """Forces of springs by each rigid motion of connected parts. Collective.
+
+    Args:
+        responses: Of the whole structure.
+
+    Returns:
+        Patterns as of `patterns`, those of each spring apart.
+    """
+    effects = [e for e in responses.scene.effects if e.is_lasting and not isinstance(e, Windowed)]
+    return interleaved(
+        responses, [compressed(responses.scene, _resisting(responses, e)) for e in effects]
+    )
 
 
 def unit_loads(responses: Responses, nodes: Ints) -> Array:
@@ -86,12 +103,35 @@ def _of_loads(responses: Responses, span: tuple[float, float]) -> Iterator[Array
             yield _dead(responses, effect, times)
 
 
-def _dead(responses: Responses, effect: Effect, times: Array) -> Array:
-    """Forces of a dead load, also on the nodes of bodies. Collective."""
+def _bound(responses: Responses, effect: Effect) -> Actions:
+    """An effect on all nodes, also those of bodies. Collective."""
     structure = responses.stiffness.structure
     flexible = replace(structure, own=np.ones_like(structure.own), bodies=Bodies.of_each(()))
-    actions = Actions(flexible, [effect], [effect] if isinstance(effect, Windowed) else [])
-    out = []
+    return Actions(flexible, [effect], [effect] if isinstance(effect, Windowed) else [])
+
+
+def _resisting(responses: Responses, effect: Effect) -> Array:
+    """Forces of an effect by each rigid motion, less those without, shape (owned nodes, 3, n)."""
+    actions, V = _bound(responses, effect), responses.rigid.all
+    rows, increments = (
+        responses.stiffness.structure.rows,
+        responses.stiffness.prolongation.increments,
+    )
+    out, d = [], rows.vector()
+    for moved in np.c_[np.zeros(V.shape[0] * 3), columns(V)].T:
+        forces = Forces.none(rows.vector())
+        d.array[:] = moved
+        actions.resist(Motion(d, increments, 1.0), forces)
+        out.append(forces.nodes.copy())
+        forces.vector.destroy()
+    d.destroy()
+    actions.destroy()
+    return np.stack(out[1:], axis=2) - out[0][:, :, None]
+
+
+def _dead(responses: Responses, effect: Effect, times: Array) -> Array:
+    """Forces of a dead load, also on the nodes of bodies. Collective."""
+    actions, out = _bound(responses, effect), []
     for t in times:
         actions.set_time(t, 0.0)
         out.append(actions.loads.vector.array_r.reshape(-1, 3).copy())

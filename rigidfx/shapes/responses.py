@@ -1,9 +1,10 @@
 """Static responses of a whole structure to nodal forces, all of it flexible: K⁺f.
 
-K is the stiffness about the present state, with its stresses, supports and springs. Motions r of
-connected parts that nothing prevents have no stiffness: forces are put in balance with inertia,
-f - M r (rᵀMr)⁻¹ rᵀf, some rows that determine these motions are pinned, and responses are made
-orthogonal to the motions by the mass. There is one factor, made when it is first asked for.
+K is the stiffness of cells about the present state, with its stresses and supports. Springs are
+forces from outside, as loads are. Motions r of connected parts that no support prevents have no
+stiffness: forces are put in balance with inertia, f - M r (rᵀMr)⁻¹ rᵀf, some rows that determine
+these motions are pinned, and responses are made orthogonal to the motions by the mass. There is one
+factor, made when it is first asked for.
 """
 
 from __future__ import annotations
@@ -39,8 +40,7 @@ class Responses:
         scene: The problem.
         stiffness: The matrices and how unknowns sit in nodes.
         rigid: Rigid motions of connected parts.
-        motions: Those that nothing prevents, RᵀMR = 1.
-        swings: Those that springs alone resist, likewise.
+        motions: Those that no support prevents, RᵀMR = 1.
     """
 
     def __init__(
@@ -66,14 +66,10 @@ class Responses:
         self.scene = scene
         self.stiffness = Stiffness(scene, forces, state, acting, bodies)
         self.rigid = Motions(self.stiffness)
-        self.motions, self._momenta = self._normalised(self.rigid.loose)
-        self.swings, self._swinging = self._normalised(self.rigid.swings)
+        R = self.rigid.loose
+        self.motions: Array = normalised(R, self.dot(R, self.inertia(R)))
+        self._momenta = self.inertia(self.motions)
         self._solver: Solver | None = None
-
-    def _normalised(self, R: Array) -> tuple[Array, Array]:
-        """Motions with RᵀMR = 1, and M R. Collective."""
-        R = normalised(R, self.dot(R, self.inertia(R)))
-        return R, self.inertia(R)
 
     def dot(self, a: Array, b: Array) -> Array:
         """aᵀb of all columns, shape (k, l). Collective."""
@@ -104,20 +100,9 @@ class Responses:
             SceneError: If the state is not stable.
         """
         if self._solver is None:
-            self._solver = Solver(self.stiffness, self.rigid)
+            self._solver = Solver(self.stiffness, self.rigid.loose)
         u = self._solver.solve(self.balanced(F))
         return np.asarray(u - self.motions @ self.dot(self._momenta, u))
-
-    def deformed(self, F: Array) -> Array:
-        """As `solve`, without rigid motions that springs alone resist. Collective."""
-        u = self.solve(F)
-        for _ in range(2):  # once more for what rounding leaves
-            u -= self.swings @ self.dot(self._swinging, u)
-        return u
-
-    def swinging(self, F: Array) -> Array:
-        """Inertia forces of such motions as forces accelerate them. Collective."""
-        return np.asarray(self._swinging @ self.dot(self.swings, F))
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

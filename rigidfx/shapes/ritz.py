@@ -2,10 +2,6 @@
 
 E. L. Wilson, M.-W. Yuan, J. M. Dickens, Earthquake Engng Struct. Dyn. 10 (1982) 813,
 doi:10.1002/eqe.4290100606.
-
-On springs f is in balance with springs in K⁻¹f, with inertia soon after it begins: the response to
-the inertia of the rigid motion that f starts is among the first vectors. Rigid motions themselves,
-which may be many times as large, are taken out of all.
 """
 
 from __future__ import annotations
@@ -14,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.inputs import whole
-from rigidfx.shapes.orthonormal import Basis
-from rigidfx.shapes.part import MOST, Part, PartShapes
+from rigidfx.shapes.orthonormal import Basis, columns
+from rigidfx.shapes.part import BLOCK, MOST, Part, PartShapes
 from rigidfx.shapes.responses import Responses
 
 __all__ = ["ritz", "shapes_of"]
@@ -25,40 +21,53 @@ Array = npt.NDArray[np.float64]
 DEPTH = 4  # vectors from each load: a struck plate with two loads errs by 1.3e-4 of its way
 
 
-def ritz(responses: Responses, F: Array, depth: int) -> Array:
+def ritz(responses: Responses, F: Array, depth: int, slow: Array | None = None) -> Array:
     """Ritz vectors of forces: first the responses to all, then those to these' inertia. Collective.
 
     Args:
         responses: Of the whole structure.
         F: Patterns of forces, the most important first, shape (owned nodes, 3, k) [N].
         depth: Number of responses in a row.
+        slow: Patterns of forces that vary slowly, whose responses have no followers; none if None.
 
     Returns:
         Vectors Y with YᵀMY = 1, dependent ones left out, shape (owned nodes, 3, n) [1/√kg].
     """
     basis = Basis(len(F), responses.scene.sum)
-    if responses.swings.shape[2]:
-        F = np.concatenate([F, responses.swinging(F)], axis=2)
-    for _ in range(depth):
-        if F.shape[2] == 0:
-            break
-        Y = responses.deformed(F)
-        MY = responses.inertia(Y)
-        sizes = np.sqrt(np.asarray(responses.scene.sum(np.einsum("nak,nak->k", Y, MY))))
+    for level in range(depth):
         before = len(basis)
-        basis.grow(Y, MY, sizes, before + F.shape[2])
+        _respond(responses, basis, F)
         F = basis.images[:, :, before:]
+        if level == 0 and slow is not None:
+            _respond(responses, basis, slow)
     return basis.vectors
 
 
-def shapes_of(part: Part, responses: Responses, F: Array, count: int | None = None) -> PartShapes:
+def _respond(responses: Responses, basis: Basis, F: Array) -> None:
+    """Add responses to forces to a basis. Collective."""
+    if F.shape[2]:
+        Y = responses.solve(F)
+        MY = responses.inertia(Y)
+        sizes = np.sqrt(responses.scene.sum((columns(Y) * columns(MY)).sum(axis=0)))
+        basis.grow(Y, MY, sizes, len(basis) + F.shape[2])
+
+
+def shapes_of(
+    part: Part,
+    responses: Responses,
+    F: Array,
+    count: int | None = None,
+    slow: Array | None = None,
+) -> PartShapes:
     """Shapes of a part by the forces that act on the whole. Collective.
 
     Args:
         part: The part.
         responses: Of the whole structure.
         F: Patterns of forces, the most important first, shape (owned nodes, 3, k).
-        count: How many shapes; if None `DEPTH` for each pattern, `MOST` at most, in threes.
+        count: How many shapes; if None `DEPTH` for each pattern and one for each slow one, `MOST`
+            at most, in threes.
+        slow: See `ritz`.
 
     Returns:
         The shapes; fewer than asked for where the forces lead to no more.
@@ -66,14 +75,14 @@ def shapes_of(part: Part, responses: Responses, F: Array, count: int | None = No
     Raises:
         SceneError: On every rank, if it can have no such number of shapes.
     """
-    wanted = MOST if count is None else whole("Reduced", "shapes", count, least=1)
-    patterns = max(F.shape[2], 1)
-    depth = -(-wanted // patterns)
-    depth = min(depth, DEPTH) if count is None else depth
-    vectors = ritz(responses, F, depth)
-    shapes, before = part.shapes(vectors, count), -1
-    while count is not None and len(shapes.force) < count and vectors.shape[2] > before:
-        before, depth = vectors.shape[2], depth + 1
-        vectors = ritz(responses, F, depth)
-        shapes = part.shapes(vectors, count)
-    return shapes
+    k, once = F.shape[2], 0 if slow is None else slow.shape[2]
+    if count is None:
+        wanted = min(-(-(DEPTH * k + once) // BLOCK) * BLOCK, MOST, part.room)
+    else:
+        wanted = whole("Reduced", "shapes", count, least=1)
+    depth, before, vectors = max(1, (wanted - once) // max(k, 1)), -1, F[:, :, :0]
+    shapes = part.shapes(vectors, wanted)
+    while len(shapes.force) < wanted and vectors.shape[2] > before:
+        before, vectors = vectors.shape[2], ritz(responses, F, depth, slow)
+        shapes, depth = part.shapes(vectors, wanted), depth + 1
+    return shapes if count is not None else part.shapes(vectors, wanted, BLOCK)

@@ -49,8 +49,9 @@ def interleaved(responses: Responses, each: Sequence[Array]) -> Array:
     Returns:
         Those that do not vanish, of norm 1, likewise.
     """
-    rank = np.concatenate([np.arange(F.shape[2]) for F in each])
-    every = np.concatenate(each, axis=2)[:, :, np.argsort(rank, kind="stable")]
+    none = np.zeros((responses.scene.owned_nodes, 3, 0))
+    rank = np.concatenate([np.arange(F.shape[2]) for F in (none, *each)])
+    every = np.concatenate([none, *each], axis=2)[:, :, np.argsort(rank, kind="stable")]
     every = responses.balanced(every)
     sizes = np.sqrt(responses.scene.sum((columns(every) ** 2).sum(axis=0)))
     return np.asarray(every[:, :, sizes > 0] / sizes[sizes > 0])

@@ -9,7 +9,6 @@ from petsc4py import PETSc
 from rigidfx.base.errors import SceneError
 from rigidfx.error.forces.rigid_motions import independent
 from rigidfx.shapes.iterative import conjugate_gradients
-from rigidfx.shapes.loose import Motions
 from rigidfx.shapes.stiffness import Stiffness, times
 from rigidfx.step.linear.definite import solver_of
 
@@ -31,23 +30,18 @@ UNSTABLE = (
 class Solver:
     """K⁻¹ with some rows pinned that determine the motions without stiffness."""
 
-    def __init__(self, stiffness: Stiffness, motions: Motions) -> None:
+    def __init__(self, stiffness: Stiffness, loose: Array) -> None:
         """Factor. Collective.
 
         Args:
             stiffness: The stiffness.
-            motions: Its motions without stiffness, and those that springs alone resist.
+            loose: Its motions without stiffness, shape (owned nodes, 3, n).
 
         Raises:
             SceneError: On every rank, if it is not definite.
         """
-        self._of, self._resisted = stiffness, motions.resisted
-        p = stiffness.prolongation
-        loose, swings = map(stiffness.unknowns_of, (motions.loose, motions.swings))
-        self._pins = self._pinned(loose)
-        pinned = np.concatenate(p.comm.allgather(np.c_[loose, swings][self._pins]))
-        free = loose.shape[1]
-        self._swings = swings - loose @ np.linalg.solve(pinned[:, :free], pinned[:, free:])
+        self._of, p = stiffness, stiffness.prolongation
+        self._pins = self._pinned(stiffness.unknowns_of(loose))
         K = stiffness.matrix().convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
         diagonal = K.getDiagonal()
         scale = float(diagonal.norm()) / np.sqrt(p.size)
@@ -89,28 +83,12 @@ class Solver:
         right = self._of.on_unknowns(F)
         right[self._pins] = 0.0
         found = self._solved(right)
-        left = self._left(right, found)
-        if self._swings.shape[1]:
-            found += self._solved(left)
-            left = self._left(right, found)
+        K, _ = self._ksp.getOperators()
+        left = right - times(K, found, self._of.prolongation.unknowns)
         sizes = self._of.scene.sum(np.stack([(left**2).sum(axis=0), (right**2).sum(axis=0)]))
         if not (sizes[0] <= SOLVED**2 * sizes[1]).all():
             raise SceneError(UNSTABLE)
         return self._of.at_nodes(found)
-
-    def _left(self, right: Array, found: Array) -> Array:
-        """Rest of the forces, exact also where soft springs let parts move far. Collective.
-
-        Of a rigid motion that springs resist, cells leave but rounding, which is not in K times
-        that motion as it is known.
-        """
-        N, scene = self._swings, self._of.scene
-        a = np.linalg.solve(scene.sum(N.T @ N), scene.sum(N.T @ found))
-        K, _ = self._ksp.getOperators()
-        left = right - self._resisted @ a
-        left -= times(K, found - N @ a, self._of.prolongation.unknowns)
-        left[self._pins] = 0.0
-        return np.asarray(left)
 
     def _solved(self, right: Array) -> Array:
         """K⁻¹ times several right sides of this rank's unknowns. Collective."""

@@ -16,7 +16,6 @@ from rigidfx.coupling.dof_layout import dof_layout, nodes_of
 from rigidfx.coupling.mass import Mass, mass_operator
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Windowed
-from rigidfx.effects.motion import Motion, Tangent
 from rigidfx.error.forces.rigid_motions import rigid_motions
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import add_vector
@@ -25,7 +24,6 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.orthonormal import columns
 from rigidfx.state import State
-from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 
@@ -83,9 +81,6 @@ class Stiffness:
             failures=Failures(scene.comm),
             static=True,
         )
-        lasting = [e for e in scene.effects if e.is_lasting and not isinstance(e, Windowed)]
-        self._springs = Actions(self.structure, lasting, ())
-        self._springs.set_time(state.t, 1.0)
         self.prolongation = p = Prolongation(layout, scene.comm)
         if p.size == 0:
             raise SceneError(
@@ -97,22 +92,10 @@ class Stiffness:
             p, self.linear.tangent(layout.interior), self.linear.tangent(layout.interface)
         )
 
-    def matrix(self, cells: bool = True, springs: bool = True) -> PETSc.Mat:
-        """K by the unknowns, which the next call changes. Collective.
-
-        Args:
-            cells: Whether the stiffness of cells is in it.
-            springs: Whether that of springs is.
-        """
-        tangent = Tangent(self._K, self.prolongation)
-        if cells:
-            self._K.assemble()
-        else:
-            self._K.matrix.zeroEntries()
-        if springs:
-            self._springs.stiffen(Motion(None, self.prolongation.increments, 1.0), tangent)
-            self._springs.sum(tangent.moments)
-        self._K.finish(tangent.blocks)
+    def matrix(self) -> PETSc.Mat:
+        """K by the unknowns, which stays the owner's. Collective."""
+        self._K.assemble()
+        self._K.finish(np.zeros((len(self.bodies), 6, 6)))
         return self._K.matrix
 
     def internal_forces(self, cells: Cells) -> Array:
@@ -182,7 +165,7 @@ class Stiffness:
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        for item in (self._K, self._springs, self.mass):
+        for item in (self._K, self.mass):
             item.destroy()
 
 
