@@ -58,10 +58,7 @@ def of_joints(h: Mapping[str, Array]) -> Panels:
         of = max((t for t in titles if name.startswith(f"joint_{t}_")), key=len, default=None)
         own = "" if of is None else name.removeprefix(f"joint_{of}_")
         if re.match(r"(motor|spring|stop)(_|$)", own):
-            turns, slides = (
-                np.isfinite(h[f"joint_{of}_{kind}"]).any() for kind in ("angle", "travel")
-            )
-            unit = "N m or N" if turns and slides else "N" if slides else "N m"
+            unit = _unit_of(h, f"joint_{of}", own)
             efforts.setdefault(unit, {})[f"{own.replace('_', ' ')} of {of}"] = values
     for unit, found in sorted(efforts.items()):
         heading = {"N m": "Torques", "N": "Forces"}.get(unit, "Torques or forces")
@@ -84,6 +81,15 @@ def of_joints(h: Mapping[str, Array]) -> Panels:
     return out
 
 
+def _unit_of(h: Mapping[str, Array], joint: str, own: str) -> str:
+    """The unit of an effort; where the joint turns and slides, its name may tell."""
+    turns, slides = (np.isfinite(h[f"{joint}_{kind}"]).any() for kind in ("angle", "travel"))
+    if turns and slides:
+        by = re.search("torque|angle|speed|(force|travel|rate)", own)
+        return "N m or N" if by is None else "N" if by[1] else "N m"
+    return "N" if slides else "N m"
+
+
 def _add(
     out: Panels,
     heading: str,
@@ -100,7 +106,8 @@ def _add(
     sizes = {label: float(np.nanmax(np.abs(values))) for label, values in known.items()}
     largest = max(sizes.values())
     factor, unit = prefixed(unit, largest) if scaled else (1.0, unit)
-    seen = [label for label, size in sizes.items() if size >= SEEN * largest]
+    least = SEEN * largest if scaled else 0.0
+    seen = [label for label, size in sizes.items() if size >= least]
     if len(seen) > MOST:
         heading += f", the largest {MOST} of {len(seen)}"
         seen = sorted(seen, key=lambda label: -sizes[label])[:MOST]
