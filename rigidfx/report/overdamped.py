@@ -1,6 +1,7 @@
 """Does damping let a held structure vibrate at all?
 
-The shape u of a structure on supports that stand still, with the strain energy W, has
+The shape u of a structure on supports that stand still, with the energy W of strains and springs,
+has
 
     ω² = 2 W / u·M u ≥ ω₁²
 
@@ -17,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from rigidfx.base.remembered import Remembered, same
-from rigidfx.effects import Fixed, Preload, Spring, SpringDamper, Support, Symmetry
+from rigidfx.effects import Fixed, Preload, SpringDamper, Support, Symmetry
 from rigidfx.effects.damping.stiffness_damping import warn_of_ratio
 from rigidfx.report.look import Look
 from rigidfx.report.report import Report
@@ -26,7 +27,7 @@ from rigidfx.scene.scene import Scene
 
 __all__ = ["Overdamped"]
 
-UNKNOWN = Preload, Spring, SpringDamper  # which change frequencies besides the strain energy
+PULLED = Preload, SpringDamper  # whose tensions change frequencies besides
 
 
 class Overdamped(Look):
@@ -40,14 +41,15 @@ class Overdamped(Look):
         self._t = self._dt = 0.0
         self._damped: Damped | None = None
         at_rest = all(isinstance(s, (Fixed, Symmetry)) for s in scene.named(Support))
-        if at_rest and not any(scene.named(kind) for kind in UNKNOWN):
+        if at_rest and not any(scene.named(kind) for kind in PULLED):
             damped = Damped(scene)
             self._damped = damped if damped.rates(np.ones(1), 1.0).any() else None
 
     def follow(self, report: Report) -> None:
         """See `Look`."""
         self._t, self._dt = report.t, report.dt
-        if self._damped is None or report.step & (report.step - 1) or not report.strain > 0:
+        energy = report.strain + report.springs
+        if self._damped is None or report.step & (report.step - 1) or not energy > 0:
             return
         bodies, n = report.rigid, self._scene.owned_nodes
         mass = self._scene.averaging_mass[:n].copy()
@@ -58,7 +60,7 @@ class Overdamped(Look):
         way = bodies.r - bodies.of.frozen[:, 0]
         moved += bodies.of.mass @ (way * way).sum(axis=1)
         if moved > 0:
-            self._square = min(self._square, 2 * report.strain / moved)
+            self._square = min(self._square, 2 * energy / moved)
 
     def end(self) -> None:
         """See `Look`."""
