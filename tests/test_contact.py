@@ -23,7 +23,7 @@ from rigidfx.step.newton.chord import Chord
 
 # Bounces in long steps, and a floor that comes back under a skin: balances hold through both.
 pytestmark = [
-    pytest.mark.filterwarnings("ignore:Contact .* closed at .* and opened again"),
+    pytest.mark.filterwarnings("ignore:Contact .* closed at .* and (opened again|past its peak)"),
     pytest.mark.filterwarnings("ignore:.* acts with a jolt"),
 ]
 
