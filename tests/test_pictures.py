@@ -239,7 +239,7 @@ def test_a_terminal_sees_what_is_drawn(tmp_path, monkeypatch, capsys):
     assert "\n" not in told
 
 
-def test_command_line(tmp_path, monkeypatch):
+def test_command_line(tmp_path, monkeypatch, capsys):
     run(tmp_path)
     command = ["rigidfx.plot", str(tmp_path), "--frames", "2", "--view", "0", "-1", "0.2"]
     command += ["--scale", "auto"]
@@ -247,6 +247,17 @@ def test_command_line(tmp_path, monkeypatch):
     monkeypatch.delitem(sys.modules, "rigidfx.plot.__main__", raising=False)
     runpy.run_module("rigidfx.plot", run_name="__main__")
     assert frames(tmp_path / "film.gif") == 2
+    assert f"{tmp_path / 'film.gif'}\n" in capsys.readouterr().out
+    for more, words in (
+        ([str(tmp_path / "none")], "could not be drawn: there is no "),
+        ([str(tmp_path), "--scale", "much"], "--scale: must be a number or auto, got 'much'"),
+        ([str(tmp_path), "--view", "0", "0", "1"], "view and up are parallel"),
+    ):
+        monkeypatch.setattr(sys, "argv", ["rigidfx.plot", *more])
+        monkeypatch.delitem(sys.modules, "rigidfx.plot.__main__", raising=False)
+        with pytest.raises(SystemExit):
+            runpy.run_module("rigidfx.plot", run_name="__main__")
+        assert words in capsys.readouterr().err
 
 
 def test_folder_without_a_run(tmp_path):

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from rigidfx.base.errors import OutputError, SceneError, agree
+from rigidfx.base.errors import OutputError, RigidfxError, SceneError, agree
 from rigidfx.base.inputs import number, numbers, path_of, shown
 from rigidfx.base.instants import reached
 from rigidfx.base.taken import take_fields
@@ -315,6 +315,8 @@ def on_first_rank(comm: MPI.Intracomm, draw: Callable[[], None], what: str) -> N
                 draw()
         except ImportError as error:
             problem = f"{what}: {error}. Pictures need matplotlib, those of shapes pyvista as well."
+        except RigidfxError as error:
+            problem = f"{what} could not be drawn: {error}"
         except Exception as error:
             problem = f"{what} could not be drawn: {type(error).__name__}: {error}"
     agree(comm, problem, OutputError)
