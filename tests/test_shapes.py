@@ -27,14 +27,14 @@ EPS = float(np.finfo(np.float64).eps)
 class Built:
     """A block with all that shapes of it take; `destroy` frees it."""
 
-    def __init__(self, *effects, n=(4, 2, 2), size=(1.0, 0.5, 0.4), squeezed=0.0, **how):
+    def __init__(self, *effects, n=(4, 2, 2), size=(1.0, 0.5, 0.4), moved=None, **how):
         far = min(0.5, 1 - 1 / n[0])
         domain = rf.box((0, 0, 0), size, n).with_cells("half", lambda x: x[0] > far - 1e-9)
         domain = domain.with_cells("block", lambda x: x[0] > -1)
         self.scene = rf.Scene(domain, STEEL, effects, **how)
         self.state = State(self.scene)
-        X = self.scene.space.tabulate_dof_coordinates()
-        self.state.place((-squeezed * X * [1, 0, 0]).ravel())
+        if moved is not None:
+            self.state.place(moved(*self.scene.space.tabulate_dof_coordinates().T).T.ravel())
         self.forces = InternalForces(self.scene, self.state.u)
         acting = self.scene.acting(0.0)
         self.responses = Responses(self.scene, self.forces, self.state, acting)
@@ -125,6 +125,26 @@ def test_shapes_hold_the_loads_responses(built):
     deflections = Phi @ np.linalg.solve(Omega, r.dot(Phi, F))
     exact = r.solve(F)
     assert np.abs(deflections - exact).max() < 1e-10 * np.abs(exact).max()
+
+
+def test_stresses_of_a_free_state_turn_with_it():
+    """A bent bar that nothing holds: rotations have stiffness, deflections are still exact."""
+
+    def bent(x, y, z):
+        return 0.05 * np.stack([-2 * x * (z - 0.2), 0 * y, x**2])
+
+    made = Built(moved=bent)
+    r, F = made.responses, made.pushed()
+    K = r.dot(r.motions, made.part.times_stiffness(r.motions))
+    shapes, exact = shapes_of(made.part, r, F), r.solve(F)
+    Omega, D = shapes.stiffness, r.dot(shapes.modes, r.inertia(shapes.modes))
+    assert np.abs(K).max() > 0.01 * (np.diag(Omega) / np.diag(D)).min()
+    assert np.abs(r.dot(r.motions, r.inertia(exact))).max() < 1e-12 * np.abs(exact).max()
+    deflections = shapes.modes @ np.linalg.solve(shapes.stiffness, r.dot(shapes.modes, F))
+    assert np.abs(deflections - exact).max() < 1e-10 * np.abs(exact).max()
+    f = made.part.times_stiffness(exact) - r.balanced(F)
+    assert np.abs(r.balanced(f)).max() < 1e-10
+    made.destroy()
 
 
 def test_vectors_come_in_the_order_of_their_loads():
@@ -334,8 +354,12 @@ def test_parts_that_cannot_have_shapes():
 @pytest.mark.parametrize("factored", [0, 10**6])
 def test_a_state_that_buckles(factored, monkeypatch):
     """A slender column that is compressed by a hundredth."""
+
+    def squeezed(x, y, z):
+        return np.stack([-0.01 * x, 0 * y, 0 * z])
+
     monkeypatch.setattr(solver, "FACTORED_UP_TO", factored)
-    made = Built(rf.Fixed("x0"), n=(20, 1, 1), size=(1.0, 0.05, 0.05), squeezed=0.01)
+    made = Built(rf.Fixed("x0"), n=(20, 1, 1), size=(1.0, 0.05, 0.05), moved=squeezed)
     x, y, _ = (made.X - [0, 0.025, 0]).T
     bent = np.stack([-2 * x * y, x**2, 0 * x], axis=1)[:, :, None]
     with pytest.raises(rf.SceneError, match="buckles"):

@@ -100,9 +100,8 @@ class Responses:
             SceneError: If the state is not stable.
         """
         if self._solver is None:
-            self._solver = Solver(self.stiffness, self.rigid.loose)
-        u = self._solver.solve(self.balanced(F))
-        return np.asarray(u - self.motions @ self.dot(self._momenta, u))
+            self._solver = Solver(self.stiffness, self.motions, self._momenta)
+        return self._solver.solve(self.balanced(F))
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

@@ -17,7 +17,7 @@ __all__ = ["Solver"]
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-SOLVED = 1e-6  # part of forces that a solve may leave: more is left where K is not definite
+SOLVED = 1e-6  # part of forces that a solve may leave: more is left where K is singular
 # Unknowns: factors of a block of so many take some 3 GB.
 FACTORED_UP_TO = 150_000
 UNSTABLE = (
@@ -30,30 +30,35 @@ UNSTABLE = (
 class Solver:
     """K⁻¹ with some rows pinned that determine the motions without stiffness."""
 
-    def __init__(self, stiffness: Stiffness, loose: Array) -> None:
+    def __init__(self, stiffness: Stiffness, motions: Array, momenta: Array) -> None:
         """Factor. Collective.
 
         Args:
             stiffness: The stiffness.
-            loose: Its motions without stiffness, shape (owned nodes, 3, n).
+            motions: R without stiffness, RᵀMR = 1, shape (owned nodes, 3, n).
+            momenta: M R, likewise.
 
         Raises:
             SceneError: On every rank, if it is not definite.
         """
         self._of, p = stiffness, stiffness.prolongation
-        self._pins = self._pinned(stiffness.unknowns_of(loose))
-        K = stiffness.matrix().convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+        self._motions = stiffness.unknowns_of(motions)
+        self._momenta = stiffness.on_unknowns(momenta)
+        self._pins = self._pinned(self._motions)
+        self._K = stiffness.matrix()
+        K = self._K.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
         diagonal = K.getDiagonal()
         scale = float(diagonal.norm()) / np.sqrt(p.size)
         diagonal.destroy()
         K.zeroRowsColumns((p.first_column + self._pins).astype(PETSc.IntType), diag=scale)
         if p.size > FACTORED_UP_TO:
             self._ksp = conjugate_gradients(K, p, stiffness.places[stiffness.structure.rows.nodes])
-            return
-        self._ksp = solver_of(K)
-        if not _definite(self._ksp):
-            self._ksp.destroy()
-            raise SceneError(UNSTABLE)
+        else:
+            self._ksp = solver_of(K)
+            if not _definite(self._ksp):
+                self._ksp.destroy()
+                raise SceneError(UNSTABLE)
+        self._border()
 
     def _pinned(self, motions: Array) -> Ints:
         """Unknowns of this rank that determine motions together with those of other ranks.
@@ -71,28 +76,52 @@ class Solver:
         mine = chosen[(chosen >= first) & (chosen < first + own.size)] - first
         return np.sort(own[mine])
 
+    def _border(self) -> None:
+        """Find what pins and inertia along the motions do to displacements. Collective."""
+        total, E = self._of.scene.sum, np.zeros_like(self._motions)
+        first = self._of.prolongation.comm.exscan(self._pins.size) or 0
+        E[self._pins, first + np.arange(self._pins.size)] = 1.0
+        self._pinning, self._rows = E, np.c_[self._times(E), self._momenta]
+        self._by = np.c_[E, np.zeros_like(E)] - self._solved(self._rows)
+        self._small = np.asarray(total(self._rows.T @ self._by))
+        self._small[: E.shape[1], E.shape[1] :] += total(E.T @ self._momenta)
+
     def solve(self, F: Array) -> Array:
-        """Displacements by forces on nodes, in balance. Collective.
+        """Displacements by forces on nodes, orthogonal to the motions by mass. Collective.
+
+        With A = [K, M R; RᵀM, 0], which is regular also where stresses of a free state, which turn
+        with it, give its rotations stiffness: by the factors, and a small system for the pins.
 
         Args:
-            F: Shape (owned nodes, 3, k) [N].
+            F: In balance with inertia, shape (owned nodes, 3, k) [N].
 
         Returns:
             Of the same shape [m].
+
+        Raises:
+            SceneError: On every rank, if there are no such displacements.
         """
-        right = self._of.on_unknowns(F)
-        right[self._pins] = 0.0
+        right, total, n = self._of.on_unknowns(F), self._of.scene.sum, self._motions.shape[1]
         found = self._solved(right)
-        K, _ = self._ksp.getOperators()
-        left = right - times(K, found, self._of.prolongation.unknowns)
-        sizes = self._of.scene.sum(np.stack([(left**2).sum(axis=0), (right**2).sum(axis=0)]))
+        wanted = -self._rows.T @ found
+        wanted[:n] += self._pinning.T @ right
+        small = np.linalg.solve(self._small, total(wanted))
+        found += self._by @ small
+        left = right - self._times(found) - self._momenta @ small[n:]
+        sizes = total(np.stack([(left**2).sum(axis=0), (right**2).sum(axis=0)]))
         if not (sizes[0] <= SOLVED**2 * sizes[1]).all():
             raise SceneError(UNSTABLE)
         return self._of.at_nodes(found)
 
+    def _times(self, y: Array) -> Array:
+        return times(self._K, y, self._of.prolongation.unknowns)
+
     def _solved(self, right: Array) -> Array:
-        """K⁻¹ times several right sides of this rank's unknowns. Collective."""
-        p = self._of.prolongation
+        """Unknowns by several right sides, both zero at pins. Collective."""
+        p, right = self._of.prolongation, right.copy()
+        right[self._pins] = 0.0
+        if not right.shape[1]:
+            return right
         sizes = (p.owned, None), (None, right.shape[1])
         B, X = (PETSc.Mat().createDense(sizes, comm=p.comm) for _ in range(2))
         for dense in (B, X):
