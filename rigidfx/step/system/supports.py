@@ -102,6 +102,7 @@ class PrescribedDofs:
         self._nodes = held // 3
         self._X = scene.space.tabulate_dof_coordinates()[self._nodes]
         self._own = [np.flatnonzero(self._owner == k) for k in range(len(self.active))]
+        self._paths: dict[int, dict[float, Array]] = {}  # of each support, where last asked for
 
     def of_each(self) -> list[tuple[str, npt.NDArray[np.int64]]]:
         """Each support's set, and the owned dofs that it holds."""
@@ -136,8 +137,7 @@ class PrescribedDofs:
                 if jumps is not None:
                     jumps.look(support, t0, t1, support.path_at(t0), support.path_at(t1))
                 return support.increments_of(t0, t1, X, x)
-            u0 = np.array(support.displacement_at(t0))  # a path may change one array in place
-            u1 = np.array(support.displacement_at(t1))
+            u0, u1 = self._path(support, t0), self._path(support, t1)
             for given in (u0, u1):
                 if given.shape != (3,):
                     return given  # which is an error below
@@ -149,6 +149,15 @@ class PrescribedDofs:
         if self._jumps is not None and watched:
             self._jumps.begin()
         return self._ask(gained, t1, u)
+
+    def _path(self, support: Support, t: float) -> Array:
+        """Displacement of all nodes of a support at t, kept for the next question [m]."""
+        known = self._paths.get(id(support), {})
+        if t not in known:
+            value = np.array(support.displacement_at(t))  # a path may change one array in place
+            known = dict([*known.items(), (t, value)][-3:])
+            self._paths[id(support)] = known
+        return known[t]
 
     def velocities(self, t: float, dt: float, u: Array) -> Array:
         """Prescribed velocities of the held dofs just after t [m/s]. Collective.
