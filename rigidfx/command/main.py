@@ -134,7 +134,8 @@ def _largest_rate(scene: Scene, dt: float, options: Namespace) -> float:
     largest = 0.0
     watched = StrainRate(0.0, 2 * options.t_end)
     end = min(options.until, options.t_end)
-    for r in simulate(scene, dt, end, rigidify=watched, progress=False):
+    say(f"0 … {end:.4g} s are run all flexible first, to find the tolerance (--tol)")
+    for r in simulate(scene, dt, end, rigidify=watched, progress=True):
         if r.strain_rate is not None:
             largest = max(largest, float(r.strain_rate.max(initial=0.0)))
     return scene.comm.allreduce(largest, op=MPI.MAX)
