@@ -34,11 +34,8 @@ class Motions:
             stiffness: The stiffness.
         """
         scene = stiffness.scene
-        parts, n, of_node = (
-            scene.parts,
-            scene.owned_nodes,
-            np.zeros(scene.nodal_mass.size, np.int64),
-        )
+        parts, n = scene.parts, scene.owned_nodes
+        of_node = np.zeros(scene.nodal_mass.size, dtype=np.int64)
         of_node[scene.space.dofmap.list] = parts.of_cell[:, None]
         self.part = part = of_node[:n]
         self._sizes = np.linalg.norm(parts.upper - parts.lower, axis=1)

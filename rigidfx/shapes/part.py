@@ -6,7 +6,6 @@ turned so that Ω = ΦᵀKΦ of the part's own cells is diagonal.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,13 +15,10 @@ from mpi4py import MPI
 from rigidfx.base.errors import SceneError
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.rows import Rows
-from rigidfx.effects import Effect, Joint, PointMass, SpringDamper
-from rigidfx.effects.joints.face_motion import Vector
-from rigidfx.effects.joints.on_face import OnFace
 from rigidfx.error.forces.rigid_motions import free_motions, rigid_motions
 from rigidfx.error.linear_motion import assembled
 from rigidfx.flexible.internal_forces import Cells
-from rigidfx.scene.scene import Scene
+from rigidfx.shapes.machines import refuse_joints
 from rigidfx.shapes.orthonormal import Basis, columns, normalised
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.stiffness import times
@@ -101,16 +97,8 @@ class Part:
         wrong = few if cells_in < 2 else "supports hold all of it. Take the Reduced away"
         if cells_in < 2 or not free:
             raise SceneError(f"Reduced '{self._name}': {wrong}.")
+        refuse_joints(self._responses, self.nodes, self._name)
         self.room = free
-        part = self._responses.rigid.part
-        own = np.concatenate(scene.comm.allgather(np.unique(part[self.nodes])))
-        for effect, points in _linked(scene):
-            if scene.sum(sum(int(np.isin(part[p.nodes], own).sum()) for p in points)):
-                raise SceneError(
-                    f"Reduced '{self._name}': {effect.owner} acts on faces of it, or of parts that "
-                    "it holds together with. Reduced parts in machines come next: leave it "
-                    "flexible, or name it Rigid."
-                )
 
     def _rigid_motions(self) -> Array:
         """Its rigid motions that supports in it leave free, RᵀMR = 1. Collective."""
@@ -218,12 +206,3 @@ class Part:
         """Free the PETSc objects. Collective."""
         self._mass.destroy()
         self._K.destroy()
-
-
-def _linked(scene: Scene) -> Iterator[tuple[Effect, Sequence[Vector]]]:
-    """Joints, springs and masses at points of faces, and between points, with the points."""
-    for between in (*scene.named(Joint), *scene.named(SpringDamper)):
-        yield between, between.averages
-    for effect in (e for e in scene.named(OnFace) if e.face is not None):
-        if effect.is_carried if isinstance(effect, PointMass) else effect.is_lasting:
-            yield effect, [effect.remote.place]
