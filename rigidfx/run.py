@@ -94,6 +94,8 @@ class Run:
         """
         stepper, policy, looks = self.stepper, self.policy, self.looks
         attempt = stepper.attempt(target)
+        while self.switch.grow():
+            attempt = stepper.attempt(attempt.end, again=True)
         if policy is None:
             return stepper.accept(attempt), []
         seen = Observation(stepper, attempt.dt, motion=self.error)
@@ -135,7 +137,7 @@ class Run:
                 whole = kind in (None, GeneratorExit)
                 (self.recovery.remember if whole else self.recovery.forget)()
             self.stepper.close()
-            for item in (self.recovery, self.error):
+            for item in (self.recovery, self.error, self.switch.shaping):
                 if item is not None:
                     item.destroy()
 

@@ -675,7 +675,7 @@ CASES = {
             .with_cells("a", lambda x: x[0] < 9)
             .with_cells("b", lambda x: x[0] < 1 + 1e-9),
         ),
-        "Rigid 'b' shares nodes with another body, which would be a",
+        "Rigid 'b' shares nodes with another body, Rigid 'a', which",
     ),
     "rigid hinge": (
         lambda: _run(
@@ -685,7 +685,7 @@ CASES = {
             .with_cells("a", lambda x: x[0] > 1 - 1e-9)
             .with_cells("b", lambda x: x[0] < 1 + 1e-9),
         ),
-        "Rigid 'b' shares nodes with another body, which would be a",
+        "Rigid 'b' shares nodes with another body, Rigid 'a', which",
     ),
     "rigid half held": (
         lambda: _run(rf.Fixed("x0", "x"), rf.Rigid()),

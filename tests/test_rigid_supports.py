@@ -89,7 +89,7 @@ REFUSED = {
     "two motions": (_two_motions, "one motion"),
     "shared nodes": (
         lambda: start(bar(rf.Rigid("next"))),
-        "shares nodes with another body, which would be a hinge",
+        "shares nodes with another body, Rigid 'left', which would be a hinge",
     ),
     "shared cells": (lambda: start(bar(rf.Rigid("over"))), "another body"),
     "the same twice": (lambda: bar(rf.Rigid("left")), "one Rigid body only"),

@@ -16,7 +16,7 @@ from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.mechanics.bodies import Bodies
 
-__all__ = ["Ports"]
+__all__ = ["Ports", "far_apart"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -143,7 +143,7 @@ class Ports:
             own = (linkage.own[[k]].toarray()[0] != 0.0) & (numbers >= 0).all(axis=1)
             mine = p.layout.rows.X[linkage.at[own]], numbers[own]
             X, unknowns = (np.concatenate(a) for a in zip(*p.comm.allgather(mine), strict=True))
-            found |= {tuple(map(int, unknowns[n])) for n in _spread(X)}
+            found |= {tuple(map(int, unknowns[n])) for n in far_apart(X)}
         at = np.array(sorted(found), dtype=np.int64).ravel()
         here = (at >= p.first_column) & (at < p.first_column + p.owned)
         rows, columns = at[here] - p.first_column, np.flatnonzero(here)
@@ -181,7 +181,7 @@ class Ports:
         return out
 
 
-def _spread(X: Array) -> list[int]:
+def far_apart(X: Array) -> list[int]:
     """Three of some points that are far apart; fewer where there are fewer."""
     if not len(X):
         return []

@@ -65,7 +65,8 @@ class Prolongation:
         own_free: Number of this rank's unknowns that are free dofs.
         numbers: Number of each row as an unknown, -1 if it is none.
         owned_bodies: Bodies whose unknowns are this rank's, sorted.
-        six: Places of Δr and ℓθ of each of these among this rank's unknowns, shape (bodies, 6).
+        moving: Those of these that no support holds.
+        six: Places of Δr and ℓθ of each of `moving` among this rank's unknowns, shape (bodies, 6).
         body_columns: Numbers of the unknowns of each body, shape (bodies, 6 + m) with the largest
             m, -1 where a body has fewer; equal on all ranks.
     """
@@ -94,13 +95,15 @@ class Prolongation:
         self.prescribed = np.flatnonzero(layout.prescribed[rows.dofs])
         self.owned_bodies = np.flatnonzero(_owners(layout, comm) == comm.rank)
         of_bodies = layout.ensemble.unknowns
-        self._known = np.arange(layout.ensemble.columns) < of_bodies[:, None]
+        self._known = layout.ensemble.known
         self._own_known = self._known[self.owned_bodies]
         self.no_bodies: Array = np.zeros(self._known.shape)
         self._alike = bool(self._known.all())
         own = of_bodies[self.owned_bodies]
         self.owned = self.own_free + int(own.sum())
-        self.six = self.own_free + (np.cumsum(own) - own)[:, None] + np.arange(6)
+        moves = self._own_known[:, 0]
+        self.moving = self.owned_bodies[moves]
+        self.six = self.own_free + (np.cumsum(own) - own)[moves, None] + np.arange(6)
         every = self.owned_bodies.size == len(layout.bodies)
         self._own_bodies = slice(None) if every else self.owned_bodies
         self.size = int(comm.allreduce(self.owned))
@@ -320,7 +323,8 @@ class Prolongation:
         """P where L is, as a new matrix, which the caller destroys. Collective."""
         bodies, height = len(self.layout.bodies), 3 * self.layout.ensemble.frozen.shape[1]
         pattern = np.ones((bodies, height, self._known.shape[1]), dtype=bool)
-        pattern[:, :3, 3:] = pattern[:, 3:, :3] = False
+        pattern[:, :3, 3:6] = pattern[:, 3:, :3] = False
+        pattern[self._known[:, 0], :3, 6:] = False
         body, row, column = np.nonzero(pattern & self._known[:, None])
         turning = csr_array(
             (

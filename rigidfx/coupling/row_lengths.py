@@ -51,7 +51,7 @@ def _add_coupled(lengths: Array, prolongation: Prolongation, form: fem.Form) -> 
     nodes = moved_nodes(prolongation, known)
     unknowns = np.count_nonzero(nodes.unknowns >= 0, axis=1)
     rank_of_node = prolongation.rank_of(nodes.unknowns.max(axis=1, initial=-1))
-    rank_of_body = prolongation.rank_of(prolongation.body_columns[:, 0])
+    rank_of_body = prolongation.rank_of(prolongation.body_columns.max(axis=1, initial=-1))
     rank = prolongation.comm.rank
     coupled = pattern @ parted(unknowns, rank_of_node == rank)
     if prolongation.touched:

@@ -43,7 +43,9 @@ class NamedParts:
         faces = rigid_faces(scene.effects)
         carried = [effect for effect in scene.named(PointMass) if effect.is_carried]
         self.count = len(parts) + len(faces) + len(carried)
-        self.apart = frozenset(part.name for part in parts if part.given or part.name in loaded)
+        self.apart = frozenset(
+            part.name for part in parts if part.given or part.deforms or part.name in loaded
+        )
         self.cells: dict[str, npt.NDArray[np.int32]] = {
             part.name: scene.owned_cells(part.where, "Rigid")
             for part in parts

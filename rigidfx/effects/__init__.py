@@ -38,6 +38,7 @@ from rigidfx.effects.loads.preload import Preload
 from rigidfx.effects.loads.pressure import Pressure
 from rigidfx.effects.loads.resultant import Resultant
 from rigidfx.effects.loads.traction import Traction
+from rigidfx.effects.reduced import Reduced
 from rigidfx.effects.resolved_forces import ResolvedForces
 from rigidfx.effects.rigid import Rigid
 from rigidfx.effects.supports.fixed import Fixed
@@ -78,6 +79,7 @@ __all__ = [
     "PrescribedRotation",
     "Pressure",
     "Prismatic",
+    "Reduced",
     "ResolvedForces",
     "Resultant",
     "Revolute",

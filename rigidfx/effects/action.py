@@ -256,6 +256,10 @@ class ContactAction(Action):
         """
         return np.inf
 
+    def pressing(self) -> tuple[npt.NDArray[np.int64], Array]:
+        """Owned nodes of bodies that an obstacle presses, and forces on them, (nodes, 3) [N]."""
+        return np.empty(0, np.int64), np.empty((0, 3))
+
     def creep_for(self, time: float, began: Instant) -> None:
         """Have friction be that of a longer motion, until a time is set again.
 

@@ -93,6 +93,7 @@ class Effect:
     is_lasting: ClassVar[bool] = False  # whether its forces act at all times, in statics too
     holds: ClassVar[bool] = False  # whether what it acts on cannot drift away
     is_rigid: ClassVar[bool] = False  # whether the cells it names never strain
+    is_body: ClassVar[bool] = False  # whether they are a body, which may deform by shapes
     places: ClassVar[tuple[type, ...]] = (str,)  # kinds of places that it may act on
 
     def __post_init__(self) -> None:

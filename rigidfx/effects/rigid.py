@@ -38,6 +38,8 @@ class Rigid(Effect):
     """
 
     is_rigid: ClassVar[bool] = True
+    is_body: ClassVar[bool] = True
+    deforms: ClassVar[bool] = False  # whether the body does so by shapes
 
     where: str | None = None
     mass: float | None = None

@@ -8,7 +8,8 @@ the forms, compiled at the start.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
@@ -272,6 +273,46 @@ class InternalForces:
         )
         return BoundForces(residual, interior, interface, undeformed)
 
+    def bind_tangent(self, cells: Cells, u: fem.Function) -> fem.Form:
+        """Derivative of the internal forces by u₁ over cells, where u₀ and u₁ are a displacement.
+
+        Args:
+            cells: Owned cells of any kind, those of bodies too.
+            u: The displacement.
+        """
+        tangent = self._variants[self._acting].tangent
+        return tangent.bind(cells, {}, {self.u0: u, self.u1: u})
+
+    @property
+    def damps(self) -> bool:
+        """Whether anything damps cells now."""
+        return bool(self._acting[0]) or self.viscous
+
+    @contextmanager
+    def undamped(self) -> Iterator[list[tuple[str, bool, Callable[[bool], None]]]]:
+        """Have no damping in the forms, but those that are switched on.
+
+        Yields:
+            Of each that acts its kind, whether it grows with 1/Δt, and a function that switches it
+            on or off; a viscous one is on at Δt = 1 s.
+        """
+
+        def numerical(on: bool, xi: float = float(self._xi.value)) -> None:
+            self._xi.value = xi if on else 0.0
+
+        parts: list[tuple[str, bool, Callable[[bool], None]]] = []
+        if self._acting[0]:
+            parts.append((self._acting[0], False, numerical))
+        for _, term in self.viscous_terms:
+            parts.append((term.kind, True, partial(_switch, term)))
+        for _, _, switch in parts:
+            switch(False)
+        try:
+            yield parts
+        finally:
+            if self._acting[0]:
+                numerical(True)
+
     def loaded(self, *groups: Cells) -> npt.NDArray[np.int32]:
         """Those of some cells at whose facets loads act now, sorted."""
         found = [pairs[:, 0] for pairs in self.facets_of(*groups).values()]
@@ -338,3 +379,8 @@ class InternalForces:
             },
             [] if against is None else [against.bind({}, facets)],
         )
+
+
+def _switch(term: FormTerm, on: bool) -> None:
+    """Set a viscous stress to that at Δt = 1 s, or to nothing."""
+    term.set_rate(float(on))

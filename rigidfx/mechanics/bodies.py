@@ -46,6 +46,7 @@ class Ensemble:
         frozen: The pose at the freeze, shape (bodies, n, 3) [m, 1].
         shapes: Those of the bodies; None if all are rigid.
         columns: 6 + m, the largest number of unknowns of a body.
+        known: Which of these each body has, shape (bodies, 6 + m): not Δr and ℓθ if it is held.
         unknowns: Number of unknowns of each body, shape (bodies,).
         skews: v times them is -v̂/ℓ, row by row; shape (bodies, 3, 9) [1/m].
     """
@@ -63,9 +64,11 @@ class Ensemble:
         self.shapes = ShapesOfBodies([body.shapes for body in records]) if deform else None
         m = 0 if self.shapes is None else self.shapes.most
         self.columns = 6 + m
-        self.unknowns = np.full(len(self.records), 6)
+        self.known = np.ones((len(self.records), self.columns), dtype=bool)
         if self.shapes is not None:
-            self.unknowns += self.shapes.counts
+            self.known[:, 6:] = self.shapes.known
+            self.known[self.shapes.held, :6] = False
+        self.unknowns = self.known.sum(axis=1)
         self.frozen = np.zeros((len(self.records), 4 + 3 * m, 3))
         frames = [[body.origin, *np.eye(3)] for body in records]
         self.frozen[:, :4] = np.reshape(frames, (-1, 4, 3))
@@ -208,6 +211,12 @@ class Bodies:
         return read_only(np.concatenate([self.frame, shaped.reshape(len(self), -1, 3)], axis=1))
 
     @property
+    def drifted(self) -> Array:
+        """Way of the centres of mass in frames that are held, shape (bodies, 3) [m]."""
+        assert self.of.shapes is not None
+        return np.asarray(np.einsum("bkc,bk->bc", self.of.shapes.drift, self.q))
+
+    @property
     def r(self) -> Array:
         """Positions of the centres of mass, shape (bodies, 3) [m]."""
         return self.frame[:, 0]
@@ -329,6 +338,13 @@ class Bodies:
         W = self.angular_velocity_body
         return 0.5 * (W * times(self.of.excess, W)).sum(axis=1)
 
+    @property
+    def elastic_scale(self) -> float:
+        """Size of the elastic forces of shapes [N]."""
+        if (shapes := self.of.shapes) is None:
+            return 0.0
+        return float(np.linalg.norm(shapes.force + times(shapes.stiffness, self.q)))
+
     @cached_property
     def momentum_scale(self) -> float:
         """Σ |m ṙ| + |π|/ℓ [kg m/s]."""
@@ -342,7 +358,7 @@ class _Bodies(Kind):
     def __init__(self) -> None:
         """Describe their data."""
         frozen = Record(Frozen, "nodes", ["velocities"])
-        inner = {"frozen": frozen, "shapes": Maybe(Record(Shapes, "nodes", ["modes"]))}
+        inner = {"frozen": frozen, "shapes": Maybe(Record(Shapes, "nodes", ["modes", "pressed"]))}
         arrays = "offsets", "displacement"
         self._data = Each(Record(RigidBody, "nodes", arrays, ["cells"], inner))
 

@@ -88,19 +88,28 @@ class Step:
         dt: Δt [s].
         share: Derivative of the arms that moments are taken with, by those at the end.
         damping: Derivative of the damping forces of shapes by Δq, shape (bodies, m, m) [N/m].
+        given: Increment Δc₀ and Cayley vector θ of the frames of bodies that are held, shape
+            (bodies, 6) [m, 1]; they rest if None.
     """
 
     share = 0.5
 
-    def __init__(self, start: Bodies, dt: float, damping: Array | None = None) -> None:
+    def __init__(
+        self,
+        start: Bodies,
+        dt: float,
+        damping: Array | None = None,
+        given: Array | None = None,
+    ) -> None:
         """Prepare data of every trial.
 
         Args:
             start: The bodies at the start of the step.
             dt: Δt [s].
             damping: See above; none if None.
+            given: See above.
         """
-        self.start, self.dt, self.damping = start, dt, damping
+        self.start, self.dt, self.damping, self.given = start, dt, damping, given
 
     @cached_property
     def _code(self) -> tuple[Any, Any]:
@@ -163,9 +172,9 @@ class StaticStep(Step):
 
     share = 1.0
 
-    def __init__(self, start: Bodies) -> None:
+    def __init__(self, start: Bodies, given: Array | None = None) -> None:
         """Prepare data of every trial."""
-        super().__init__(start, 1.0)
+        super().__init__(start, 1.0, None, given)
 
     def trial(self, six: Array) -> Array:
         """See `Step`."""
@@ -348,6 +357,14 @@ class Increments:
         """
         B = self.R1 @ moments[:, 1:]  # Σ v₁ fᵀ
         return np.dot(B.reshape(-1, 9), self.step.share * COUPLES).reshape(-1, 3, 3)
+
+    def work_of_supports(self, rows: Array) -> float:
+        """Work of supports on frames of bodies [J]: rigid ones move freely.
+
+        Args:
+            rows: Residual of the bodies, as `balance` gives it.
+        """
+        return 0.0
 
     def work(self, forces: Array) -> float:
         """Work of forces and moments over ℓ, as `resultant` gives them, in the step [J]."""

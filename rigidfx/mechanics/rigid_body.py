@@ -127,7 +127,7 @@ class RigidBody:
         V = self.offsets[at]
         parts = [np.ones((len(V), 1)), V]
         if self.shapes is not None:
-            parts.append(self.shapes.modes[at].reshape(len(V), -1))
+            parts.append(self.shapes.modes[at].reshape(len(V), 3 * len(self.shapes)))
         return np.concatenate(parts, axis=1)
 
     @property

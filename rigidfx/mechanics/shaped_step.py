@@ -11,6 +11,9 @@ the gain of kinetic energy and of U(q), as nodes move by exactly
 
     Δx = Δc + θ × (x½ - c½) + S Φ Δq.
 
+The frame of a body that a support holds is given: Δr follows Δq by Δc₀ and the drift, and the rows
+of Δr and θ are the force and the moment of the support.
+
 The derivative is complete, forces on nodes included: with v₁ = R₁ (V + Φ q₁), moments change by
 ½ (T dθ × v₁ + R₁ Φ dq) × f, and Q_k by ½ dθ · (R₀ Φ_k × f).
 """
@@ -24,7 +27,7 @@ import numpy.typing as npt
 
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments, Step
-from rigidfx.mechanics.rotation import axial, skew
+from rigidfx.mechanics.rotation import IDENTITY, axial, cayley, skew
 from rigidfx.mechanics.shapes import ShapesOfBodies, contracted, times
 
 __all__ = ["increments_of"]
@@ -45,6 +48,23 @@ def increments_of(step: Step, unknowns: Array) -> Increments:
 
 class ShapedIncrements(Increments):
     """A trial step of bodies some of which have shapes."""
+
+    def __init__(self, step: Step, unknowns: Array) -> None:
+        """See `Increments`; Δr and ℓθ of bodies that are held are of no meaning."""
+        shapes, start = step.start.of.shapes, step.start
+        assert shapes is not None
+        self._held = np.flatnonzero(shapes.held)
+        if self._held.size:
+            unknowns, held = unknowns.copy(), self._held
+            given = np.zeros((len(start), 6)) if step.given is None else step.given
+            # Increments by themselves: differences of places would lose digits.
+            turn = np.array([cayley(theta) - IDENTITY for theta in given[held, 3:]])
+            gained = np.einsum("bkc,bk->bc", shapes.drift[held], unknowns[held, 6:])
+            gained = times(start.R[held], gained)
+            before = times(start.R[held], start.drifted[held])
+            unknowns[held, :3] = given[held, :3] + gained + times(turn, before + gained)
+            unknowns[held, 3:6] = given[held, 3:] * start.of.length[held, None]
+        super().__init__(step, unknowns)
 
     @property
     def _shapes(self) -> ShapesOfBodies:
@@ -115,20 +135,19 @@ class ShapedIncrements(Increments):
         gradient += 0.5 * times(self._shapes.twisted(W1), start.q_rate)
         gradient += 0.5 * times(self._shapes.twisted(start.angular_velocity_body), rates)
         own = (self._momenta[1] - start.momenta_of_shapes[1]) / dt
-        out[:, 6:] = np.where(self._shapes.known, own - gradient, 0.0)
+        drifting = times(self._drifts(self._S), out[:, :3])
+        out[:, 6:] = np.where(self._shapes.known, own - gradient + drifting, 0.0)
         return out
+
+    def _drifts(self, R: Array) -> Array:
+        """How centres of mass follow shapes in frames that are held, shape (bodies, m, 3)."""
+        return self._shapes.drift @ R.swapaxes(1, 2)
 
     def elastic_force(self) -> Array:
         """f₀ + Ω q½ + C Δq, shape (bodies, m) [N]; at the end of a step of statics."""
         share, shapes = self.step.share, self._shapes
         out = shapes.force + times(shapes.stiffness, self.start.q + share * self.dq)
         return out if self.step.damping is None else out + times(self.step.damping, self.dq)
-
-    def damped(self) -> float:
-        """Energy Δq·C Δq that damping of shapes takes in the step [J]."""
-        if self.step.damping is None:
-            return 0.0
-        return float(np.vdot(self.dq, times(self.step.damping, self.dq)))
 
     # Nodes ----------------------------------------------------------------------------------------
 
@@ -150,6 +169,7 @@ class ShapedIncrements(Increments):
         """Derivatives of nodes' increments, by arms of rotations and R Φ of shapes."""
         out = self.start.of.frames.copy()
         out[:, 3:, 3:6] = arms
+        out[:, :3, 6:] = R @ self._shapes.drift.swapaxes(1, 2)
         m = self.start.of.columns - 6
         own = out[:, 12:, 6:].reshape(len(self), m, 3, 3, m)  # a view: out is changed
         each = np.arange(m)
@@ -168,6 +188,27 @@ class ShapedIncrements(Increments):
     def P(self) -> Array:
         """See `Increments`: δr + T δθ × v₁ + R₁ Φ δq."""
         return self._followed_by(self._arms(self._q1, self.R1) @ self.T, self.R1)
+
+    @cached_property
+    def _apart(self) -> Array:
+        """Unknowns with Δr less its part that follows Δq, shape (bodies, 6 + m)."""
+        out = self.unknowns.copy()
+        out[:, :3] -= times(self._drifts(self._S).swapaxes(1, 2), self.dq)
+        return out
+
+    def work(self, forces: Array) -> float:
+        """See `Increments`."""
+        return float(np.vdot(forces, self._apart))
+
+    def work_of_supports(self, rows: Array) -> float:
+        """Work of supports on the frames that they hold [J].
+
+        Args:
+            rows: Residual of the bodies, as `balance` gives it; its rows of Δr and θ are what the
+                supports exert.
+        """
+        held = self._held
+        return float(np.vdot(rows[held, :6], self._apart[held, :6]))
 
     def resultant(self, moments: Array) -> Array:
         """See `Increments`."""
@@ -225,6 +266,8 @@ class ShapedIncrements(Increments):
         by_W = 0.5 * self._gained(half, W0)
         by_W += 0.5 * np.einsum("bjkc,bk->bcj", shapes.couplings, start.q_rate)
         G[:, 6:, 3:6] += rate * (B / dt - by_W).swapaxes(1, 2) @ back
+        drifting = self._drifts(self._S) @ self._drifts(self.R1).swapaxes(1, 2)
+        G[:, 6:, 6:] += rate / dt * start.of.mass[:, None, None] * drifting
         own = (rate * shapes.mass - shapes.twisted(W1) - shapes.twisted(W0)) / dt
         own -= 0.5 * np.einsum("bij,bklij->bkl", contracted(W1, W0), shapes.moments[:, 1:, 1:])
         G[:, 6:, 6:] += own

@@ -11,6 +11,10 @@ beside that of the centre is ½ w·A(q) w,
 
     A = [J B; Bᵀ D],    J = tr Y - Y,    Y = Σ m y yᵀ,    B_k = Σ m y × Φ_k,    D = ΦᵀMΦ.
 
+The frame of a body may be held by a support, where its shapes are zero then: nodes are at
+c₀ + R (ξ + Φ̃ q), with c₀ and R given, and Φ = Φ̃ - Σ m Φ̃/M, the part without momentum, is the shape.
+So the centre of mass is at c = c₀ + R dᵀ q, d = Σ m Φ̃/M being the drift.
+
 All of it comes from the second moments G_kl = Σ m Φ_k Φ_lᵀ, with Φ₀ = ξ, which are summed once; a
 step then costs the same whatever the mesh.
 
@@ -42,17 +46,22 @@ class Shapes:
     Attributes:
         nodes: Owned nodes of the body on this rank, sorted.
         modes: Φ at these nodes in the body's frame, shape (nodes, m, 3).
+        pressed: Which of these nodes contacts have pressed already, shape (nodes,).
         moments: G, shape (m + 1, m + 1, 3, 3) [kg m², kg m, kg]; that of ξ alone is left to the
             inertia of the body.
         stiffness: Ω, shape (m, m) [N/m].
         force: f₀, shape (m,) [N].
+        drift: Of a body whose frame is held, by how much its centre of mass moves in the frame per
+            coordinate, shape (m, 3); None of a body that moves freely.
     """
 
     nodes: npt.NDArray[np.int32]
     modes: Array
+    pressed: npt.NDArray[np.bool_]
     moments: Array
     stiffness: Array
     force: Array
+    drift: Array | None = None
 
     def __post_init__(self) -> None:
         """Let nobody change the arrays: reports show them."""
@@ -74,6 +83,8 @@ class ShapesOfBodies:
         mass: D, shape (bodies, most, most) [kg].
         stiffness: Ω, likewise [N/m].
         force: f₀, shape (bodies, most) [N].
+        drift: See `Shapes`, shape (bodies, most, 3); zero of bodies that move freely.
+        held: Whether the frame of a body is held, shape (bodies,).
     """
 
     def __init__(self, each: Sequence[Shapes | None]) -> None:
@@ -86,9 +97,13 @@ class ShapesOfBodies:
         self.most = m = int(self.counts.max(initial=0))
         self.moments = np.zeros((len(each), m + 1, m + 1, 3, 3))
         self.stiffness, self.force = np.zeros((len(each), m, m)), np.zeros((len(each), m))
+        self.drift = np.zeros((len(each), m, 3))
+        self.held = np.array([own is not None and own.drift is not None for own in each])
         for k, own in enumerate(each):
             if own is not None:
                 n = len(own)
+                if own.drift is not None:
+                    self.drift[k, :n] = own.drift
                 self.moments[k, : n + 1, : n + 1] = own.moments
                 self.stiffness[k, :n, :n], self.force[k, :n] = own.stiffness, own.force
         self.couplings = axial(self.moments[:, 1:, 1:])

@@ -55,7 +55,7 @@ class Fields:
         self._mean = CauchyStress(scene, self._nodal.points) if self._nodal else None
         self._scene, self._contacts = scene, scene.named(Contact)
         masses = any(effect.is_carried for effect in scene.named(PointMass))
-        self._may_be_rigid = masses or any(effect.is_rigid for effect in scene.effects)
+        self._may_be_rigid = masses or any(effect.is_body for effect in scene.effects)
 
     def may_have_bodies(self, report: Report) -> bool:
         """Whether there are rigid bodies in a run, or may be."""

@@ -51,6 +51,8 @@ class LumpedInertia(Look):
             return
         self._seen = bodies.of
         excess, kinetic = bodies.kinetic_excess, bodies.kinetic_of_each
+        if bodies.of.shapes is not None:  # their twins of cells have the same masses
+            excess = np.where(bodies.of.shapes.counts > 0, 0.0, excess)
         shares = np.where(kinetic > 0, excess / np.where(kinetic > 0, kinetic, 1.0), 0.0)
         k = int(np.argmax(shares))
         if shares[k] <= WORTH_A_WARNING or excess[k] <= OF_ALL * report.kinetic:

@@ -91,9 +91,9 @@ class TurnedSprings(Look):
         x = self._X + report.state.u.x.array[: self._X.size].reshape(-1, 3)
         bodies = report.rigid
         for k, record in enumerate(bodies.of.records):
-            pose: Array = bodies.pose[k]
             inside = np.flatnonzero(np.isin(record.nodes, on))
-            x[record.nodes[inside]] = pose[0] + record.offsets[inside] @ pose[1:]
+            a = record.coordinates(inside)
+            x[record.nodes[inside]] = a @ bodies.pose[k, : a.shape[1]]
         return np.asarray(x[on])
 
 

@@ -153,19 +153,20 @@ def check_rigid(scene: Any) -> None:
         SceneError: On every rank, if two do.
     """
     _check_faces(scene)
-    taken = np.zeros(len(scene.nodal_mass), dtype=bool)
-    for rigid in (effect for effect in scene.effects if effect.is_rigid):
+    bodies = [effect for effect in scene.effects if effect.is_body]
+    taken = np.full(len(scene.nodal_mass), -1)
+    for k, rigid in enumerate(bodies):
         if rigid.where is None:
             return
-        nodes = scene.nodes(rigid.where, "Rigid", (3,))
-        agree(
-            scene.comm,
-            f"Rigid '{rigid.name}' shares nodes with another body, which would be a hinge. Merge "
-            "the two sets, or leave a layer of flexible cells between them."
-            if taken[nodes].any()
-            else None,
-        )
-        taken[nodes] = True
+        nodes = scene.nodes(rigid.where, rigid.kind, (3,))
+        other = int(scene.comm.allreduce(int(taken[nodes].max(initial=-1)), op=MPI.MAX))
+        if other >= 0:
+            raise SceneError(
+                f"{rigid.kind} '{rigid.name}' shares nodes with another body, "
+                f"{bodies[other].kind} '{bodies[other].name}', which would be a hinge. Merge the "
+                "two sets, or leave a layer of flexible cells between them."
+            )
+        taken[nodes] = k
 
 
 def _check_faces(scene: Any) -> None:
@@ -176,7 +177,7 @@ def _check_faces(scene: Any) -> None:
             a part named rigid that has not all of them.
     """
     n, taken = scene.owned_nodes, np.zeros(scene.owned_nodes, dtype=np.int64)
-    named = [effect for effect in scene.effects if effect.is_rigid]
+    named = [effect for effect in scene.effects if effect.is_body]
     for number, rigid in enumerate(named, start=1):
         inside = (
             np.ones(n) if rigid.where is None else scene.members(rigid.where, rigid.kind)[:n, 0]
@@ -191,6 +192,13 @@ def _check_faces(scene: Any) -> None:
                     f"{face.name}: {support.owner} holds some of its nodes, which move as one "
                     f"body. Join the 'ground', take MeanFace('{face.where}'), or separate the two "
                     "sets."
+                )
+        for part in (effect for effect in named if effect.deforms):
+            inside = scene.members(part.where, part.kind)[:n, 0] if part.where else np.ones(n)
+            if scene.sum(np.count_nonzero(inside[nodes])) > 0:
+                raise SceneError(
+                    f"{face.name}: it shares nodes with {part.owner}, whose shapes would deform "
+                    "it. Name the part Rigid, or leave a layer of flexible cells between the two."
                 )
         parts = {k for some in scene.comm.allgather(np.unique(taken[nodes])) for k in some.tolist()}
         if parts == {0}:

@@ -62,6 +62,8 @@ def _held(scene: Any, load: Any, first: float, last: float) -> bool:
         if support.since <= first and last <= support.until:
             held[np.ix_(nodes[nodes < n], support.axes)] = True
     for rigid in scene.named(fx.Rigid):  # a part that a support holds moves with it
+        if rigid.deforms:
+            continue
         nodes = scene.nodes(rigid.where, rigid.kind) if rigid.where else np.arange(n)
         nodes = nodes[nodes < n]
         held[nodes] |= bool(scene.sum(held[nodes].any()) > 0)

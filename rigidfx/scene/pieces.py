@@ -54,7 +54,40 @@ def divide(
             sets = {**domain.sets, (name, 3): EntitySet(name, 3, cells)}
             domain = replace_sets(domain, sets)
             out.append(replace(effect, where=name, each=False))
+    domain, out = _merged(domain, out)
     return domain, tuple(out), counts
+
+
+def _merged(domain: Domain, effects: list[fx.Effect]) -> tuple[Domain, list[fx.Effect]]:
+    """Effects with one `Reduced` for each group of sets that share nodes. Collective.
+
+    The set of a group is named by its sets, such as "link + head".
+    """
+    parts = [e for e in effects if isinstance(e, fx.Reduced) and e.where is not None]
+    cells = [domain.find(part.name, (3,), part.kind).entities for part in parts]
+    if len(parts) < 2:
+        return domain, effects
+    map_ = domain.mesh.topology.index_map(3)
+    among = np.zeros(map_.size_local + map_.num_ghosts, dtype=bool)
+    among[np.concatenate(cells)] = True
+    of_cell = connected_parts(domain.mesh, 0, among).of_cell
+    groups: list[tuple[set[int], list[int]]] = []  # connected pieces, and the parts in them
+    for k, own in enumerate(cells):
+        found = domain.comm.allgather(np.unique(of_cell[own]).tolist())
+        pieces, members = {piece for some in found for piece in some}, [k]
+        for group in [group for group in groups if group[0] & pieces]:
+            groups.remove(group)
+            pieces, members = pieces | group[0], group[1] + members
+        groups.append((pieces, members))
+    for members in (sorted(group[1]) for group in groups if len(group[1]) > 1):
+        name = " + ".join(parts[k].name for k in members)
+        every = EntitySet(name, 3, np.unique(np.concatenate([cells[k] for k in members])))
+        domain = replace_sets(domain, {**domain.sets, (name, 3): every})
+        asked = [parts[k].shapes for k in members]
+        count = None if None in asked else sum(n for n in asked if n is not None)
+        effects = [e for e in effects if not any(e is parts[k] for k in members)]
+        effects.append(fx.Reduced(name, shapes=count))
+    return domain, effects
 
 
 def count_pieces(domain: Domain, rigid: fx.Rigid) -> int:

@@ -72,7 +72,7 @@ def _spun(responses: Responses, V: Array, rigid: Array) -> Array:
     energies = [np.diag(responses.dot(u, responses.inertia(u))) for u in (r, rotation)]
     some = energies[1] > SMALL * energies[0]
     omega = responses.rigid.spins(rigid[:, some])
-    F = responses.inertia(np.cross(omega, r[:, :, some], axis=1))
+    F = responses.inertia(np.asarray(np.cross(omega, r[:, :, some], axis=1), dtype=np.float64))
     return compressed(responses.scene, F)
 
 

@@ -52,10 +52,11 @@ class Basis:
         room = min(n + k, max(most, n))
         Y, MY = np.empty((2, 3 * shape[0], room))
         Y[:, :n], MY[:, :n] = columns(self.vectors), columns(self.images)
-        for y, image, size in zip(columns(vectors).T, columns(images).T, sizes, strict=True):
+        for j, size in enumerate(sizes):
             if n == room:
                 break
-            y, image = y.copy(), image.copy()
+            y: Array = columns(vectors)[:, j].copy()
+            image: Array = columns(images)[:, j].copy()
             for _ in range(2):  # once more for what rounding leaves
                 parts = self._total(MY[:, :n].T @ y)
                 y -= Y[:, :n] @ parts

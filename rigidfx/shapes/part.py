@@ -180,6 +180,16 @@ class Part:
         force = np.asarray(scene.sum(np.einsum("nak,na->k", Y, self._internal)))
         return PartShapes(Y, np.diag(squares / largest**2), force)
 
+    def projected(self, modes: Array) -> PartShapes:
+        """Shapes with Ω = ΦᵀKΦ and f₀ = Φᵀ f_int. Collective.
+
+        Args:
+            modes: At its nodes, shape (nodes, 3, m).
+        """
+        K = self._dot(modes, self.times_stiffness(modes))
+        force = np.asarray(self._scene.sum(np.einsum("nak,na->k", modes, self._internal)))
+        return PartShapes(modes, 0.5 * (K + K.T), force)
+
     def unspanned(self, shapes: PartShapes, F: Array) -> npt.NDArray[np.bool_]:
         """Which forces strain it by more than `LACKING` otherwise than its shapes can. Collective.
 
@@ -199,7 +209,7 @@ class Part:
         own, whole = np.einsum("nak,nak->k", deformed, forces), np.einsum("nak,nak->k", F, u)
         own, whole = scene.sum(np.stack([own, whole]))
         h = self._dot(shapes.modes, forces)
-        held = (h * h / np.diag(shapes.stiffness)[:, None]).sum(axis=0)
+        held = (h * np.linalg.solve(shapes.stiffness, h)).sum(axis=0)
         return np.asarray(own - held > LACKING**2 * np.maximum(own, LACKING**2 * whole))
 
     def destroy(self) -> None:

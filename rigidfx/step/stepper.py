@@ -111,7 +111,11 @@ class Stepper:
         self.state.group(division.bodies)
         self.state.clamp(division.clamped)
         self.prescribed = PrescribedDofs(
-            self.scene, supports_of(acting), division.driven_nodes, self._jumps
+            self.scene,
+            supports_of(acting),
+            division.driven_nodes,
+            self._jumps,
+            division.nodes_of_held,
         )
         self._division = division
         self._inversion.bind(division.flexible)
@@ -128,6 +132,7 @@ class Stepper:
             self._dealing,
             self._eased_stress,
             division.driven_cells,
+            division.held,
         )
         if before is not None:
             self.system.newton.go_on(before.newton)
@@ -290,9 +295,10 @@ class Stepper:
         velocities = self.prescribed.velocities(self.state.t, dt, self.state.u.x.array)
         system = self.system
         jump = impose_velocity(self.scene, self.state, system.mass, system.layout, velocities)
+        followed = system.lead_frames(self.state, dt)
         # A body that a support takes over loses what it has kept to the same impact.
         kept = self.state.stored - before.stored
-        if jump is None and kept == 0.0:
+        if jump is None and kept == 0.0 and not followed:
             return None
         after, u = self.measure(), self.state.u.x.array
         return Impact(

@@ -5,7 +5,7 @@ It says which cells are flexible, which form bodies and which go with a support.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.decide.decision import PlannedBody
-from rigidfx.effects import Resultant, Rigid, Support
+from rigidfx.effects import Reduced, Resultant, Rigid, Support
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body
@@ -28,6 +28,7 @@ from rigidfx.switch.faces import face_bodies
 __all__ = ["check_clamps", "divide"]
 
 Nodes = npt.NDArray[np.int32]
+Shape = Callable[[Reduced, Body, bool], Body]
 
 
 def check_clamps(scene: Scene, timeline: Timeline) -> bool:
@@ -49,10 +50,17 @@ def check_clamps(scene: Scene, timeline: Timeline) -> bool:
     found = False
     for effect in scene.named(Rigid) if scene.named(Support) else ():
         _, nodes = _cells_and_nodes(scene, effect)
+        first = _clamp(scene, supports_of(scene.acting(timeline.after(0.0))), effect.name, nodes)
         for t in times:
             acting = scene.acting(timeline.after(t))
             clamp = _clamp(scene, supports_of(acting), effect.name, nodes)
-            found |= clamp is not None
+            if effect.deforms and (clamp is None) != (first is None):
+                raise SceneError(
+                    f"{effect.owner}: at t = {t:g} s a support begins or ends on it, and shapes "
+                    "are those of a part that is held always, or never. Let the support act all "
+                    "the time, or leave a layer of flexible cells between the two."
+                )
+            found |= clamp is not None and not effect.deforms
             if clamp is not None and effect.given:
                 raise SceneError(
                     f"Rigid '{effect.name}': its mass or inertia is given, and at t = {t:g} s a "
@@ -75,6 +83,7 @@ def divide(
     state: State,
     active: tuple[Support, ...],
     found: Sequence[Body] = (),
+    shape: Shape | None = None,
 ) -> Division:
     """Divide the cells into flexible ones, bodies, and those that supports move. Collective.
 
@@ -84,6 +93,8 @@ def divide(
         state: Current state; named bodies that are in it already keep data and motion.
         active: Supports that act now.
         found: Further bodies. Those that hold named sets stand for these.
+        shape: Gives a body of a `Reduced` part its shapes, and is told whether a support holds its
+            frame; such parts are flexible if None, as in statics and modes.
 
     Raises:
         SceneError: If two bodies share a node, or a support holds a body other than by clamping
@@ -94,23 +105,31 @@ def divide(
     inside_found = {name for body in found for name in body.data.named}
     driven: dict[int, Nodes] = {}
     clamped: dict[int, Nodes] = {}
+    held: dict[str, int] = {}
     taken = np.zeros(scene.owned_nodes, dtype=bool)
     known = {body.data.name: body for body in state.bodies}
     for number, effect in enumerate(scene.named(Rigid), start=1):
+        if effect.deforms and shape is None:
+            continue
         cells, nodes = _cells_and_nodes(scene, effect)
         name = effect.name
         _check_hinge(scene, name, bool(taken[nodes].any()))
         taken[nodes] = True
         rigid.append(cells)
         support = _clamp(scene, active, name, nodes)
-        if support is not None:
+        if support is not None and effect.deforms:
+            held[name] = support
+        if support is not None and not effect.deforms:
             clamped[number] = cells
             driven[support] = np.union1d(driven.get(support, nodes), nodes).astype(np.int32)
         elif name in known and name not in inside_found:
             bodies.append(known[name])
         elif name not in inside_found:
             what = PlannedBody(cells, nodes, name, number, (name,))
-            bodies.append(_freeze_named(scene, forces, state, effect, what))
+            body = _freeze_named(scene, forces, state, effect, what)
+            if isinstance(effect, Reduced) and shape is not None:
+                body = shape(effect, body, support is not None)
+            bodies.append(body)
     bodies += found
     for body in found:
         taken[body.data.nodes] = True
@@ -128,6 +147,7 @@ def divide(
         forces.cells(moved) if some else None,
         driven,
         clamped,
+        held,
     )
 
 

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
 
 from rigidfx.base.errors import InversionError
-from rigidfx.base.remembered import OBJECTS, Remembered, same
+from rigidfx.base.remembered import OBJECTS, PART, Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.decide.decision import Decision
 from rigidfx.effects import (
@@ -43,6 +44,7 @@ from rigidfx.switch.consistent_exchange import ConsistentExchange
 from rigidfx.switch.exchange import Exchange, LumpedExchange, Works
 from rigidfx.switch.inventory import check_clamps, divide
 from rigidfx.switch.mass_properties import mass_properties
+from rigidfx.switch.shaping import Shaping
 
 __all__ = ["Switch"]
 
@@ -52,11 +54,15 @@ class Switch:
 
     Attributes:
         acting: The effects with a time window that act.
+        shaping: Gives parts named `Reduced` their shapes.
         held: Force of each support in a static preload [N], and its moment [N m]: see `begin`.
         clamps: Whether a support clamps a part named rigid at any time: likewise.
     """
 
-    remembered: ClassVar[Remembered] = same("_told", "_pending") | {"acting": OBJECTS}
+    remembered: ClassVar[Remembered] = same("_told", "_pending") | {
+        "acting": OBJECTS,
+        "shaping": PART,
+    }
 
     def __init__(self, stepper: Stepper, timeline: Timeline, start: Start | None = None) -> None:
         """Take a stepper over.
@@ -77,6 +83,7 @@ class Switch:
         kind = LumpedExchange if grouped else ConsistentExchange
         self._exchange: Exchange = self._joints or kind(scene, stepper.forces)
         self.acting = scene.acting(timeline.after(0.0))
+        self.shaping = Shaping(scene, stepper.forces, self.acting, timeline.t_end)
         self._pending = self._breakpoints_after(0.0)
 
     def _breakpoints_after(self, t: float) -> tuple[float, ...]:
@@ -88,8 +95,10 @@ class Switch:
         """Bind the stepper to named bodies and to those found. Collective."""
         stepper = self._stepper
         scene, state, supports = stepper.scene, stepper.state, supports_of(self.acting)
-        division = divide(scene, stepper.forces, state, supports, found)
-        prescribed = PrescribedDofs(scene, supports, division.driven_nodes).mask
+        shape = partial(self.shaping.shaped, state)
+        division = divide(scene, stepper.forces, state, supports, found, shape)
+        known = division.driven_nodes, None, division.nodes_of_held
+        prescribed = PrescribedDofs(scene, supports, *known).mask
         self._exchange.settle(state, division, prescribed)
         stepper.bind(replace(division, bodies=state.bodies), self.acting)
         linkage = stepper.system.linkage
@@ -266,6 +275,22 @@ class Switch:
                 f"{before.kinetic + gained:.6g} J. Give velocities that leave joints closed.",
             )
         return own if impact is None else impact + own
+
+    def grow(self) -> bool:
+        """Give bodies the shapes that the last attempt calls for; whether any. Collective.
+
+        The attempt is to be made again then: a node that presses does so on shapes that yield.
+        """
+        if not self.shaping.grows:
+            return False
+        stepper = self._stepper
+        pressing = stepper.system.actions.pressing()
+        grown = self.shaping.grown(stepper.state, pressing)
+        if grown is None:
+            return False
+        stepper.state.group(grown)
+        self._bind(list(grown))
+        return True
 
     def apply(self, decision: Decision, eased: Eased | None = None) -> Event | None:
         """Release and freeze, so that the bodies are those of a decision. Collective.

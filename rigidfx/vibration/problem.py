@@ -74,7 +74,8 @@ class Problem:
         forces = InternalForces(scene, state.u, ())
         division = divide(scene, forces, state, supports_of(acting))
         state.group(division.bodies)
-        held = PrescribedDofs(scene, supports_of(acting), division.driven_nodes)
+        known = division.driven_nodes, None, division.nodes_of_held
+        held = PrescribedDofs(scene, supports_of(acting), *known)
         cells, driven = division.flexible, division.driven_cells
         layout = dof_layout(scene, cells, state.bodies.of, held.mask, driven)
         own = layout.massive[layout.rows.nodes]

@@ -134,6 +134,14 @@ class ObstacleForces(ContactAction):
         """See `Action`."""
         return 0.0 if self._pressed is None else self._pressed.dissipated
 
+    def pressing(self) -> tuple[npt.NDArray[np.int64], Array]:
+        """See `ContactAction`."""
+        p, nodes = self._pressed, self.nodes
+        if p is None:
+            return np.empty(0, np.int64), np.empty((0, 3))
+        some = (nodes.bodies[p.at] >= 0) & p.force.any(axis=1)
+        return nodes.nodes[p.at[some]].astype(np.int64), -p.force[some]
+
     def touch(self) -> Touch:
         """See `ContactAction`."""
         p, points = self._pressed, self._points

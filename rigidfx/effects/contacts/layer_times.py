@@ -87,7 +87,7 @@ def _layer(scene: Any, contact: Any, where: str) -> tuple[Array, Array]:
     modulus, density = np.zeros((2, len(dofs)))
     for material, own in scene.materials:
         modulus[own], density[own] = modulus_of(scene.comm, material), material.rho
-    for rigid in scene.named(Rigid):
+    for rigid in (effect for effect in scene.named(Rigid) if effect.is_rigid):
         modulus[scene.owned_cells(rigid.where, rigid.kind)] = np.nan
     known = np.isfinite(modulus[cells])
     cells, corners = cells[known], X[nodes[known]]
@@ -102,7 +102,7 @@ def _rigid(scene: Any, contact: Any, where: str) -> list[tuple[float, float]]:
     """Mass [kg] and area [m²] of each part named rigid that has nodes in a surface. Collective."""
     area = surface_of(scene, where, contact.stiffness, contact.owner).area
     found = []
-    for rigid in scene.named(Rigid):
+    for rigid in (effect for effect in scene.named(Rigid) if effect.is_rigid):
         inside = np.zeros(area.size, dtype=bool)
         inside[slice(None) if rigid.where is None else scene.nodes(rigid.where, "Rigid", (3,))] = 1
         inside[scene.owned_nodes :] = False

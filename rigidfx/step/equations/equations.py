@@ -32,6 +32,7 @@ from rigidfx.scene.scene import Scene
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.lost import Lost
 from rigidfx.step.equations.round_off import Rounding
+from rigidfx.step.equations.shape_damping import ShapeDamping
 from rigidfx.step.equations.trial import Trial
 
 __all__ = ["Equilibrium"]
@@ -51,6 +52,8 @@ class Equilibrium:
         d: Increments of the active nodes at the iterate of the last residual [m].
         forces_out_of_balance: Residual at the active nodes there [N]; at held dofs it is the force
             of the supports.
+        body_rows: Residual of the bodies there, shape (bodies, 6 + m) [N]; the first six of a body
+            that is held are what its support exerts.
     """
 
     def __init__(
@@ -61,6 +64,7 @@ class Equilibrium:
         mass: Mass | None,
         prolongation: Prolongation,
         actions: Actions,
+        damping: ShapeDamping | None = None,
     ) -> None:
         """Create matrices and vectors. Collective.
 
@@ -71,8 +75,9 @@ class Equilibrium:
             mass: Mass operator, or None for statics.
             prolongation: Map between unknowns and dofs.
             actions: Actions on nodes and bodies.
+            damping: That of the shapes of bodies; none if None.
         """
-        self.prolongation = prolongation
+        self.prolongation, self._damping = prolongation, damping
         self.inertial = mass is not None
         self._forces, self._mass = forces, mass
         self._actions = actions
@@ -85,6 +90,7 @@ class Equilibrium:
             self._rows.vector() for _ in range(5)
         )
         self._moments: Array = np.zeros_like(prolongation.increments.displacement)
+        self.body_rows: Array = prolongation.no_bodies
         self._last: Array = np.empty(0)  # unknowns that d and u₁ belong to
         none = np.empty(0)
         self.trial = Trial(0.0, None, none, none, prolongation.increments.step)
@@ -93,7 +99,14 @@ class Equilibrium:
             scene, forces, bound.undeformed, self._tangent, prolongation, actions
         )
 
-    def begin(self, dt: float, v0: PETSc.Vec | None, imposed: Array, start: Bodies) -> Trial:
+    def begin(
+        self,
+        dt: float,
+        v0: PETSc.Vec | None,
+        imposed: Array,
+        start: Bodies,
+        given: Array | None = None,
+    ) -> Trial:
         """Begin a step, under the loads that the actions have now; its data. Collective.
 
         Args:
@@ -101,8 +114,10 @@ class Equilibrium:
             v0: Velocity of the active nodes at the start of the step [m/s]; None in statics.
             imposed: Increments of the held dofs [m].
             start: The bodies at the start of the step.
+            given: Increments of the frames of bodies that are held: see `Step`.
         """
-        bodies = Step(start, dt) if self.inertial else StaticStep(start)
+        damping = None if self._damping is None else self._damping.matrix(dt)
+        bodies = Step(start, dt, damping, given) if self.inertial else StaticStep(start, given)
         self.trial = Trial(dt, v0, imposed, self._u0[self._rows.dofs], bodies)
         self._cells.begin(self.trial.start)
         if self._mass is not None:
@@ -243,7 +258,8 @@ class Equilibrium:
             return increments.unknowns
         more = forces.moments if self._resists else None
         self._moments = self.prolongation.moments(forces.vector, more) - loads.moments
-        return increments.balance(self._moments, loads.torques)
+        self.body_rows = increments.balance(self._moments, loads.torques)
+        return self.body_rows
 
     def tangent(self) -> None:
         """Assemble and condense the tangent at the last iterate. Collective."""

@@ -118,9 +118,16 @@ class JoinedEquilibrium(Equilibrium):
         y.setType(PETSc.Vec.Type.STANDARD)
         return y
 
-    def begin(self, dt: float, v0: PETSc.Vec | None, imposed: Array, start: Bodies) -> Trial:
+    def begin(
+        self,
+        dt: float,
+        v0: PETSc.Vec | None,
+        imposed: Array,
+        start: Bodies,
+        given: Array | None = None,
+    ) -> Trial:
         """See `Equilibrium`."""
-        trial = super().begin(dt, v0, imposed, start)
+        trial = super().begin(dt, v0, imposed, start, given)
         self._scale = self.linkage.scale(dt, self.drag)
         self.linkage.begin(start)
         return trial

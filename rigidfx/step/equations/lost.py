@@ -45,7 +45,10 @@ class Lost:
         self._p, parts = prolongation, scene.parts
         corners = parts.upper.max(axis=0) - parts.lower.min(axis=0)
         self._size = 0.5 * float(np.linalg.norm(corners))
-        self.of_momenta = prolongation.comm.allreduce(prolongation.prescribed.size) == 0
+        held = not prolongation.layout.ensemble.known.all()
+        self.of_momenta = (
+            prolongation.comm.allreduce(prolongation.prescribed.size) == 0 and not held
+        )
         self._energy = self._momentum = TINY
         self._each = np.ones(len(prolongation.free_of_nodes))
 
@@ -109,7 +112,7 @@ class Lost:
         at, each = p.at_nodes(x), self._each
         out[0], out[1:4] = each.size, each @ at
         out[4:7], out[7:10] = each @ f, axial(at.T @ f)
-        own = p.owned_bodies
+        own = p.moving
         if own.size:
             six, start = R[p.six], p.increments.start
             middle = start.r[own] + 0.5 * p.increments.dr[own]

@@ -100,7 +100,7 @@ class Rounding:
         if momentum is not None:
             noise += 2 / dt * momentum.norm()
         if len(start):
-            noise += 2 / dt * start.momentum_scale
+            noise += 2 / dt * start.momentum_scale + start.elastic_scale
         return float(noise + self._actions.rounding)
 
     def in_strain(self, residual: float, bodies: Bodies) -> float:

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.mechanics.bodies import Bodies, times
-from rigidfx.mechanics.rotation import cross
+from rigidfx.mechanics.bodies import Bodies
 from rigidfx.scene.points import far_apart, find_probes, parts_of_nodes
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
@@ -61,7 +60,7 @@ class Tracked:
         self._X = scene.space.tabulate_dof_coordinates()[self.nodes]
         self._dofs = 3 * self.nodes[:, None] + np.arange(3)
         self._body: Ints = np.full(self.nodes.size, -1)
-        self._arms: Array = np.zeros((self.nodes.size, 3))
+        self._a: Array = np.zeros((self.nodes.size, 4))  # their coordinates in bodies
         self._free: Ints = np.empty(0, np.int64)  # those that take part in a step ...
         self._rows: Ints = np.empty((0, 3), np.int64)  # ... and where in its increments
         self._held: npt.NDArray[np.bool_] = np.zeros(self._X.shape, dtype=bool)
@@ -79,9 +78,12 @@ class Tracked:
         """
         before, self._bodies = self._bodies, bodies.of.records
         self._body[:] = -1
+        self._a = np.zeros((self.nodes.size, bodies.pose.shape[1]))
         for k, body in enumerate(bodies.of.records):
             inside, place = _found(body.nodes, self.nodes)
-            self._body[inside], self._arms[inside] = k, body.offsets[place]
+            a = body.coordinates(place)
+            self._body[inside] = k
+            self._a[inside, : a.shape[1]] = a
         known, place = _found(system.layout.rows.nodes, self.nodes)
         taking = self._body[known] < 0
         self._free = known[taking]
@@ -119,11 +121,10 @@ class Tracked:
         v0[self._held] = v1[self._held] = (v0[self._held] + v1[self._held]) / 2
         if inside.any():
             increments, k = system.equilibrium.prolongation.increments, self._body[inside]
-            for v, bodies in ((v0, increments.start), (v1, increments.end)):
-                arms = times(bodies.R[k], self._arms[inside])
-                v[inside] = bodies.velocity[k] + cross(bodies.angular_velocity[k], arms)
-            end = increments.end.r[k] + times(increments.end.R[k], self._arms[inside])
-            moved[inside] = end - self._X[inside]
+            a, end = self._a[inside, None], increments.end
+            for v, bodies in ((v0, increments.start), (v1, end)):
+                v[inside] = (a @ bodies.pose_rate[k])[:, 0]
+            moved[inside] = (a @ end.pose[k])[:, 0] - self._X[inside]
         total = np.asarray(self._scene.sum(self._sums @ local))
         return total[:, :3], total[:, 3:6], total[:, 6:]
 

@@ -61,7 +61,7 @@ class Frames:
         self._spread.scatter_reverse(la.InsertMode.add)
         self._local.fit(M[self._nodes], self._fitted)
         nodes = self._p.at_nodes(self._fitted.reshape(-1, 9)).reshape(-1, 3, 3)
-        bodies = self._p.increments.start.R[self._p.owned_bodies]
+        bodies = self._p.increments.start.R[self._p.moving]
         return np.concatenate([nodes[self._whole], np.repeat(bodies, 2, axis=0)])
 
     def turn(self, y: Array, Q: Array, back: bool = False) -> None:

@@ -26,7 +26,7 @@ def rigid_motions(prolongation: Prolongation, x: Array) -> Array:
         Shape (owned unknowns, motions): six, fewer where supports leave none of some.
     """
     increments = prolongation.increments
-    own = prolongation.owned_bodies
+    own = prolongation.moving
     comm = prolongation.comm
     sums = np.append(x.sum(axis=0), len(x))
     comm.Allreduce(MPI.IN_PLACE, sums)

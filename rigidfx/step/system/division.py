@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,7 @@ class Division:
             none.
         driven_nodes: Owned nodes that move with a support, by the support's number.
         clamped: Owned cells of each named part that moves with a support, by the part's number.
+        held: Number of the support that holds the frame of a body, by the body's name.
     """
 
     flexible: Cells
@@ -34,3 +35,10 @@ class Division:
     driven_cells: Cells | None
     driven_nodes: Mapping[int, Indices]
     clamped: Mapping[int, Indices]
+    held: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def nodes_of_held(self) -> Indices:
+        """Owned nodes of the bodies whose frames supports hold."""
+        own = (body.nodes for body in self.bodies.of.records if body.name in self.held)
+        return np.concatenate([np.empty(0, np.int32), *own])

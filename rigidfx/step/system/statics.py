@@ -90,7 +90,8 @@ class StaticSystem:
         self.acting = tuple(acting)
         state.group(division.bodies)
         state.clamp(division.clamped)
-        self.prescribed = PrescribedDofs(scene, supports_of(acting), division.driven_nodes)
+        known = division.driven_nodes, None, division.nodes_of_held
+        self.prescribed = PrescribedDofs(scene, supports_of(acting), *known)
         cells, driven = division.flexible, division.driven_cells
         layout = dof_layout(scene, cells, state.bodies.of, self.prescribed.mask, driven)
         self._layout = layout

@@ -78,6 +78,7 @@ class PrescribedDofs:
         active: tuple[Support, ...],
         driven: Mapping[int, npt.NDArray[np.int32]] | None = None,
         jumps: Jumps | None = None,
+        without: npt.NDArray[np.int32] | None = None,
     ) -> None:
         """Find the dofs of the supports that act.
 
@@ -86,6 +87,7 @@ class PrescribedDofs:
             active: Supports.
             driven: Further owned nodes, of bodies that a support moves, by its number.
             jumps: Observer of the paths of steps, if any.
+            without: Owned nodes of bodies whose frames supports hold, as no dofs of their own.
         """
         self._scene = scene
         self.active = active
@@ -95,6 +97,8 @@ class PrescribedDofs:
             owner[dofs_of(scene, support)] = k
         for k, nodes in (driven or {}).items():
             owner[(3 * nodes[:, None] + np.arange(3)).reshape(-1)] = k
+        if without is not None:
+            owner[(3 * without[:, None] + np.arange(3)).reshape(-1)] = -1
         self.mask = owner >= 0
         self._owner = owner[self.mask]
         held = np.flatnonzero(self.mask)

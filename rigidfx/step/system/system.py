@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +20,14 @@ from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import JointReports, ResolvedForces, SpringDamperReport, Touch, Windowed
+from rigidfx.effects import (
+    JointReports,
+    ResolvedForces,
+    SpringDamperReport,
+    Support,
+    Touch,
+    Windowed,
+)
 from rigidfx.effects.motion import ForcesOfNodes
 from rigidfx.flexible.eased_stress import EasedStress
 from rigidfx.flexible.internal_forces import Cells, InternalForces
@@ -33,11 +41,13 @@ from rigidfx.step.equations.eased_forces import EasedForces
 from rigidfx.step.equations.energies import Energies
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.equations.joined import JoinedEquilibrium
+from rigidfx.step.equations.shape_damping import ShapeDamping
 from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.newton.first_guess import predict
 from rigidfx.step.newton.newton import Newton
 from rigidfx.step.newton.solution import Solution
 from rigidfx.step.system.constraint_forces import HeldForces, JointForces
+from rigidfx.step.system.held_bodies import HeldBodies
 from rigidfx.step.system.linked import linked
 from rigidfx.step.system.reduced_mass import ReducedMass
 from rigidfx.step.system.resolved_forces import ResolvedConstraints
@@ -89,6 +99,7 @@ class System:
         equilibrium: The equations of a step.
         newton: Solves them.
         linkage: The joints; None if there are none.
+        held: Bodies whose frames supports hold.
     """
 
     def __init__(
@@ -103,6 +114,7 @@ class System:
         dealing: Dealing,
         eased_stress: EasedStress,
         driven: Cells | None = None,
+        held: Mapping[str, int] | None = None,
     ) -> None:
         """Bind everything to a division and to the effects that act. Collective.
 
@@ -118,6 +130,7 @@ class System:
             eased_stress: Form of the stresses that releases have let down.
             driven: Owned cells by subdomain id that move with a support: not flexible, all their
                 dofs prescribed, their mass counted.
+            held: Number of the support that holds the frame of a body, by the body's name.
         """
         self._scene, self._forces, self._prescribed = scene, forces, prescribed
         self.acting = tuple(acting)
@@ -146,24 +159,34 @@ class System:
         self.energies = Energies(scene, forces, self.mass, layout, self.actions)
         self._taken = forces.bind_taken(flexible, driven)
         dealt = self._dealt = dealing.rows(layout, forces.loaded(flexible, driven or {}))
-        copies = None if dealt is None else dealt.cells
+        parts = layout.interior, layout.interface, driven, None if dealt is None else dealt.cells
+        self._damping = ShapeDamping(scene, forces, state.bodies)
         given = (
             scene,
             forces,
-            forces.bind(flexible, layout.interior, layout.interface, driven, copies),
+            forces.bind(flexible, *parts),
             self.mass,
             Prolongation(layout, scene.comm, dealt),
             self.actions,
+            self._damping,
         )
         self.linkage = self.energies.linkage = linked(self.structure, state, acting)
-        self.equilibrium = (
-            Equilibrium(*given)
-            if self.linkage is None
-            else JoinedEquilibrium(self.linkage, state.bodies, *given)
-        )
+        self.equilibrium = self._equilibrium(state.bodies, *given)
         self.newton = Newton(self.equilibrium, scene)
+        self.held = HeldBodies(scene, self._frames(held or {}), state.bodies)
         self._v0 = rows.vector()
         self._bind_constraints(state.bodies)
+
+    def _equilibrium(self, bodies: Bodies, *given: Any) -> Equilibrium:
+        """The equations of a step, with rows of joints if there are any. Collective."""
+        if self.linkage is None:
+            return Equilibrium(*given)
+        return JoinedEquilibrium(self.linkage, bodies, *given)
+
+    def _frames(self, held: Mapping[str, int]) -> dict[int, Support]:
+        """The support of each body whose frame is held, by its place among the bodies."""
+        records = enumerate(self.layout.bodies)
+        return {k: self._prescribed.active[held[b.name]] for k, b in records if b.name in held}
 
     def _bind_constraints(self, bodies: Bodies) -> None:
         """Bind what takes the alternating part out of forces of constraints. Collective."""
@@ -204,7 +227,8 @@ class System:
             together(self._scene.comm, "A motor", start)
         self._v0.array[:] = state.v.x.array[self.layout.rows.dofs]
         imposed = self._prescribed.increments(state.t, state.t + dt, state.u.x.array)
-        trial = self.equilibrium.begin(dt, self._v0, imposed, state.bodies)
+        given = self.held.given(state.t, state.t + dt, state.bodies) if len(self.held) else None
+        trial = self.equilibrium.begin(dt, self._v0, imposed, state.bodies, given)
         v, bodies = trial.v0.array_r, state.bodies
         return self.newton.solve(predict(self._scene, self.layout, trial.start, v, bodies, dt))
 
@@ -276,7 +300,7 @@ class System:
         d, forces = self.equilibrium.d.array_r, self.equilibrium.forces_out_of_balance.array_r
         prescribed = prolongation.prescribed
         held, added = self._constraint_forces(state, dt, d, forces[prescribed])
-        reactions, moments = self._reactions(state, d, held)
+        reactions, moments = map(dict, self._reactions(state, d, held))
         alternating = np.zeros((2, 3))
         if self._of_held is not None or self._resolved is not None:
             rest = self._reactions(state, d, forces[prescribed] - held)
@@ -300,7 +324,11 @@ class System:
         dissipated: dict[str, float] = {}
         for kind, energy in zip(kinds, lost, strict=True):
             dissipated[kind] = dissipated.get(kind, 0.0) + energy
+        for kind, energy in self._damping.taken(self.increments, dt).items():
+            dissipated[kind] = dissipated.get(kind, 0.0) + energy
         loads = dead + followed
+        if len(self.held):
+            supports += self._hold(state, reactions, moments)
         supports += sum(touch.work for touch in touches.values())
         joints, springs = JointReports(), dict[str, SpringDamperReport]()
         if self.linkage is not None:
@@ -311,6 +339,35 @@ class System:
                 dissipated[kind] = dissipated.get(kind, 0.0) + energy
         named = reactions, moments, alternating, touches, joints, springs
         return Work(loads, supports, dissipated, *named)
+
+    def lead_frames(self, state: State, dt: float) -> bool:
+        """Give frames that supports hold the velocity of these; whether any changed. Collective.
+
+        Args:
+            state: Its bodies get velocities.
+            dt: Length of the next step [s], the scale of difference quotients.
+        """
+        if not len(self.held):
+            return False
+        bodies = self.held.moving(state.t, dt, state.bodies)
+        changed = not np.array_equal(bodies.rates, state.bodies.rates)
+        if changed:
+            state.kick(self.layout.rows.dofs[:0], np.empty(0), bodies)
+        return changed
+
+    def _hold(
+        self,
+        state: State,
+        reactions: dict[str, Array],
+        moments: dict[str, Array],
+    ) -> float:
+        """Add what supports exert on frames of bodies to reactions; its work in the step [J]."""
+        rows, bodies, increments = self.equilibrium.body_rows, state.bodies, self.increments
+        middle = bodies.r + 0.5 * increments.dr
+        for where, force, moment in self.held.reactions(rows, middle, bodies.of.length):
+            reactions[where] = reactions.get(where, 0.0) + force
+            moments[where] = moments.get(where, 0.0) + moment
+        return increments.work_of_supports(rows)
 
     def _constraint_forces(
         self, state: State, dt: float, d: Array, held: Array

@@ -1,0 +1,70 @@
+"""Parts that deform by a few shapes from the beginning."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import shown
+from rigidfx.effects.rigid import Rigid
+
+__all__ = ["Reduced"]
+
+
+@dataclass(frozen=True)
+class Reduced(Rigid):
+    """Cells that move as one body which deforms by a few shapes in its own frame.
+
+    For parts that vibrate and hardly bend: rotations inside the part, beside those of its frame,
+    should stay below some hundredths. It has 6 unknowns and one for each shape, whatever its mesh.
+
+    Attributes:
+        where: Name of a set of cells; all cells if None.
+        each: If True, each disconnected piece of the set is a body; if False, all pieces are one.
+        shapes: Number of shapes. If None, the static responses of the structure to the forces that
+            act on it anywhere, and what follows from these by inertia, as many as they need.
+    """
+
+    is_rigid: ClassVar[bool] = False
+    deforms: ClassVar[bool] = True
+
+    mass: None = field(default=None, init=False)
+    inertia: None = field(default=None, init=False)
+    shapes: int | None = field(default=None, kw_only=True)
+
+    def check(self, scene: Any) -> None:
+        """Look its cells up, and see that no surface presses it. Collective.
+
+        Raises:
+            SceneError: On every rank, if a contact between surfaces has nodes of it.
+        """
+        super().check(scene)
+        n = scene.owned_nodes
+        own = np.ones(n) if self.where is None else scene.members(self.where, self.kind)[:n, 0]
+        for contact in (effect for effect in scene.effects if effect.keeps_apart):
+            for name in contact.keeps_apart:
+                nodes = scene.nodes(name, contact.owner, (2,))
+                if scene.sum(np.count_nonzero(own[nodes[nodes < n]])) > 0:
+                    raise SceneError(
+                        f"{self.owner}: {contact.owner} has nodes of it. A reduced part meets "
+                        "obstacles, but no other surface yet: leave a layer of flexible cells "
+                        "under the surface, or name the part Rigid."
+                    )
+
+    def __post_init__(self) -> None:
+        """Check the number of shapes.
+
+        Raises:
+            SceneError: If it is no whole number ≥ 1.
+        """
+        super().__post_init__()
+        whole = isinstance(self.shapes, (int, np.integer)) and not isinstance(self.shapes, bool)
+        if self.shapes is not None and not (whole and self.shapes >= 1):
+            raise SceneError(
+                f"{self.owner}: shapes must be a whole number ≥ 1, or None for as many as the "
+                f"forces need, got {shown(self.shapes)}. A part without shapes is "
+                f"Rigid({self.where!r})."
+            )

@@ -1,0 +1,279 @@
+"""Give parts that are named `Reduced` their shapes, and more of them when new forces call for some.
+
+Shapes are static responses of the whole structure about its start, restricted to the part
+(`rigidfx.shapes`). What a shape does not change stays as it is: a shape that is added begins at
+q = q̇ = 0, so that neither places nor momenta nor energy jump.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from rigidfx.base.errors import SceneError
+from rigidfx.base.remembered import ON_DOFS, Remembered
+from rigidfx.effects import Contact, Reduced, Windowed
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rigid_body import NOTHING, Body, RigidBody
+from rigidfx.mechanics.shapes import Shapes
+from rigidfx.scene.scene import Scene
+from rigidfx.shapes.orthonormal import Basis
+from rigidfx.shapes.part import MOST, Part, PartShapes
+from rigidfx.shapes.patterns import of_springs, patterns
+from rigidfx.shapes.responses import Responses
+from rigidfx.shapes.ritz import DEPTH, ritz, shapes_of
+from rigidfx.state import State
+
+__all__ = ["Shaping"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+class Shaping:
+    """The shapes of the parts of a run that are named `Reduced`; `destroy` frees the factor.
+
+    Attributes:
+        start: Displacement of all local dofs at the start, about which the structure responds [m];
+            None before a part has been given shapes.
+    """
+
+    remembered: ClassVar[Remembered] = {"start": ON_DOFS}
+
+    def __init__(
+        self, scene: Scene, forces: InternalForces, acting: Sequence[Windowed], until: float
+    ) -> None:
+        """Nothing is computed.
+
+        Args:
+            scene: The problem.
+            forces: Internal forces, which know the cells of each material.
+            acting: The effects with a time window that act at the start.
+            until: When the run ends [s].
+        """
+        self._scene, self._forces, self._acting, self._until = scene, forces, acting, until
+        self.start: Array | None = None
+        self._responses: Responses | None = None
+        self._loads: Array | None = None  # patterns of forces from the start on
+        self._parts: dict[str, Part] = {}
+        touches = any(not isinstance(contact.against, str) for contact in scene.named(Contact))
+        self._growing = {e.name for e in scene.named(Reduced) if touches and e.shapes is None}
+
+    def _bind(self, state: State) -> Responses:
+        """Responses of the structure about its start, with one factor for a run. Collective."""
+        if self.start is None:
+            self.start = state.u.x.array.copy()
+        if self._responses is None:
+            at_start = State(self._scene)
+            at_start.u.x.array[:] = self.start
+            at_start.clamp(state.clamped)
+            known = self._scene, self._forces, at_start, self._acting
+            self._responses = Responses(*known)
+        return self._responses
+
+    def shaped(self, state: State, effect: Reduced, body: Body, held: bool) -> Body:
+        """A body with its shapes, where it was rigid. Collective.
+
+        The shapes take over what they can of the nodes' velocities. They have no momenta beside
+        rigid motions, so that those of the body stay.
+
+        Args:
+            state: Displacements and velocities, up to date at the body's nodes.
+            effect: What names the part.
+            body: The body, frozen just now.
+            held: Whether a support holds its frame, where the shapes are zero. It then moves as the
+                support does, which is for the step to say.
+
+        Raises:
+            SceneError: On every rank, if the part cannot have as many shapes, or buckles.
+        """
+        responses, count = self._bind(state), effect.shapes
+        if self._loads is None:
+            self._loads = patterns(responses, state, self._until)
+        part, loads, slow = self._part(body.data), self._loads, of_springs(responses)
+        found = shapes_of(part, responses, loads, count, slow)
+        if count is not None and len(found.force) < count:
+            found = shapes_of(part, responses, self._with_spins(loads), count, slow)
+        if count is not None and len(found.force) < count:
+            raise SceneError(
+                f"{effect.owner}: shapes={count} are more than can be told apart in it, which are "
+                f"{len(found.force)}. Ask for fewer, or refine its mesh."
+            )
+        if not len(found.force):
+            return body
+        rates = None if held else self._rates(state, body, found)
+        return self._with(body, found, rates, held=held)
+
+    def _with_spins(self, loads: Array) -> Array:
+        """Loads, and the inertia of homogeneous deformations, as spins have it. Collective."""
+        assert self._responses is not None
+        x = self._responses.stiffness.places
+        fields = [np.outer(x[:, i], e) for i in range(3) for e in np.eye(3)[i:]]
+        more = self._responses.inertia(np.stack(fields, axis=2))
+        return np.concatenate([loads, self._responses.balanced(more)], axis=2)
+
+    def _with(
+        self,
+        body: Body,
+        part: PartShapes,
+        rates: Array | None = None,
+        pressed: npt.NDArray[np.bool_] | None = None,
+        held: bool | None = None,
+    ) -> Body:
+        """A body with other shapes, of which the first ones are those that it has. Collective.
+
+        Args:
+            body: The body.
+            part: All its shapes, zero where a support holds its frame.
+            rates: Their rates; those that it has, and zero for others, if None [m/s].
+            pressed: Nodes that have pressed.
+            held: Whether a support holds its frame; as before if None.
+        """
+        scene, data, motion, drift = self._scene, body.data, body.motion, None
+        if held is None:
+            held = data.shapes is not None and data.shapes.drift is not None
+        fields = np.concatenate([data.offsets[:, None], part.modes.swapaxes(1, 2)], axis=1)
+        images = self._images(data, fields)
+        if held:
+            drift = np.asarray(scene.sum(images[:, 1:].sum(axis=0))) / data.mass
+            fields[:, 1:] -= drift
+            images = self._images(data, fields)
+        moments = np.asarray(scene.sum(np.einsum("nka,nlb->klab", fields, images)))
+        moments[0, 0] = 0.0  # it is that of the rigid body
+        m, shapes = fields.shape[1] - 1, fields[:, 1:].copy()
+        if pressed is None:
+            pressed = np.zeros(data.nodes.size, dtype=bool)
+        made = Shapes(data.nodes, shapes, pressed, moments, part.stiffness, part.force, drift)
+        kept = replace(NOTHING, strain=data.frozen.strain)
+        q, rate = np.zeros((2, m))
+        q[: motion.q.size], rate[: motion.q.size] = motion.q, motion.q_rate
+        motion = replace(motion, q=q, q_rate=rate if rates is None else rates)
+        return Body(replace(data, shapes=made, frozen=kept), motion)
+
+    def _rates(self, state: State, body: Body, part: PartShapes) -> Array:
+        """What shapes take over of the velocities of nodes [m/s]. Collective."""
+        data, modes = body.data, part.modes.swapaxes(1, 2)
+        v = state.v.x.array.reshape(-1, 3)[data.nodes] - body.motion.velocities(data.offsets)
+        images = self._images(data, modes)
+        local = np.einsum("nka,nlb->kl", images, np.concatenate([modes, v[:, None]], axis=1))
+        sums = np.asarray(self._scene.sum(local))
+        return np.linalg.solve(sums[:, :-1], sums[:, -1])
+
+    def _part(self, data: RigidBody) -> Part:
+        """Stiffness and mass of a part, once responses are bound. Collective."""
+        if data.name not in self._parts:
+            assert self._responses is not None
+            cells = self._forces.cells(data.cells)
+            self._parts[data.name] = Part(self._responses, cells, data.nodes, data.name)
+        return self._parts[data.name]
+
+    def _images(self, data: RigidBody, fields: Array) -> Array:
+        """M times fields at nodes, by the body's own mass, shape (nodes, k, 3). Collective."""
+        return self._part(data).times_mass(fields.swapaxes(1, 2)).swapaxes(1, 2)
+
+    # Growing --------------------------------------------------------------------------------------
+
+    @property
+    def grows(self) -> bool:
+        """Whether parts may get more shapes as the run goes on."""
+        return bool(self._growing)
+
+    def grown(self, state: State, pressing: tuple[Ints, Array]) -> Bodies | None:
+        """The bodies with shapes for nodes that press for the first time; None if none do.
+
+        Collective.
+
+        Args:
+            state: Its bodies are those at the start of the step.
+            pressing: Owned nodes of bodies that contacts press, and the forces on them, shape
+                (nodes, 3) [N].
+        """
+        out, any_grown = list(state.bodies), False
+        for k, body in enumerate(out):
+            if body.data.name not in self._growing:
+                continue
+            loads, at = self._new_loads(body, *pressing)
+            if loads is None:
+                continue
+            out[k] = self._with_more(self._bind(state), body, loads, at)
+            any_grown = True
+        return Bodies.of_each(out) if any_grown else None
+
+    def _new_loads(self, body: Body, nodes: Ints, forces: Array) -> tuple[Array | None, Ints]:
+        """Unit forces on nodes that press for the first time, and their places in the body.
+
+        Collective.
+        """
+        scene, data = self._scene, body.data
+        known = np.zeros(data.nodes.size, bool) if data.shapes is None else data.shapes.pressed
+        at = np.searchsorted(data.nodes, nodes)
+        at[at == data.nodes.size] = 0
+        mine = data.nodes[at] == nodes if data.nodes.size else np.zeros(nodes.size, bool)
+        mine[mine] = ~known[at[mine]]
+        every = scene.comm.allgather(int(np.count_nonzero(mine)))
+        count, first = sum(every), sum(every[: scene.comm.rank])
+        if not count:
+            return None, at[:0]
+        F = np.zeros((scene.owned_nodes, 3, count))
+        f = forces[mine] @ body.motion.R
+        numbers = first + np.arange(len(f))
+        F[nodes[mine], :, numbers] = f / np.linalg.norm(f, axis=1)[:, None]
+        return F, at[mine]
+
+    def _with_more(self, responses: Responses, body: Body, loads: Array, at: Ints) -> Body:
+        """A body with shapes for loads, as far as those that it has do not span them. Collective.
+
+        Args:
+            responses: Of the whole structure.
+            body: The body.
+            loads: Patterns of forces in its frame, shape (owned nodes, 3, k).
+            at: Places of the nodes that press for the first time among its nodes.
+        """
+        scene, data = self._scene, body.data
+        part = self._part(data)
+        old = _whole(data)
+        images = self._images(data, old)
+        sizes = np.sqrt(np.asarray(scene.sum(np.einsum("nka,nka->k", old, images))))
+        basis = Basis(data.nodes.size, scene.sum)
+        basis.vectors, basis.images = ((a / sizes[:, None]).swapaxes(1, 2) for a in (old, images))
+        loads = responses.balanced(loads)
+        m = 0
+        if data.shapes is not None:
+            m = len(data.shapes)
+            known = PartShapes(old.swapaxes(1, 2), data.shapes.stiffness, data.shapes.force)
+            loads = loads[:, :, part.unspanned(known, loads)]
+        if loads.shape[2]:
+            vectors = part.unmoved(ritz(responses, loads, DEPTH))
+            moved = self._images(data, vectors.swapaxes(1, 2)).swapaxes(1, 2)
+            sizes = np.sqrt(np.asarray(scene.sum(np.einsum("nak,nak->k", vectors, moved))))
+            basis.grow(vectors, moved, sizes, max(MOST, m))
+        new = basis.vectors[:, :, m:]
+        largest = np.linalg.norm(new, axis=1).max(axis=0, initial=0.0)
+        scene.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+        new = new / largest
+        every = np.concatenate([old.swapaxes(1, 2), new], axis=2)
+        none = np.zeros(data.nodes.size, dtype=bool)
+        pressed = none if data.shapes is None else data.shapes.pressed.copy()
+        pressed[at] = True
+        return self._with(body, part.projected(every), pressed=pressed)
+
+    def destroy(self) -> None:
+        """Free factor and matrices. Collective."""
+        for item in (*self._parts.values(), self._responses):
+            if item is not None:
+                item.destroy()
+        self._parts.clear()
+        self._responses = None
+
+
+def _whole(data: RigidBody) -> Array:
+    """Shapes at the nodes of a body, with the drift of those that are held, shape (nodes, m, 3)."""
+    if data.shapes is None:
+        return np.zeros((data.nodes.size, 0, 3))
+    return data.shapes.modes if data.shapes.drift is None else data.shapes.modes + data.shapes.drift

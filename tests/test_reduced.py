@@ -1,0 +1,352 @@
+"""Parts that deform by a few shapes: mechanics, neighbours, supports, contacts, ranks, restarts."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from parallel import check_the_same, report
+
+import rigidfx as rf
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.body_step import StaticStep, Step
+from rigidfx.mechanics.rigid_body import Body, BodyMotion, RigidBody
+from rigidfx.mechanics.rotation import cayley
+from rigidfx.mechanics.shaped_step import increments_of
+from rigidfx.mechanics.shapes import Shapes
+
+SOFT = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)
+DT, T_END = 2e-3, 0.06
+THROWN = rf.InitialVelocity(linear=(0.1, 0, 0), angular=(0, 3.0, 1.0))
+EXACT = 1e-12
+
+
+def pushed(t):
+    return np.sin(np.pi * t / 0.02) ** 2 if t < 0.02 else 0.0
+
+
+PUSH = rf.Traction("x1", (0, 0, 300.0), time=pushed)
+
+
+def bar(*effects, n=(12, 2, 2), **more):
+    domain = rf.box((0, 0, 0), (1.0, 0.1, 0.1), n)
+    domain = domain.with_cells("half", lambda x: x[0] < 0.5 + 1e-9)
+    domain = domain.with_cells("end", lambda x: x[0] > 0.75 - 1e-9)
+    domain = domain.with_cells("next", lambda x: (x[0] > 0.5 - 1e-9) & (x[0] < 0.75 + 1e-9))
+    return rf.Scene(domain, SOFT, effects, probes={"tip": (1.0, 0.05, 0.05)}, **more)
+
+
+def run(scene, t_end=T_END, **more):
+    return list(rf.simulate(scene, dt=DT, t_end=t_end, **more))
+
+
+def tips(reports):
+    return np.array([r.probes["tip"] for r in reports])
+
+
+def balance(reports):
+    """Largest error of the balance of energy over the largest energy."""
+    energy = np.array([r.energy for r in reports])
+    taken = [sum(r.dissipated.values()) for r in reports]
+    work = np.cumsum([r.work_of_loads + r.work_of_supports for r in reports]) - np.cumsum(taken)
+    return np.abs(energy - energy[0] - work).max() / np.abs(energy).max()
+
+
+# The mechanics ------------------------------------------------------------------------------------
+
+
+def shaped(rng, m, held=False):
+    """A body of thirty masses with m shapes, and the masses."""
+    X, mass = rng.standard_normal((30, 3)), rng.random(30) + 0.5
+    centre = mass @ X / mass.sum()
+    xi, phi = X - centre, 0.3 * rng.standard_normal((30, m, 3))
+    phi[:4] *= not held
+    drift = np.einsum("n,nka->ka", mass, phi) / mass.sum()
+    fields = np.concatenate([xi[:, None], phi - drift], axis=1)
+    moments = np.einsum("n,nka,nlb->klab", mass, fields, fields)
+    inertia = np.trace(moments[0, 0]) * np.eye(3) - moments[0, 0]
+    moments[0, 0] = 0.0
+    A, nodes = rng.standard_normal((m, m)), np.arange(30, dtype=np.int32)
+    known = nodes, fields[:, 1:], np.zeros(30, bool), moments, 50 * A @ A.T + np.eye(m)
+    shapes = Shapes(*known, rng.standard_normal(m), drift if held else None)
+    data = RigidBody("b", nodes, nodes, xi, 0 * xi, mass.sum(), inertia, centre)
+    return replace(data, shapes=shapes) if m else data
+
+
+@pytest.fixture
+def bodies():
+    """Bodies with three, no and five shapes in any motion, the last one held by a support."""
+    rng, each = np.random.default_rng(1), []
+    for m, held in ((3, False), (0, False), (5, True)):
+        data = shaped(rng, m, held)
+        R = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+        motion = rng.standard_normal((2, 3)), 0.2 * rng.standard_normal((2, m))
+        each.append(
+            Body(data, BodyMotion(data.origin, R * np.linalg.det(R), *motion[0], *motion[1]))
+        )
+    return Bodies.of_each(each)
+
+
+def trial(bodies, kind=Step):
+    """A step, unknowns, and moments of forces."""
+    rng, of = np.random.default_rng(2), bodies.of
+    given = np.zeros((3, 6))
+    given[2] = 0.1, 0.2, -0.1, 0.3, -0.2, 0.25
+    y = np.where(of.known, 0.3 * rng.standard_normal(of.known.shape), 0.0)
+    moments = np.zeros_like(bodies.pose)
+    for k, data in enumerate(of.records):
+        a = data.coordinates()
+        moments[k, : a.shape[1]] = a.T @ rng.standard_normal((len(a), 3))
+    damping = np.zeros((3, 5, 5))
+    damping[0, :3, :3] = 7.0 * np.eye(3)
+    step = Step(bodies, 0.05, damping, given) if kind is Step else StaticStep(bodies, given)
+    return step, y, moments, given
+
+
+def test_nodes_move_by_the_rows_of_the_prolongation(bodies):
+    step, y, _, given = trial(bodies)
+    found = increments_of(step, y)
+    for k, data in enumerate(bodies.of.records):
+        a = data.coordinates()
+        n = a.shape[1]
+        moved = a @ (found.end.pose[k, :n] - bodies.pose[k, :n])
+        assert np.abs(moved - a @ found.displacement[k, :n]).max() < EXACT
+        if k < 2:  # that of the body that is held has given parts, too
+            rows = found.L[k].reshape(-1, 3, y.shape[1])[:n]
+            assert np.abs(moved - np.einsum("nk,kau,u->na", a, rows, y[k])).max() < EXACT
+    held = bodies.of.records[2].coordinates()[:4]
+    before, after = held @ bodies.pose[2], held @ found.end.pose[2]
+    turn = cayley(given[2, 3:])
+    assert np.abs(after - after[0] - (before - before[0]) @ turn.T).max() < EXACT
+
+
+@pytest.mark.parametrize("kind", [Step, StaticStep])
+def test_the_derivative_of_the_residual_is_complete(bodies, kind):
+    step, y, moments, _ = trial(bodies, kind)
+
+    def residual(y):
+        return increments_of(step, y).balance(moments, np.zeros((3, 3)))
+
+    blocks = increments_of(step, y).blocks(moments)
+    for k, known in enumerate(bodies.of.known):
+        own, J = np.flatnonzero(known), []
+        for j in own:
+            h = np.zeros_like(y)
+            h[k, j] = 1e-6
+            J.append((residual(y + h) - residual(y - h))[k, own] / 2e-6)
+        wanted = np.transpose(J)
+        assert np.abs(blocks[k][np.ix_(own, own)] - wanted).max() < 1e-8 * np.abs(wanted).max()
+
+
+def test_velocities_and_momenta_are_those_of_the_nodes(bodies):
+    for k, body in enumerate(bodies):
+        n = body.data.coordinates().shape[1]
+        assert np.allclose(body.velocities, body.data.coordinates() @ bodies.pose_rate[k, :n])
+        own = bodies.rates[k]
+        assert 0.5 * own @ bodies.mass_blocks[k] @ own == pytest.approx(bodies.kinetic_of_each[k])
+
+
+# Runs ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_a_tumbling_body_keeps_energy_and_momenta(mass):
+    effects = rf.Reduced(shapes=12), rf.InitialVelocity(angular=(9.0, 4.0, 2.0))
+    reports = run(bar(*effects, mass=mass), t_end=0.4)
+    assert reports[-1].unknowns == 18
+    last, first = reports[-1], reports[0]
+    assert np.ptp([r.energy for r in reports]) < EXACT * first.energy
+    spin = np.array([r.angular_momentum for r in reports])
+    assert np.ptp(spin, axis=0).max() < EXACT * np.abs(spin).max()
+    assert np.abs(last.state.bodies.q).max() > 1e-6  # the spin stretches it
+
+
+def test_a_step_is_of_second_order():
+    def place(dt):
+        scene = bar(rf.Reduced(shapes=1), PUSH, THROWN)
+        return list(rf.simulate(scene, dt=dt, t_end=0.02))[-1].probes["tip"]
+
+    exact = place(3.125e-5)
+    coarse, fine = (np.linalg.norm(place(dt) - exact) for dt in (1e-3, 5e-4))
+    assert 1.8 < np.log2(coarse / fine) < 2.2
+
+
+CASES = {
+    "free": ([rf.Reduced(), PUSH, THROWN], {}, 1e-5),
+    "half": ([rf.Reduced("half"), PUSH, THROWN], {}, 1e-5),
+    "consistent": ([rf.Reduced("half"), PUSH, THROWN], {"mass": "consistent"}, 1e-5),
+    "second order": ([rf.Reduced("half"), PUSH, THROWN], {"order": 2, "n": (6, 1, 1)}, 1e-5),
+    "weight": ([rf.Reduced("end"), PUSH, rf.Fixed("x0"), rf.Gravity((0, 0, -1.0))], {}, 1e-5),
+    "spring": ([rf.Reduced("half"), PUSH, rf.Spring("x0", 1e6)], {"element": "enhanced"}, 2e-3),
+    "damped": ([rf.Reduced("half"), PUSH, rf.StiffnessDamping(0.1, 30.0)], {}, 1e-5),
+    "numerical": ([rf.Reduced("half"), PUSH, rf.NumericalDamping(0.1)], {}, 1e-5),
+    "drag": ([rf.Reduced("half"), PUSH, rf.MassDamping(20.0)], {}, 1e-4),
+    "held": ([rf.Reduced("half"), PUSH, rf.Fixed("x0")], {"element": "enhanced"}, 1e-3),
+    "turned": (
+        [
+            rf.Reduced("half"),
+            PUSH,
+            rf.PrescribedRotation(
+                "x0", axis=(0, 0, 1), angle=lambda t: 2 * t * t, through=(0, 0.05, 0.05)
+            ),
+        ],
+        {},
+        5e-3,
+    ),
+    "moved": (
+        [
+            rf.Reduced("half"),
+            rf.PrescribedMotion("x0", displacement=lambda t: (0, 2e-3 * pushed(t), 0)),
+        ],
+        {},
+        2e-2,
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_it_moves_as_its_flexible_twin(case):
+    effects, how, error = CASES[case]
+    own, twin = run(bar(*effects, **how)), run(bar(*effects[1:], **how))
+    assert own[-1].unknowns < 0.75 * twin[-1].unknowns
+    assert np.abs(tips(own) - tips(twin)).max() < error * np.abs(tips(twin)).max()
+    assert balance(own) < 1e-10
+    for kind, energy in twin[-1].dissipated.items():
+        assert own[-1].dissipated[kind] == pytest.approx(energy, rel=0.05)
+
+
+def test_reactions_of_a_frame_that_is_held_are_those_of_the_twin():
+    effects = [rf.Fixed("x0"), rf.Gravity((0, 0, -1.0)), rf.StiffnessDamping(0.5, 10.0)]
+    own, twin = (run(bar(*e, *effects), t_end=0.4)[-1] for e in ([rf.Reduced()], []))
+    weight = 1000.0 * 0.01
+    assert own.reactions["x0"][2] == pytest.approx(weight, rel=0.02)
+    assert np.abs(own.reactions["x0"] - twin.reactions["x0"]).max() < 0.01 * weight
+    moments = own.reaction_moments["x0"], twin.reaction_moments["x0"]
+    assert np.abs(moments[0] - moments[1]).max() < 0.01 * weight
+
+
+def fall(*effects):
+    """A block that falls on a corner."""
+    block = rf.box((0, 0, 0), (0.1, 0.1, 0.1), (3, 3, 3))
+    plane = rf.Plane((0, 0, -5e-4), (0.3, 0.2, 1.0))
+    floor = rf.Contact("skin", against=plane, stiffness=1e11, title="floor")
+    block = block.with_facets("skin", lambda x: x[2] < 1e-9)
+    thrown = rf.InitialVelocity(linear=(0, 0, -0.5))
+    return rf.Scene(block, SOFT, [floor, thrown, *effects], probes={"tip": (0.1, 0.1, 0.1)})
+
+
+def hit(scene):
+    with warnings.catch_warnings():  # of blows that a few cells do not resolve
+        warnings.simplefilter("ignore", rf.RigidfxWarning)
+        return list(rf.simulate(scene, dt=1e-4, t_end=6e-3))
+
+
+def test_a_node_that_presses_gives_a_part_its_shapes():
+    own, twin, rigid = (hit(fall(*e)) for e in ([rf.Reduced()], [], [rf.Rigid()]))
+    peak, wanted, stiff = (
+        max(r.touches["floor"].pressing for r in of if r.step) for of in (own, twin, rigid)
+    )
+    assert own[0].unknowns == 6
+    assert 6 < own[-1].unknowns <= 42
+    assert peak == pytest.approx(wanted, rel=0.05)
+    assert abs(stiff / wanted - 1) > 0.2
+    assert np.ptp([r.energy for r in own]) < 1e-10 * own[0].energy
+    assert own[-1].linear_momentum[2] == pytest.approx(twin[-1].linear_momentum[2], rel=0.02)
+
+
+@pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
+def test_a_restart_goes_on_with_the_same_digits(tmp_path):
+    """It is cut before the block touches, so that its shapes grow afterwards."""
+    whole = hit(fall(rf.Reduced()))
+    checkpoint = rf.Checkpoint(tmp_path, steps=1)
+    first = rf.simulate(fall(rf.Reduced()), dt=1e-4, t_end=6e-3, checkpoint=checkpoint)
+    for _ in range(4):
+        next(first)
+    first.close()
+    more = list(rf.resume(tmp_path, fall(rf.Reduced())))
+    assert more[0].unknowns == 6
+    assert more[-1].unknowns == whole[-1].unknowns > 6
+    assert np.array_equal(more[-1].probes["tip"], whole[-1].probes["tip"])
+
+
+@pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
+def test_cells_beside_it_freeze_and_wake():
+    push = rf.Traction("x1", (0, 0, 300.0), time=pushed)
+    late = rf.Traction("x1", (0, 0, 300.0), since=0.2, until=0.22)
+    effects = rf.Reduced("half"), push, late, rf.StiffnessDamping(0.3, 100.0)
+    criterion = rf.StrainRate(0.02, 0.02, wake="all", min_cells=4)
+    reports = run(bar(*effects), t_end=0.24, rigidify=criterion)
+    kinds = [event.kind for r in reports for event in r.events]
+    assert kinds[0] == "freeze"
+    assert "release" in kinds
+    names = {body.name for r in reports for body in r.bodies}
+    assert "half" in names
+    assert len(names) > 1
+    for r in reports:
+        for event in r.events:
+            assert event.linear_momentum_error < EXACT
+            assert event.angular_momentum_error < EXACT
+
+
+def test_sets_that_share_nodes_are_one_body():
+    reports = run(bar(rf.Reduced("half"), rf.Reduced("next"), PUSH))
+    assert [body.name for body in reports[-1].bodies] == ["half + next"]
+
+
+ONE = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1))
+BAD = {
+    "no shapes": (lambda: rf.Reduced("half", shapes=0), "whole number ≥ 1"),
+    "half a shape": (lambda: rf.Reduced("half", shapes=2.5), "whole number ≥ 1"),
+    "more than it has": (lambda: run(bar(rf.Reduced("half", shapes=9999))), "shapes=9999"),
+    "unknown": (lambda: run(bar(rf.Reduced("nowhere"))), "no cells named 'nowhere'"),
+    "twice": (lambda: bar(rf.Reduced("half"), rf.Rigid("half")), "one Rigid body only"),
+    "beside rigid": (
+        lambda: bar(rf.Reduced("half"), rf.Rigid("next")),
+        "shares nodes with another body, Reduced 'half'|Rigid 'next'",
+    ),
+    "half held": (lambda: run(bar(rf.Reduced("half"), rf.Fixed("x0", "x"))), "'x0'"),
+    "held for a time": (
+        lambda: run(bar(rf.Reduced("half"), rf.Fixed("x0", until=0.02))),
+        "begins or ends on it",
+    ),
+    "held all over": (lambda: run(bar(rf.Reduced("half"), rf.Fixed("half"))), "hold"),
+    "one cell": (lambda: run(rf.Scene(ONE, SOFT, [rf.Reduced()])), "1 cell"),
+    "joined": (
+        lambda: run(bar(rf.Reduced("half"), rf.Revolute("ground", "x0", (0, 0, 0), (0, 1, 0)))),
+        "",
+    ),
+    "waking": (
+        lambda: run(bar(rf.Reduced("half")), rigidify=rf.StrainRate(0.1, 0.02)),
+        "wake='all'",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_says_what_to_do(case):
+    make, words = BAD[case]
+    with pytest.raises(rf.RigidfxError, match=words):
+        make()
+
+
+def _found():
+    """What is the same on any number of ranks."""
+    found = [tips(run(bar(rf.Reduced("half"), PUSH, rf.Fixed("x0"))))[-1]]
+    found.append(tips(run(bar(rf.Reduced("half"), PUSH, THROWN, mass="consistent")))[-1])
+    found.append(hit(fall(rf.Reduced()))[-1].probes["tip"])
+    return np.array(found).ravel().tolist()
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_it_is_the_same_on_several_ranks(ranks):
+    check_the_same(__file__, ranks, _found())
+
+
+if __name__ == "__main__":
+    found = _found()
+    if MPI.COMM_WORLD.rank == 0:
+        report(found)
