@@ -86,8 +86,8 @@ class Judge:
             f"{', '.join(f'{r:.2e}' for r in solution.residuals[:6]) or 'not finite'} N). "
             f"The largest residual is at the node X = ({x:.6g}, {y:.6g}, {z:.6g}) m.",
             overload(self._scene, attempt.t + attempt.dt)
-            or "Try a smaller Δt, look at loads, supports and contacts near that place, or add "
-            "NumericalDamping.",
+            or "Try a smaller Δt, look at loads, supports, contacts and stops near that place, or "
+            "add NumericalDamping.",
         )
 
     def _inverted(self, attempt: Attempt) -> StepError | None:
