@@ -100,7 +100,8 @@ class Responses:
             SceneError: If the state is not stable.
         """
         if self._solver is None:
-            self._solver = Solver(self.stiffness, self.motions, self._momenta)
+            stressed = bool(self.scene.sum(np.count_nonzero(self.rigid.internal)))
+            self._solver = Solver(self.stiffness, self.motions, self._momenta, stressed)
         return self._solver.solve(self.balanced(F))
 
     def destroy(self) -> None:

@@ -30,13 +30,16 @@ UNSTABLE = (
 class Solver:
     """K⁻¹ with some rows pinned that determine the motions without stiffness."""
 
-    def __init__(self, stiffness: Stiffness, motions: Array, momenta: Array) -> None:
+    def __init__(
+        self, stiffness: Stiffness, motions: Array, momenta: Array, stressed: bool
+    ) -> None:
         """Factor. Collective.
 
         Args:
             stiffness: The stiffness.
             motions: R without stiffness, RᵀMR = 1, shape (owned nodes, 3, n).
             momenta: M R, likewise.
+            stressed: Whether the state has stresses, which turn with it and give R stiffness.
 
         Raises:
             SceneError: On every rank, if it is not definite.
@@ -58,7 +61,9 @@ class Solver:
             if not _definite(self._ksp):
                 self._ksp.destroy()
                 raise SceneError(UNSTABLE)
-        self._border()
+        self._stressed = stressed
+        if stressed:
+            self._border()
 
     def _pinned(self, motions: Array) -> Ints:
         """Unknowns of this rank that determine motions together with those of other ranks.
@@ -89,8 +94,7 @@ class Solver:
     def solve(self, F: Array) -> Array:
         """Displacements by forces on nodes, orthogonal to the motions by mass. Collective.
 
-        With A = [K, M R; RᵀM, 0], which is regular also where stresses of a free state, which turn
-        with it, give its rotations stiffness: by the factors, and a small system for the pins.
+        With stresses, [K, M R; RᵀM, 0] is solved by the factors and a small system for the pins.
 
         Args:
             F: In balance with inertia, shape (owned nodes, 3, k) [N].
@@ -102,12 +106,16 @@ class Solver:
             SceneError: On every rank, if there are no such displacements.
         """
         right, total, n = self._of.on_unknowns(F), self._of.scene.sum, self._motions.shape[1]
-        found = self._solved(right)
-        wanted = -self._rows.T @ found
-        wanted[:n] += self._pinning.T @ right
-        small = np.linalg.solve(self._small, total(wanted))
-        found += self._by @ small
-        left = right - self._times(found) - self._momenta @ small[n:]
+        found, left = self._solved(right), right
+        if self._stressed:
+            wanted = -self._rows.T @ found
+            wanted[:n] += self._pinning.T @ right
+            small = np.linalg.solve(self._small, total(wanted))
+            found += self._by @ small
+            left = left - self._momenta @ small[n:]
+        else:
+            found -= self._motions @ total(self._momenta.T @ found)
+        left = left - self._times(found)
         sizes = total(np.stack([(left**2).sum(axis=0), (right**2).sum(axis=0)]))
         if not (sizes[0] <= SOLVED**2 * sizes[1]).all():
             raise SceneError(UNSTABLE)
