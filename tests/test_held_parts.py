@@ -205,6 +205,7 @@ def test_a_run_that_an_error_has_ended_may_be_asked_what_held_parts_carry():
     assert not rf.recovered_stress(report, CauchyStress(scene))[1].any()
 
 
+@pytest.mark.filterwarnings("ignore:Vibrations of")  # which it has none of, so damped
 def test_what_held_parts_carry_is_asked_of_the_last_step(monkeypatch):
     """Whenever that is, and only then: where other cells have become rigid or flexible at the end
     of the step, and when the run has ended."""
