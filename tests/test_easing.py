@@ -134,6 +134,7 @@ def test_what_freezes_again_bears_nothing_any_more():
         assert not any(works(run, 2))
 
 
+@pytest.mark.filterwarnings("ignore:Vibrations of")  # so damped that there are none
 def test_what_is_let_down_does_not_ring():
     """A bar in its weight, held straight by the stress of its bend: cut it swings by all of that.
 

@@ -457,6 +457,7 @@ def test_systems_of_two_hundred_unknowns_keep_tangents_however_stiff():
         assert last.solver.startswith("kept")
 
 
+@pytest.mark.filterwarnings("ignore:Up to t = .* goes back and forth")  # in two steps
 def test_what_a_tangent_costs_is_told_by_its_factors(monkeypatch):
     """A block's fill more than a bar's of as many unknowns: 15 and 8 iterations were measured."""
     told, price = [], factors.price

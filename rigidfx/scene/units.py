@@ -15,6 +15,7 @@ from rigidfx.base.inputs import numbers
 from rigidfx.base.warning import warn
 from rigidfx.effects import Gravity, NodalForce, Resultant, SpringDamper, Table
 from rigidfx.effects.damping.stiffness_damping import warn_of_ratio
+from rigidfx.scene.weights import inertial_masses
 
 __all__ = ["warn_of_units"]
 
@@ -25,8 +26,7 @@ LIGHT = 0.1  # kg/m³: aerogels have 1
 
 def warn_of_units(scene: Any) -> None:
     """Warn of masses, forces, dampers and gravity that hardly go together. Collective."""
-    n = scene.owned_nodes
-    mass = scene.sum(scene.nodal_mass[:n].sum())
+    mass = scene.sum(inertial_masses(scene).sum())
     forces = [_largest(effect) for kind in (NodalForce, Resultant) for effect in scene.named(kind)]
     earth = float(np.linalg.norm(numbers(Gravity().value)))
     most, least = max(forces, default=0.0), NOTHING * earth * mass
@@ -43,10 +43,11 @@ def warn_of_units(scene: Any) -> None:
         if spring.stiffness > 0 and not spring.pulls_only:  # a cable may stop what flies
             ratio = 0.5 * spring.damping / float(np.sqrt(spring.stiffness * mass))
             warn_of_ratio(scene.comm, f"{spring.owner} under all mass", ratio)
-    rho = min(material.rho for material, _ in scene.materials)
-    for gravity in scene.named(Gravity):
+    cells = scene.mesh.topology.index_map(3).size_global
+    rho = mass / (cells * scene.mean_cell_size**3)  # with all masses that are given
+    for gravity in scene.named(Gravity) if rho < LIGHT else ():
         g = np.inf if callable(gravity.value) else float(np.linalg.norm(gravity.value))
-        if rho < LIGHT and earth < 10 * g and g < 10 * earth:
+        if earth < 10 * g and g < 10 * earth:
             warn(
                 scene.comm,
                 f"{gravity.owner}: {g:g} is in m/s², and the density {rho:g} hardly is in kg/m³. "
