@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from test_contact_pairs import boxes
 
 import rigidfx as rf
+from rigidfx.base.matrices import dense
 from rigidfx.effects.joints.averages import Average
 from rigidfx.effects.joints.face_motion import FaceVector, fitted
 from rigidfx.effects.joints.vectors import Vectors
@@ -52,7 +53,7 @@ def test_gains_and_forces_of_face_vectors_are_exact(moments):
     of_averages = np.cross(middle, on_averages).sum(axis=0)
     of_vectors = np.cross(p0 + 0.5 * moved, f).sum(axis=0)
     assert of_averages == pytest.approx(of_vectors, abs=1e-12)
-    change = own.curvature(f, 0.5).toarray()
+    change = dense(own.curvature(f, 0.5))
     step = 1e-6
     for column in range(12):
         ends = []

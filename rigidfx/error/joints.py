@@ -269,7 +269,7 @@ class Joints:
 
     def _turned(self, rows: Array) -> Array:
         """Derivatives by vectors in space as those by shares of averages in frames of parts."""
-        by_averages = self._vectors.onto_averages(csr_array(rows), 0.0).toarray()
+        by_averages = dense(self._vectors.onto_averages(csr_array(rows), 0.0))
         by_averages = by_averages.reshape(len(rows), len(self._vectors.averages), 3)
         of_shares = np.einsum("rai,aij->raj", by_averages[:, self._average], self._step[0])
         return np.asarray(of_shares.reshape(len(rows), self._led.shape[0]))

@@ -334,7 +334,7 @@ class Linkage:
         every = self._terms.gradient(self._start + share * self._moved)
         return every if self.active.size == self._every else every[self.active]
 
-    def curvature(self) -> csr_array:
+    def curvature(self) -> Matrix:
         """Derivative of forces on averages by these, shape (3 · averages,) * 2 [N/m]."""
         rows = self._terms.curvature(self._multipliers, self._share)
         if self.drives.static and len(self.drives):

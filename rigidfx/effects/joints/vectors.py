@@ -10,9 +10,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_array
 
-from rigidfx.base.matrices import Pattern
+from rigidfx.base.matrices import Matrix, Pattern
 from rigidfx.effects.joints.averages import Average
 from rigidfx.effects.joints.face_motion import FaceVector, Vector, cyclic, fitted, turn_map
 from rigidfx.effects.joints.stiff import StiffRow
@@ -75,7 +74,11 @@ class Vectors:
         self._r0 = self._r1 = self._axes(none)
         self._pattern = Pattern(*self._places(), (3 * self.count, 3 * len(self.averages)))
         self._parts: dict[float, tuple[Array, Array, Array, Array]] = {}  # of this iterate
-        self._slopes: dict[float, csr_array] = {}  # likewise
+        self._slopes: dict[float, Matrix] = {}  # likewise
+        columns = 3 * self._centres[:, None] + 3 + np.arange(9)
+        bent = np.broadcast_arrays(columns[:, :, None], columns[:, None, :])
+        size = 3 * len(self.averages)
+        self._bent = Pattern(bent[0].ravel(), bent[1].ravel(), (size, size))
 
     @property
     def is_plain(self) -> bool:
@@ -141,7 +144,7 @@ class Vectors:
             self._parts[share] = (r, H, *turn_map(r, H))
         return self._parts[share]
 
-    def slopes(self, share: float) -> csr_array:
+    def slopes(self, share: float) -> Matrix:
         """Derivatives of vectors by averages, shape (3 · vectors, 3 · averages).
 
         Args:
@@ -152,12 +155,12 @@ class Vectors:
             moved = -skew(self._arms(r)) @ turns.reshape(-1, 3, 9)[self._face]
             plain, places = np.ones(3 * self._plain.size), np.repeat(self._is_place, 3)
             values = np.concatenate([plain, places, moved.ravel()])
-            self._slopes[share] = self._pattern.sparse(values)
+            self._slopes[share] = self._pattern.filled(values)
         return self._slopes[share]
 
-    def onto_averages(self, rows: csr_array, share: float) -> csr_array:
+    def onto_averages(self, rows: Matrix, share: float) -> Matrix:
         """Derivatives by vectors as those by averages."""
-        return rows if self.is_plain else csr_array(rows @ self.slopes(share))
+        return rows if self.is_plain else rows @ self.slopes(share)
 
     def forces(self, on_vectors: Array, share: float) -> Array:
         """Forces on averages of those on vectors, shape (averages, 3) [N]."""
@@ -182,7 +185,7 @@ class Vectors:
             own = np.einsum("nij,i->nj", vector.slopes(means), on_vectors[n])
             forces.nodes[vector.nodes] += own
 
-    def stiffness(self, by_vectors: csr_array, on_vectors: Array, share: float) -> csr_array:
+    def stiffness(self, by_vectors: Matrix, on_vectors: Array, share: float) -> Matrix:
         """Derivative of `forces` by the averages at the end, shape (3 · averages,) * 2 [N/m].
 
         Args:
@@ -192,10 +195,10 @@ class Vectors:
         """
         if self.is_plain:
             return by_vectors
-        own = self.slopes(share).T @ by_vectors @ self.slopes(1.0)
-        return csr_array(own + self.curvature(on_vectors, share))
+        own = self.slopes(share).T @ (by_vectors @ self.slopes(1.0))
+        return own + self.curvature(on_vectors, share)
 
-    def curvature(self, on_vectors: Array, share: float) -> csr_array:
+    def curvature(self, on_vectors: Array, share: float) -> Matrix:
         """Derivative of `forces` by the averages at the end, forces on vectors kept.
 
         With (2) of `face_motion`, the couple m = Σ d × f acts on H_k by Σ S_ik r_i, where the
@@ -232,10 +235,7 @@ class Vectors:
                 turned = -share * skew(end[0][:, of]) @ turned_end
                 step = r[:, of, :, None] * dmu[:, j, None, :] + mu[:, j, None, None] * turned
                 out[:, at] += sign * step
-        columns = 3 * self._centres[:, None] + 3 + np.arange(9)
-        row, column = np.broadcast_arrays(columns[:, :, None], columns[:, None, :])
-        size = 3 * len(self.averages)
-        return csr_array((out.ravel(), (row.ravel(), column.ravel())), shape=(size, size))
+        return self._bent.filled(out.ravel())
 
 
 def _double_cross(a: Array, b: Array) -> Array:

@@ -76,11 +76,12 @@ class Border:
             comm.Allreduce(MPI.IN_PLACE, values)
         return values
 
-    def renew(self, solve: Solve) -> None:
+    def renew(self, solve: Solve, ksp: PETSc.KSP | None = None) -> None:
         """Take note of a new tangent. Collective.
 
         Args:
             solve: Solves with it, A z = r.
+            ksp: Its factors, if that is all that `solve` does.
         """
 
         def response(r: Array) -> Array:
@@ -88,7 +89,7 @@ class Border:
             solve(self._r, self._z)
             return np.asarray(self._z.array_r)
 
-        self._Y = compact(self._parted().responses(response))
+        self._Y = compact(self._parted().responses(response, ksp))
         self._C = self._compliance(self._Y)
         self._turned = self._factors = None
 
@@ -207,7 +208,7 @@ class BorderedFactors:
     def renew(self) -> None:
         """Take note of a new tangent. Collective."""
         self.inner.setOperators(self._equilibrium.tangent_matrix)
-        self._border.renew(self.inner.solve)
+        self._border.renew(self.inner.solve, self.inner)
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """PETSc's call. Collective."""

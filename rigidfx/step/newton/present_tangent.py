@@ -47,7 +47,7 @@ class PresentTangent:
             matrix.copy(self._A, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         self._ksp.setOperators(self._A)
         if self._border is not None:
-            self._border.renew(self._ksp.solve)
+            self._border.renew(self._ksp.solve, self._ksp)
         if others is not None:
             if not grown:
                 others.copy(matrix, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
