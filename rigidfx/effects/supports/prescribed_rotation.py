@@ -27,7 +27,7 @@ class PrescribedRotation(GuidedSupport):
     In a step from t₀ to t₁ a node at x moves by (R(φ(t₁) - φ(t₀)) - I) (x - c), with c
     a point of the axis. Its work is force times path, so energy balances for any Δt. The velocity
     of its nodes is 2 Δu/Δt minus the one before, as at all nodes: it alternates about ω × r with
-    the relative amplitude (ωΔt)²/12. Reactions do not.
+    the relative amplitude (ωΔt)²/12. Reactions do not, but for vibrating parts: `ResolvedForces`.
 
     Attributes:
         axis: Direction of the axis, of any length; the angle counts by the right hand.
