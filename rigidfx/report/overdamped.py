@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from rigidfx.base.remembered import Remembered, same
-from rigidfx.effects import Fixed, Preload, SpringDamper, Support, Symmetry
+from rigidfx.effects import Fixed, Preload, Reduced, SpringDamper, Support, Symmetry
 from rigidfx.effects.damping.stiffness_damping import warn_of_ratio
 from rigidfx.report.look import Look
 from rigidfx.report.report import Report
@@ -27,7 +27,7 @@ from rigidfx.scene.scene import Scene
 
 __all__ = ["Overdamped"]
 
-PULLED = Preload, SpringDamper  # whose tensions change frequencies besides
+OTHERS = Preload, SpringDamper, Reduced  # tensions, and shapes that have masses of their own
 
 
 class Overdamped(Look):
@@ -41,7 +41,7 @@ class Overdamped(Look):
         self._t = self._dt = 0.0
         self._damped: Damped | None = None
         at_rest = all(isinstance(s, (Fixed, Symmetry)) for s in scene.named(Support))
-        if at_rest and not any(scene.named(kind) for kind in PULLED):
+        if at_rest and not any(scene.named(kind) for kind in OTHERS):
             damped = Damped(scene)
             self._damped = damped if damped.rates(np.ones(1), 1.0).any() else None
 
