@@ -90,32 +90,29 @@ class Nodes:
         """Σ a v over each body of numbers of nodes in bodies, shape (bodies, n, k)."""
         return np.asarray(self._At @ values).reshape(*self._pose.shape[:2], -1)
 
-    def _all(self, of_rows: Array, of_bodies: Array, matrices: Array) -> Array:
-        """Vectors of all nodes: at those of rows, and in bodies plus what they follow."""
-        if not len(self._of):
-            return of_rows
-        return np.concatenate([of_rows, of_bodies + self.follow(matrices)])
+    def _all(self, of_rows: Array, matrices: Array) -> Array:
+        """Vectors of all nodes: those of rows, and of bodies by matrices of these."""
+        return np.concatenate([of_rows, self.follow(matrices)]) if len(self._of) else of_rows
 
     # Where they are -----------------------------------------------------------------------------
 
     def positions(self, at: Instant) -> Array:
         """Positions, shape (nodes, 3) [m]."""
-        return self._all(self._X + self._displaced(at.u), np.zeros(3), at.bodies.pose)
+        return self._all(self._X + self._displaced(at.u), at.bodies.pose)
 
     def displacement(self, at: Instant) -> Array:
         """Displacements, likewise [m]."""
-        return self._all(self._displaced(at.u), self._held, at.bodies.pose - self._pose)
+        if not len(self._of):
+            return self._displaced(at.u)
+        held = self._held + self.follow(at.bodies.pose - self._pose)
+        return np.concatenate([self._displaced(at.u), held])
 
     def _displaced(self, u: Array | None) -> Array:
         return self._u0[self._dofs] if u is None else u.reshape(-1, 3)[self.rows]
 
     def moved(self, motion: Motion) -> Array:
         """Increments of displacements at an iterate, likewise [m]."""
-        return self._all(motion.nodes[self.rows], np.zeros(3), motion.increments.displacement)
-
-    def acting(self, motion: Motion) -> Array:
-        """Displacements with which forces of a step are taken, likewise [m]."""
-        return self.displacement(motion.start) + self.share * self.moved(motion)
+        return self._all(motion.nodes[self.rows], motion.increments.displacement)
 
     def velocities(self, v: Array, bodies: Bodies) -> Array:
         """Velocities, likewise [m/s].
@@ -124,7 +121,7 @@ class Nodes:
             v: Those of the rows, one number each [m/s].
             bodies: The bodies then.
         """
-        return self._all(v.reshape(-1, 3)[self.rows], np.zeros(3), bodies.pose_rate)
+        return self._all(v.reshape(-1, 3)[self.rows], bodies.pose_rate)
 
     # Forces on them -----------------------------------------------------------------------------
 
@@ -177,6 +174,7 @@ class LinearNodes(Nodes):
         R = np.stack(
             [_factor(own) for own in np.concatenate(every, axis=1)] or [np.empty((0, size))]
         )
+        self._step, self._start = None, rest  # displacements at the start of a step
         # All ranks know them; the first one has them, as it might have nodes.
         of, which = np.nonzero(R.any(axis=-1) & bool(structure.once))
         self.weights = np.r_[weights[:count], np.ones(len(of))]
@@ -185,6 +183,12 @@ class LinearNodes(Nodes):
 
     def _displaced(self, u: Array | None) -> Array:
         return super()._displaced(u) - self._rest
+
+    def start(self, motion: Motion) -> Array:
+        """Displacements at the start of a step, found once in it, shape (nodes, 3) [m]."""
+        if self._step is not motion.increments.step:
+            self._step, self._start = motion.increments.step, self.displacement(motion.start)
+        return self._start
 
 
 class SharedNodes(Nodes):
@@ -225,9 +229,9 @@ class SharedNodes(Nodes):
             self._comm.Allreduce(MPI.IN_PLACE, out)
         return out
 
-    def _all(self, of_rows: Array, of_bodies: Array, matrices: Array) -> Array:
+    def _all(self, of_rows: Array, matrices: Array) -> Array:
         """See `Nodes`. Collective."""
-        return self._everywhere(super()._all(of_rows, of_bodies, matrices))
+        return self._everywhere(super()._all(of_rows, matrices))
 
     def add(self, force: Array, forces: Forces | ForcesOfNodes) -> None:
         """Add forces on them, which are equal on all ranks, shape (size, 3) [N]."""

@@ -131,7 +131,8 @@ class SpringForces(Action):
     def resist(self, motion: Any, forces: Any) -> None:
         """Add w (K u½ + C Δu/Δt)."""
         nodes = self.nodes
-        force = nodes.acting(motion) @ self._K + nodes.moved(motion) @ (self._C / motion.dt)
+        by_moved = nodes.share * self._K + self._C / motion.dt
+        force = nodes.start(motion) @ self._K + nodes.moved(motion) @ by_moved
         nodes.add(nodes.weights[:, None] * force, forces)
 
     def stiffen(self, motion: Any, tangent: Any) -> None:

@@ -115,9 +115,7 @@ class RemoteNodes:
         """Increments at an iterate, likewise [m]."""
         return motion.moved[self._at]
 
-    def acting(self, motion: RemoteMotion) -> Array:
-        """Displacements with which forces of a step are taken, likewise [m]."""
-        return np.asarray(self.displacement(motion) + self.share * self.moved(motion))
+    start = displacement
 
     def add(self, force: Array, forces: RemoteForces) -> None:
         """Add forces on them, shape (nodes, 3) [N]."""

@@ -226,7 +226,9 @@ class FaceCouple(Action):
 
     def _duals(self, motion: RemoteMotion) -> Array:
         """The dual basis d^k, a row each."""
-        return np.asarray(np.linalg.inv(self.nodes.acting(motion).T))
+        nodes = self.nodes
+        acting = nodes.positions(motion) + nodes.share * nodes.moved(motion)
+        return np.asarray(np.linalg.inv(acting.T))
 
     def _resistance(self, motion: RemoteMotion) -> Array:
         """Forces on the directions, shape (3, 3) [N]."""

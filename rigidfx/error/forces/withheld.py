@@ -80,8 +80,7 @@ class Withheld:
         self._b.x.scatter_reverse(la.InsertMode.add)
         self._frozen = self._b.x.array[parts.rows.dofs].reshape(-1, 3)
         self._loads = forces.bind_loads(parts.cells, self._u0, self._u1)
-        none = Bodies.of_each(())
-        self._none = Increments(Step(none, 1.0), np.empty((0, 6)))
+        self._none = none = Bodies.of_each(())
         self._structure = BoundStructure(
             scene=scene,
             rows=parts.rows,
@@ -151,7 +150,8 @@ class Withheld:
         self._a.array[:] = parts.linear(turning.gained).reshape(-1)
         self._mass.mult(self._a, f)
         f.array[:] -= given
-        self._actions.resist(Motion(self._d, self._none, dt), Forces.none(f))
+        none = Increments(Step(self._none, dt), np.empty((0, 6)))
+        self._actions.resist(Motion(self._d, none, dt), Forces.none(f))
         residual = f.array.reshape(-1, 3)
         system.resist_at_nodes(parts.rows.nodes, residual)
         if not self._untouched:
