@@ -19,17 +19,12 @@ from rigidfx.base.log import heard, tell
 from rigidfx.base.same_input import check_same
 from rigidfx.base.warning import warn
 from rigidfx.effects import (
-    Contact,
-    DeadLoad,
     Effect,
     InitialDisplacement,
     InitialVelocity,
     Joint,
     MeanFace,
-    Motor,
     Preload,
-    Pressure,
-    Resultant,
     Rigid,
     RigidFace,
     SpringDamper,
@@ -180,7 +175,7 @@ def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float =
         return last.probes
 
     acting = [e for e in scene.effects if not isinstance(e, (InitialVelocity, Preload))]
-    soft = (_with_mean_faces(e, scene) for e in acting if not isinstance(e, Rigid))
+    soft = (_with_mean_faces(e, scene) for e in acting if not e.is_rigid)
     found = Compliance(displacements(soft), displacements(acting))
     if not any(u.any() for u in found.flexible.values()):
         raise SceneError(
@@ -272,30 +267,17 @@ def _ends(steps: int | Sequence[float], t_end: float) -> list[float]:
     return [float(t) for t in times]
 
 
-def _ramped(effect: Effect, t_end: float) -> Effect:
-    """A constant load as one that grows; any other effect as it is."""
-    if isinstance(effect, Motor):
-        return _ramped_motor(effect, t_end)
-    if not isinstance(effect, (DeadLoad, Pressure, Resultant)) or effect.time is not None:
+def _ramped(effect: Any, t_end: float) -> Effect:
+    """A constant load, or force of a motor, as one that grows; any other effect as it is."""
+    if effect.grows is None:
         return effect
-    if is_function(getattr(effect, "value", None)):
-        return effect
+    given = getattr(effect, effect.grows)
     start, end = effect.start, min(t_end, effect.until)
-    if not start < end:
+    if is_function(given) or is_function(getattr(effect, "value", None)) or not start < end:
         return effect
-    table = Table((start, end), (0.0, 1.0))
-    if isinstance(effect, Resultant) and effect.face is not None:
-        return replace(effect, time=table).with_point(effect.remote)
-    return replace(effect, time=table)
-
-
-def _ramped_motor(motor: Motor, t_end: float) -> Motor:
-    """A motor whose torque or force is constant as one whose grows; any other as it is."""
-    value, start, end = getattr(motor, motor.by), motor.start, min(t_end, motor.until)
-    if motor.prescribes or is_function(value) or not start < end:
-        return motor
-    grown: dict[str, Any] = {motor.by: Table((start, end), (0.0, float(value)))}
-    return replace(motor, **grown)
+    table = Table((start, end), (0.0, 1.0 if given is None else float(given)))
+    out = replace(effect, **{effect.grows: table})
+    return out if effect.face is None else out.with_point(effect.remote)
 
 
 def _check_held(scene: Scene, ends: Sequence[float]) -> bool:
@@ -310,7 +292,7 @@ def _check_held(scene: Scene, ends: Sequence[float]) -> bool:
     loose, warned = False, False
     for begin, end in zip([0.0, *ends], ends, strict=False):
         acting = [e for e in scene.named(Windowed) if e.acts(0.5 * (begin + end))]
-        contacts = [e for e in acting if isinstance(e, Contact)]
+        contacts = [e for e in acting if e.is_contact]
         held = PrescribedDofs(scene, supports_of(acting))
         if not (free := free_to_move(scene, held, acting=acting)):
             continue

@@ -94,6 +94,13 @@ class Effect:
     holds: ClassVar[bool] = False  # whether what it acts on cannot drift away
     is_rigid: ClassVar[bool] = False  # whether the cells it names never strain
     is_body: ClassVar[bool] = False  # whether they are a body, which may deform by shapes
+    is_windowed: ClassVar[bool] = False  # whether it acts in a time window
+    is_support: ClassVar[bool] = False  # whether it holds dofs
+    is_contact: ClassVar[bool] = False  # whether it presses where things meet
+    prescribes: ClassVar[bool] = False  # whether a motor, whose motion is given
+    uniform: ClassVar[bool] = True  # whether a load is the same at all places
+    grows: ClassVar[str | None] = None  # the field by which statics let a constant load grow
+    face: ClassVar[Any] = None  # the face at whose point it acts
     places: ClassVar[tuple[type, ...]] = (str,)  # kinds of places that it may act on
 
     def __post_init__(self) -> None:
@@ -268,6 +275,8 @@ class Windowed(Effect):
         since: Start of the window [s].
         until: End of the window [s].
     """
+
+    is_windowed: ClassVar[bool] = True
 
     since: float = field(default=-inf, kw_only=True)
     until: float = field(default=inf, kw_only=True)

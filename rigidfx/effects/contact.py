@@ -51,6 +51,7 @@ class Contact(Windowed):
     """
 
     is_load: ClassVar[bool] = True
+    is_contact: ClassVar[bool] = True
 
     where: str
     against: Obstacle | str = field(kw_only=True)

@@ -174,7 +174,8 @@ class LinearNodes(Nodes):
         R = np.stack(
             [_factor(own) for own in np.concatenate(every, axis=1)] or [np.empty((0, size))]
         )
-        self._step, self._start = None, rest  # displacements at the start of a step
+        self._step: Any = None  # displacements are known at its start
+        self._start = rest
         # All ranks know them; the first one has them, as it might have nodes.
         of, which = np.nonzero(R.any(axis=-1) & bool(structure.once))
         self.weights = np.r_[weights[:count], np.ones(len(of))]

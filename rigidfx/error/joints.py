@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -219,14 +220,14 @@ class Joints:
         p, motions = self._step[1], self._loose.count
         linkage = self._stepper.system.linkage
         assert linkage is not None
-        rows, motors, along, laws = [], list[Motor](), [], []
+        rows, motors, along, laws = [], list[Any](), [], list[Any]()
         for n, drive in enumerate(linkage.drives.each):
             own = np.zeros_like(p)
             np.add.at(own, drive.averages, drive.coordinate.gradient(p[drive.averages]))
-            if isinstance(drive.effect, Motor) and drive.effect.prescribes:
+            if drive.effect.prescribes:
                 rows.append(drive.size * own)
                 motors.append(drive.effect)
-            elif not isinstance(drive.effect, Motor):
+            elif not drive.effect.is_windowed:
                 along.append(own)
                 laws.append((drive.effect, *linkage.drives.ends_of(n)))
         told = linkage.points.told()
@@ -247,9 +248,9 @@ class Joints:
         B = np.block([[B, none], [lost, self.free.T]])
         of_laws = np.concatenate([of_laws, np.zeros((len(laws), motions))], axis=1)
         began = of_laws @ start
-        return _Held(
-            B, values, of_laws, [_Law(*law, q, dt) for law, q in zip(laws, began, strict=True)]
-        )
+        pairs = zip(laws, began, strict=True)
+        laws = [_Law(effect, q0, q1, q, dt) for (effect, q0, q1), q in pairs]
+        return _Held(B, values, of_laws, laws)
 
     def _kept(self, motors: Sequence[Motor], now: Array) -> Array:
         """B e that motors hold: of a given speed as it is when they begin, else zero.

@@ -37,7 +37,7 @@ def joints_as_data(scene: Scene) -> list[dict[str, Any]]:
         data: dict[str, Any] = {"kind": joint.kind, "name": joint.title}
         for item in (f.name for f in fields(joint) if f.name != "name"):
             value = getattr(joint, item)
-            if isinstance(value, (MeanFace, RigidFace)):
+            if hasattr(value, "where"):
                 value = {type(value).__name__: value.where}
             data[item] = value if isinstance(value, (str, dict)) else [float(x) for x in value]
         out.append(data)

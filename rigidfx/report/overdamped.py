@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from rigidfx.base.remembered import Remembered, same
-from rigidfx.effects import Fixed, Preload, Reduced, SpringDamper, Support, Symmetry
+from rigidfx.effects import Preload, Reduced, SpringDamper, Support
 from rigidfx.effects.damping.stiffness_damping import warn_of_ratio
 from rigidfx.report.look import Look
 from rigidfx.report.report import Report
@@ -40,7 +40,7 @@ class Overdamped(Look):
         self._scene, self._square = scene, inf  # smallest ω² so far [1/s²]
         self._t = self._dt = 0.0
         self._damped: Damped | None = None
-        at_rest = all(isinstance(s, (Fixed, Symmetry)) for s in scene.named(Support))
+        at_rest = not any(s.moves for s in scene.named(Support))
         if at_rest and not any(scene.named(kind) for kind in OTHERS):
             damped = Damped(scene)
             self._damped = damped if damped.rates(np.ones(1), 1.0).any() else None

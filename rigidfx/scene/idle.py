@@ -28,7 +28,7 @@ def warn_of_idle(scene: Any, t_end: float) -> None:
         t_end: End of the run [s].
     """
     for effect in scene.named(fx.Windowed):
-        if not effect.is_load or isinstance(effect, fx.Support):
+        if not effect.is_load or effect.is_support:
             continue
         first, last = effect.start, min(effect.until, t_end)
         if not first < last or _is_zero(effect, first, last):

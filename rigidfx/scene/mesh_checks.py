@@ -116,7 +116,8 @@ def _warn_of_hinges(domain: Domain, effects: Sequence[fx.Effect]) -> None:
     parts = connected_parts(domain.mesh, 2)
     if parts.count == 1:
         return
-    bodies = [_parts_of_cells(domain, parts, e.where) for e in effects if isinstance(e, fx.Rigid)]
+    named: list[Any] = [e for e in effects if e.is_rigid]
+    bodies = [_parts_of_cells(domain, parts, e.where) for e in named]
     found = [
         hinge
         for hinge in hinges(domain.mesh, parts)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -38,8 +39,9 @@ def divide(
     """
     out: list[fx.Effect] = []
     counts: dict[str, int] = {}
-    for effect in effects:
-        if not (isinstance(effect, fx.Rigid) and effect.each):
+    every: Sequence[Any] = effects
+    for effect in every:
+        if not (effect.is_rigid and effect.each):
             out.append(effect)
             continue
         pieces = _pieces(domain, effect)
@@ -102,8 +104,9 @@ def warn_of_pieces(domain: Domain, effects: Sequence[fx.Effect]) -> None:
         domain: Mesh and names.
         effects: All effects.
     """
-    for rigid in effects:
-        if not isinstance(rigid, fx.Rigid) or rigid.each is not None:
+    named: list[Any] = [effect for effect in effects if effect.is_rigid]
+    for rigid in named:
+        if rigid.each is not None:
             continue
         count = count_pieces(domain, rigid)
         if count > 1:
@@ -126,9 +129,9 @@ def pieces_in_words(
         divided: How many pieces names had that are divided.
     """
     lines = [f"Rigid '{name}': in {n} pieces, a body each" for name, n in divided.items() if n > 1]
-    for rigid in effects:
-        count = count_pieces(domain, rigid) if isinstance(rigid, fx.Rigid) else 1
-        if count > 1 and isinstance(rigid, fx.Rigid):
+    named: list[Any] = [effect for effect in effects if effect.is_rigid]
+    for rigid in named:
+        if (count := count_pieces(domain, rigid)) > 1:
             lines.append(f"Rigid '{rigid.name}': in {count} pieces, which move as one")
     return lines
 

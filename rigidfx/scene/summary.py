@@ -17,10 +17,8 @@ from rigidfx.effects import (
     PointMass,
     Rigid,
     Table,
-    Windowed,
     rigid_faces,
 )
-from rigidfx.effects.joints.between import Between
 from rigidfx.mechanics.element import StandardElement
 from rigidfx.scene.mesh_checks import parts_in_words
 from rigidfx.scene.pieces import pieces_in_words
@@ -191,18 +189,15 @@ def phases(effects: Sequence[Effect]) -> list[str]:
     An effect that has no time window and acts, such as a spring, does so in all of them. None if
     nothing of the kind is there.
     """
-    windowed = [e for e in effects if isinstance(e, Windowed)]
+    windowed: list[Any] = [e for e in effects if e.is_windowed]
     if not windowed and not any(e.is_lasting for e in effects):
         return []
     ends = {t for e in windowed for t in (e.since, e.until) if isfinite(t) and t > 0}
     lines = []
     starts = [0.0, *sorted(ends)]
     for begin, end in zip(starts, [*starts[1:], inf], strict=True):
-        acting = [
-            _short(e)
-            for e in effects
-            if e.is_lasting or (isinstance(e, Windowed) and e.acts(begin))
-        ]
+        here = {id(e) for e in windowed if e.acts(begin)}
+        acting = [_short(e) for e in effects if e.is_lasting or id(e) in here]
         span = f"from {begin:g} s on" if end == inf else f"{begin:g} … {end:g} s"
         lines.append(f"{span}: {', '.join(acting) or 'nothing'}")
     return lines
@@ -222,8 +217,8 @@ def _place(where: Any) -> str:
 
 
 def _where(effect: Any) -> str:
-    if isinstance(effect, Between):
-        return effect.between
+    if hasattr(effect, "between"):
+        return str(effect.between)
     if hasattr(effect, "joint"):
         return f"of '{effect.joint}'"
     if not hasattr(effect, "where"):
@@ -263,8 +258,8 @@ def _word(value: Any) -> str:
     return str(value)
 
 
-def _window(effect: Effect) -> str:
-    if not isinstance(effect, Windowed):
+def _window(effect: Any) -> str:
+    if not effect.is_windowed:
         return ""
     if effect.since <= 0 and effect.until == inf:
         return "always"

@@ -74,7 +74,7 @@ def inertial_masses(scene: Any) -> npt.NDArray[np.float64]:
             points = np.where(own != 0.0, scene.point_masses, 0.0)
             own = scene.cell_weights(scene.density(), cells) + points
         total += own[:n] * (float(effect.mass) / scene.sum(own[:n].sum()) - 1.0)
-    for effect in scene.effects:
-        if isinstance(effect, PointMass) and effect.face is not None:
+    for effect in scene.named(PointMass):
+        if effect.face is not None:
             total[effect.remote.place.nodes] += effect.mass * effect.remote.place.weights
     return np.asarray(total)

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import together
-from rigidfx.effects import Effect, Resultant, Windowed
+from rigidfx.effects import Effect, Resultant
 from rigidfx.effects.joints.remote import RemoteForces, RemoteMotion
 from rigidfx.effects.motion import Forces, Motion
 from rigidfx.error.forces.rigid_motions import rigid_motions
@@ -95,9 +95,9 @@ def _of_loads(responses: Responses, span: tuple[float, float]) -> Iterator[Array
         if pushed := effect.pushes(times[0]):
             structure = responses.stiffness.structure
             yield structure.surface.outward_forces(pushed[0], effect.owner)[:, :, None]
-        elif isinstance(effect, Resultant) and effect.body is not None:
+        elif getattr(effect, "body", None) is not None:
             yield _on_body(responses, effect, times)
-        elif isinstance(effect, Resultant) and not effect.is_dead:
+        elif effect.face is not None and not effect.is_dead:
             yield _couples(responses, effect, times)
         elif effect.is_dead:
             yield _dead(responses, effect, times)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.effects import Effect, Windowed
+from rigidfx.effects import Effect
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.orthonormal import columns
 from rigidfx.shapes.responses import Responses
@@ -65,9 +66,9 @@ def instants(effects: Sequence[Effect], span: tuple[float, float]) -> Array:
         span: From when to when [s].
     """
     start, end = span
-    for effect in effects:
-        if isinstance(effect, Windowed):
-            start, end = max(start, effect.since), min(end, effect.until)
+    windowed: list[Any] = [effect for effect in effects if effect.is_windowed]
+    for effect in windowed:
+        start, end = max(start, effect.since), min(end, effect.until)
     if not start < end:
         return np.empty(0)
     kinks = [t for effect in effects for t in effect.breakpoints if start <= t < end]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -116,7 +117,8 @@ class LoadPath:
 
     def follow(self, t: float) -> None:
         """Bind to the effects that act at t [s], where these are others than before. Collective."""
-        windowed = (e for e in self._effects if isinstance(e, Windowed) and not e.mass_damping)
+        every: Sequence[Any] = self._effects
+        windowed = (e for e in every if e.is_windowed and not e.mass_damping)
         acting = [
             effect for effect in windowed if effect.acts(t if self._fixed is None else self._fixed)
         ]

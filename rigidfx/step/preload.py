@@ -87,7 +87,7 @@ def _check(scene: Scene, preload: Preload, holds: Sequence[Windowed], start: flo
             f"Preload: {idle[0].owner} does not act at t = 0, when the statics are. Give it no "
             "time window, or leave it out."
         )
-    pressed = any(isinstance(effect, Contact) for effect in holds)
+    pressed = any(effect.is_contact for effect in holds)
     free = "" if pressed else _free(scene, holds, start)
     if free:
         raise SceneError(

@@ -67,7 +67,7 @@ def check_clamps(scene: Scene, timeline: Timeline) -> bool:
                     "support clamps it, which would bear what its cells weigh. Leave mass and "
                     "inertia out, or a layer of flexible cells between body and support."
                 )
-            loads = [e for e in acting if isinstance(e, Resultant) and e.body == effect.name]
+            loads = [e for e in acting if getattr(e, "body", None) == effect.name]
             if clamp is not None and loads:
                 raise SceneError(
                     f"Resultant: at t = {t:g} s a support clamps the body '{effect.name}', so that "

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -112,7 +112,7 @@ class Switch:
         Args:
             known: Identities of the effects that act already.
         """
-        motors = tuple(e for e in self.acting if isinstance(e, Motor) and e.prescribes)
+        motors: tuple[Any, ...] = tuple(e for e in self.acting if e.prescribes)
         if self._joints is not None:
             self._joints.motors, self._joints.dt = motors, self._timeline.dt
         return tuple(motor for motor in motors if id(motor) not in known)
@@ -359,8 +359,8 @@ def _changes_with(body: RigidBody, decision: Decision) -> bool:
 def _in_one_only(before: Sequence[Windowed], after: Sequence[Windowed]) -> list[Contact]:
     """Contacts that begin or end."""
     both = {id(e) for e in before} & {id(e) for e in after}
-    every = (e for e in (*before, *after) if id(e) not in both)
-    return [e for e in every if isinstance(e, Contact)]
+    every: list[Any] = [e for e in (*before, *after) if id(e) not in both]
+    return [e for e in every if e.is_contact]
 
 
 def _changes(old: Mapping[int, RigidBody], new: Mapping[int, RigidBody]) -> tuple[BodyChange, ...]:

@@ -27,7 +27,6 @@ from scipy.sparse import csr_array, dia_array
 
 from rigidfx.base.matrices import dense
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects.joints.drives import prescribes
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.redundancy import RANK, independent
 from rigidfx.mechanics.bodies import Bodies
@@ -59,7 +58,7 @@ class HeldState(JoinedEquilibrium):
         rows, terms, compliance = self.ports.resisted(linkage, bodies)
         self._lead = self.ports.lead(self.prolongation.increments.L)
         self._everywhere = self.ports.everywhere()
-        locked = np.array([prescribes(effect) for effect in linkage.drives.effects], dtype=bool)
+        locked = np.array([effect.prescribes for effect in linkage.drives.effects], dtype=bool)
         locks = linkage.test()[linkage.active.size + np.flatnonzero(locked)]
         rows = np.vstack([rows, dense(locks @ self._lead)])
         terms = np.vstack([terms, dense(abs(locks) @ abs(self._lead))])

@@ -124,7 +124,7 @@ class Problem:
         """
         p, bodies = self._prolongation, self._state.bodies
         dead = [e for e in acting if e.is_dead and loaded]
-        lasting = [e for e in self._scene.effects if e.is_lasting and not isinstance(e, Windowed)]
+        lasting = [e for e in self._scene.effects if e.is_lasting and not e.is_windowed]
         effects = [*lasting, *dead, *self.spin.forces]
         self._actions = actions = Actions(self._structure, effects, dead)
         actions.set_time(t, 1.0)
@@ -295,7 +295,7 @@ def _state(scene: Scene, about: Report | None) -> State:
     given = about.state
     given.rebuild()
     state.place(given.u.x.array)
-    named = {effect.name for effect in scene.effects if isinstance(effect, Rigid)}
+    named = {effect.name for effect in scene.named(Rigid)}
     bodies = Bodies.of_each(body for body in given.bodies if body.data.name in named)
     rest = np.zeros((len(bodies), 3))
     state.group(bodies.moving(rest, rest))

@@ -27,7 +27,7 @@ from rigidfx.effects.joints.elements import JointSpring, Motor, coordinate_of, e
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.stop import Blow, Stop
 
-__all__ = ["Drives", "Element", "prescribes"]
+__all__ = ["Drives", "Element"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -106,7 +106,7 @@ class Drives:
         self._size, self._large, self.masses, self.sizes = np.reshape(sizes, (-1, 4)).T
         first = [firsts[drive.key[0]] for drive in self._all]
         self._coordinates = Coordinates([drive.coordinate for drive in self._all], first)
-        self._given = np.array([prescribes(drive.effect) for drive in self._all], dtype=bool)
+        self._given = np.array([drive.effect.prescribes for drive in self._all], dtype=bool)
         self._dt = 1.0
         self._q0: Mapping[tuple[int, str], float] = {}
         self._path: Array = np.zeros((len(elements), 2))  # q that is prescribed, as `wanted`
@@ -134,7 +134,7 @@ class Drives:
     @property
     def prescribing(self) -> list[str]:
         """Names of those that prescribe a coordinate."""
-        return [d.effect.owner for d in self._all if prescribes(d.effect)]
+        return [d.effect.owner for d in self._all if d.effect.prescribes]
 
     def speeds(self, t: float, dt: float) -> Array:
         """Rates of change of F that motors prescribe just after t, shape (drives,) [m/s].
@@ -391,8 +391,3 @@ class Drives:
         """Energy of springs and stops where coordinates are these [J]."""
         laws = ((d.effect, q[d.key]) for d in self._all if not isinstance(d.effect, Motor))
         return float(sum(law.stored(value) for law, value in laws))
-
-
-def prescribes(effect: Element) -> bool:
-    """Whether it is a motor that prescribes an angle or a travel."""
-    return isinstance(effect, Motor) and effect.prescribes

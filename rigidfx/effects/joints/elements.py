@@ -91,9 +91,14 @@ class Motor(Windowed):
         return self.coordinate
 
     @property
-    def prescribes(self) -> bool:
+    def prescribes(self) -> bool:  # type: ignore[override]
         """Whether it prescribes that, and not its force."""
         return KINDS[self.by][1]
+
+    @property
+    def grows(self) -> str | None:  # type: ignore[override]
+        """Its torque or force; None of a motor that prescribes a motion."""
+        return None if self.prescribes else self.by
 
     @property
     def resists(self) -> bool:

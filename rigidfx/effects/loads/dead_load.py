@@ -35,6 +35,7 @@ class DeadLoad(Windowed):
 
     is_load: ClassVar[bool] = True
     is_dead: ClassVar[bool] = True
+    grows: ClassVar[str | None] = "time"
     dims: ClassVar[tuple[int, ...]] = (3,)  # of the sets it may act on
     local: ClassVar[bool] = False  # whether its value may depend on the place
 
@@ -71,7 +72,7 @@ class DeadLoad(Windowed):
         return steady.copy() if self.time is None else steady * scalar(self.time(t))
 
     @cached_property
-    def uniform(self) -> bool:
+    def uniform(self) -> bool:  # type: ignore[override]
         """Whether its value is the same everywhere."""
         return not of_place(getattr(self, "value", None))
 

@@ -45,6 +45,7 @@ class Pressure(Windowed):
     """
 
     is_load: ClassVar[bool] = True
+    grows: ClassVar[str | None] = "time"
 
     where: str
     value: float | Callable[[float], float]

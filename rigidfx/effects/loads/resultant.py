@@ -39,6 +39,7 @@ class Resultant(OnFace, Windowed):
     """
 
     is_load: ClassVar[bool] = True
+    grows: ClassVar[str | None] = "time"
     turns: ClassVar[bool] = True
 
     where: str | Surface | None = None

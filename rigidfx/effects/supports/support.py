@@ -31,6 +31,7 @@ class Support(Windowed):
     """
 
     is_load: ClassVar[bool] = True
+    is_support: ClassVar[bool] = True
     holds: ClassVar[bool] = True
     moves: ClassVar[bool] = False  # whether its motion is a user's function of time
     uniform: ClassVar[bool] = True  # whether all its nodes move alike

@@ -16,7 +16,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import by_name, together
 from rigidfx.base.inputs import shown
-from rigidfx.effects import Action, Effect, Touch, Windowed
+from rigidfx.effects import Action, Effect, Touch
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion, Tangent
 from rigidfx.step.equations.eased_forces import EasedForces
 from rigidfx.step.equations.heeded import Heeded, doing
@@ -67,7 +67,7 @@ class Actions:
         """
         self._comm, self.failures = structure.scene.comm, structure.failures
         self.easing, here = list(easing), {id(effect) for effect in acting}
-        wanted = (e for e in effects if e.is_dead or not isinstance(e, Windowed) or id(e) in here)
+        wanted = (e for e in effects if e.is_dead or not e.is_windowed or id(e) in here)
         pairs = [(effect, bound(effect, structure, "bind")) for effect in wanted]
         self.failures.settle()  # all ranks go on with the same actions
         self._every = [(effect, action) for effect, action in pairs if action is not None]
@@ -84,7 +84,7 @@ class Actions:
 
     def _select(self, here: set[int]) -> None:
         self._here = here
-        own = [a for e, a in self._every if id(e) in here or not isinstance(e, Windowed)]
+        own = [a for e, a in self._every if id(e) in here or not e.is_windowed]
         every = self._acting = [*own, *self.easing]
         self._contacts: list[Any] = [action for action in every if action.presses]
         self._calls = {name: self._heeded.calls(every, name) for name in METHODS}

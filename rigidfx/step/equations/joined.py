@@ -25,7 +25,6 @@ from scipy.sparse import csr_array, dia_array
 from rigidfx.base.errors import StepError
 from rigidfx.base.matrices import Matrix, compact, dense
 from rigidfx.coupling.ports import Ports
-from rigidfx.effects.joints.drives import prescribes
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.redundancy import independent
 from rigidfx.effects.motion import Forces, Tangent
@@ -100,7 +99,7 @@ class JoinedEquilibrium(Equilibrium):
         lead = self.ports.lead(self.prolongation.increments.L)
         given = self.linkage.test()[self.linkage.active.size :]
         for k, effect in enumerate(drives.effects):
-            if not prescribes(effect):
+            if not effect.prescribes:
                 continue
             more, sizes = dense(given[[k]] @ lead), dense(abs(given[[k]]) @ abs(lead))
             every = np.vstack([rows, more]), np.vstack([terms, sizes])

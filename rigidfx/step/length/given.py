@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,7 @@ import numpy.typing as npt
 from rigidfx.base.errors import SceneError, by_name
 from rigidfx.base.inputs import is_function
 from rigidfx.base.remembered import Remembered, same
-from rigidfx.effects import DeadLoad, Effect, Support, Table, Windowed
+from rigidfx.effects import Effect, Table, Windowed
 from rigidfx.scene.sample import spread
 from rigidfx.scene.scene import Scene
 
@@ -49,12 +49,13 @@ class Given:
             load: The load.
             scene: The scene that names it.
         """
-        self._load, self._X, self._weights = load, np.zeros((0, 3)), np.ones(1)
-        self.led = isinstance(load, Support)
+        self._load: Any = load
+        self._X, self._weights = np.zeros((0, 3)), np.ones(1)
+        self.led = load.is_support
         self._range: tuple[Array, Array] | None = None
         self._asked, self._changed = False, np.zeros(1)
-        if isinstance(load, DeadLoad) and not load.uniform:
-            weights = load.weights(scene)[: scene.owned_nodes]
+        if load.is_dead and not load.uniform:
+            weights = self._load.weights(scene)[: scene.owned_nodes]
             nodes = np.flatnonzero(weights)
             X = scene.space.tabulate_dof_coordinates()[nodes]
             some = spread(scene.comm, X, NODES)
@@ -142,7 +143,7 @@ class Given:
 
     def _value(self, t: float, dt: float) -> Array:
         load = self._load
-        if isinstance(load, DeadLoad) and not load.uniform:
+        if load.is_dead and not load.uniform:
             return load.intensities(t, self._X)
         return load.signal(t, dt)
 

@@ -57,7 +57,7 @@ def _points_of(structure: BoundStructure, acting: Sequence[Windowed]) -> Points:
     """Actions on points that depend on the motion. Collective."""
     here = {id(effect) for effect in acting}
     every = structure.scene.effects
-    wanted = [e for e in every if not isinstance(e, Windowed) or id(e) in here]
+    wanted = [e for e in every if not e.is_windowed or id(e) in here]
     pairs = [(e, bound(e, structure, "bind_points")) for e in wanted]
     structure.failures.settle()  # all ranks go on with the same actions
     owners = {id(action): effect.owner for effect, action in pairs if action is not None}

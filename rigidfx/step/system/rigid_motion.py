@@ -18,7 +18,6 @@ import numpy.typing as npt
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.effects import Joint, SpringDamper, Windowed
 from rigidfx.effects.joints.face_motion import Vector
-from rigidfx.effects.joints.on_face import OnFace
 from rigidfx.scene.scene import Scene
 from rigidfx.step.system.joined_motion import joint_rows
 from rigidfx.step.system.supports import PrescribedDofs
@@ -63,7 +62,7 @@ def free_to_move(
             continue
         values, vectors = np.linalg.eigh(K / max(float(np.linalg.norm(K)), 1e-300))
         root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-        if isinstance(effect, OnFace) and effect.face is not None:
+        if effect.face is not None:
             at_points.append((root, effect.remote.place))
             continue
         own = np.flatnonzero(scene.shares(getattr(effect, "where", ""), effect.kind)[:n] > 0)

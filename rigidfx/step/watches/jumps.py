@@ -147,7 +147,7 @@ class JumpingObstacles(WarnsOnce):
         """
         super().__init__(scene.comm)
         every = ((c, c.against) for c in scene.named(Contact))
-        moving = [(c, o) for c, o in every if isinstance(o, Obstacle) and o.path is not None]
+        moving = [(c, o) for c, o in every if not c.keeps_apart and o.path is not None]
         self._touches, self._gains = touches, Gains(scene)
         self._looks = [
             (contact, obstacle, failures.heeded(contact.owner, "path", self._jump, _no_jump))
