@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+import own_spring
+import parallel
 import pytest
 from histories import column, drift, show
 from scipy.spatial import cKDTree
@@ -149,3 +152,49 @@ def test_a_joint_of_ones_own(rigid):
     show(**lost, springs=max(report.springs for report in reports))
     assert max(report.springs for report in reports) > 1e-3 * reports[0].energy
     assert max(lost.values()) <= 1e-11
+
+
+@pytest.mark.parametrize("ends", own_spring.ENDS)
+def test_the_spring_of_the_page(ends):
+    """Energy and both momenta stay, whatever its ends are; it is stretched."""
+    rows = np.array(own_spring.history(ends))
+    assert np.abs(rows[:, 0] - rows[0, 0]).max() <= 1e-12 * rows[0, 0]
+    assert np.abs(rows[:, 2:] - rows[0, 2:]).max() <= 1e-13 * np.abs(rows[0]).max()
+    assert rows[:, 1].max() > 0.1 * rows[0, 0]
+
+
+def test_the_spring_of_the_page_in_statics_and_modes():
+    """Its length under a pull, and the frequency of two masses that it joins, are exact."""
+    assert own_spring.straining() == pytest.approx(1.0, rel=1e-4)  # with a weak spring beside it
+    aside = (rf.Spring(name, (0.0, 1e6, 1e6)) for name in ("left", "right"))
+    modes = rf.modes(own_spring.blocks("bodies", *aside), 1)
+    wanted = np.sqrt(own_spring.K / 1000.0) / (2 * np.pi)  # each block has 2 t
+    assert modes.frequencies[0] == pytest.approx(wanted, rel=1e-5)
+
+
+def test_the_spring_of_the_page_goes_on_from_a_checkpoint(tmp_path):
+    """It remembers its greatest length, and so does a run that goes on."""
+
+    def scene():
+        apart = rf.InitialVelocity(function=lambda x: (x[0] > 2.5) * [[1.0], [0.0], [0.0]])
+        return own_spring.blocks("bodies", apart)
+
+    def end(reports):
+        *_, last = reports
+        (longest,) = last.state.notes.values()
+        return last.energy, last.springs, longest
+
+    whole = end(rf.simulate(scene(), 0.01, 0.3))
+    end(rf.simulate(scene(), 0.01, 0.2, checkpoint=rf.Checkpoint(tmp_path / "cut", steps=10)))
+    assert end(rf.resume(tmp_path / "cut", scene(), t_end=0.3)) == whole
+    assert whole[2] > 1.05
+
+
+@pytest.mark.parallel
+def test_the_spring_of_the_page_on_two_ranks():
+    """It does the same, and a law that fails on one rank ends the run on both."""
+    rows, told = parallel.run(own_spring.__file__, 2, 120)
+    alone = np.array(own_spring.history())
+    assert np.abs(np.array(rows) - alone).max() <= 1e-9 * np.abs(alone).max()
+    assert len(set(told)) == 1
+    assert re.match("OwnSpring on .* failed in the step .* ZeroDivisionError: no such", told[0])

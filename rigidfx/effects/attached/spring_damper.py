@@ -23,12 +23,11 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, shown, vector
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Vector as Point
-from rigidfx.effects.joints.averages import Average, Grounded
 from rigidfx.effects.joints.between import Between
-from rigidfx.effects.joints.checks import check_near, warn_of_arm
+from rigidfx.effects.joints.ends import end_of
 from rigidfx.effects.joints.face_motion import Vector, value_at
 from rigidfx.effects.joints.remote import RemoteMotion, RemoteNodes
-from rigidfx.effects.joints.sides import GROUND, Side, Surface, side_name, side_of
+from rigidfx.effects.joints.sides import GROUND
 
 __all__ = ["SpringDamper", "SpringDamperReport"]
 
@@ -143,7 +142,9 @@ class SpringDamper(Between):
         """
         self.check_title(scene)
         X = scene.space.tabulate_dof_coordinates()
-        ends = [self._end(scene, *end) for end in ((self.a, self.at_a), (self.b, self.at_b))]
+        ends = [
+            end_of(scene, self.owner, *end) for end in ((self.a, self.at_a), (self.b, self.at_b))
+        ]
         at_start = [end.start for end in ends]
         on_mesh = [value_at(scene, end, X) for end in ends]
         first, distance = (float(np.linalg.norm(b - a)) for a, b in (at_start, on_mesh))
@@ -157,34 +158,6 @@ class SpringDamper(Between):
         for name, value in (("_ends", tuple(ends)), ("_free", free), ("_first", first)):
             object.__setattr__(out, name, value)
         return out
-
-    def _end(self, scene: Any, side: Side, at: Point | None) -> Vector:
-        """An end. Collective.
-
-        Raises:
-            SceneError: On every rank, if there is no such part, surface or set.
-        """
-        given = None if at is None else np.asarray(at, dtype=np.float64)
-        rigid = [effect.name for effect in scene.effects if effect.is_rigid]
-        if isinstance(side, Surface) or side == GROUND or side in rigid:
-            found = side_of(scene, self.owner, side)
-            if isinstance(found, Grounded):
-                assert given is not None
-                return found.place(given)
-            point = found.centre if given is None else given
-            check_near(self.owner, side, found, point)
-            warn_of_arm(scene, self.owner, side, found, point)
-            return found.place(point)
-        if given is not None:
-            raise SceneError(
-                f"{self.owner}: its end on {side_name(side)} is the mean place of the nodes of a "
-                "set. Leave its place out, or name a Rigid part, a MeanFace or a RigidFace."
-            )
-        own = scene.nodes(side, self.owner)
-        own = own[own < scene.owned_nodes].astype(np.int64)
-        weights = np.full(own.size, 1.0 / scene.sum(own.size))
-        point = np.asarray(scene.sum(weights @ scene.start_places[own]))
-        return Average(own, weights, start=point, is_place=True)
 
     # The law, as of springs of joints -------------------------------------------------------------
 

@@ -19,6 +19,7 @@ from rigidfx.effects.joints.face_motion import Vector
 __all__ = ["RemoteForces", "RemoteMotion", "RemoteNodes", "RemoteTangent"]
 
 Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -62,11 +63,12 @@ class RemoteTangent:
     """
 
     size: int
-    own: list[tuple[Array, Array, Array]] = field(default_factory=list)
+    own: list[tuple[Ints, Ints, Array]] = field(default_factory=list)
 
     def matrix(self) -> csr_array:
         """All of them, shape (3 · averages,) * 2 [N/m]."""
-        row, column, value = (np.concatenate(part) for part in zip(*self.own, strict=True))
+        none = np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
+        row, column, value = map(np.concatenate, zip(none, *self.own, strict=True))
         return csr_array((value, (row, column)), shape=(3 * self.size,) * 2)
 
 
