@@ -68,16 +68,18 @@ class Motion:
         d: Increments of the nodes of the rows, a PETSc vector [m].
         increments: Those of the bodies.
         dt: Length of the step [s]; of no meaning in statics.
+        begun: The start of the step, the same object as long as nothing of it changes.
     """
 
     d: Any
     increments: Increments
     dt: float
+    begun: Instant | None = None
 
     @property
     def start(self) -> Instant:
         """The start of the step."""
-        return Instant(self.increments.start)
+        return Instant(self.increments.start) if self.begun is None else self.begun
 
     @property
     def array_r(self) -> Array:

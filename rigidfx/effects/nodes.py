@@ -174,7 +174,7 @@ class LinearNodes(Nodes):
         R = np.stack(
             [_factor(own) for own in np.concatenate(every, axis=1)] or [np.empty((0, size))]
         )
-        self._step: Any = None  # displacements are known at its start
+        self._begun: Instant | None = None  # displacements are known there
         self._start = rest
         # All ranks know them; the first one has them, as it might have nodes.
         of, which = np.nonzero(R.any(axis=-1) & bool(structure.once))
@@ -187,8 +187,8 @@ class LinearNodes(Nodes):
 
     def start(self, motion: Motion) -> Array:
         """Displacements at the start of a step, found once in it, shape (nodes, 3) [m]."""
-        if self._step is not motion.increments.step:
-            self._step, self._start = motion.increments.step, self.displacement(motion.start)
+        if motion.begun is None or self._begun is not motion.begun:
+            self._begun, self._start = motion.begun, self.displacement(motion.start)
         return self._start
 
 

@@ -57,7 +57,7 @@ def warn_of_units(scene: Any) -> None:
 
 def _largest(effect: Any) -> float:
     """The largest force of a load [N]; inf if a function tells it."""
-    force = getattr(effect, "force", None) or effect.value
+    force = effect.force if hasattr(effect, "force") else effect.value
     if callable(force) or not isinstance(effect.time, Table | None):
         return np.inf
     factor = 1.0 if effect.time is None else float(np.abs(effect.time.values).max())

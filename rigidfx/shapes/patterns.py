@@ -62,7 +62,7 @@ def of_springs(responses: Responses) -> Array:
     Returns:
         Patterns as of `patterns`, those of each spring apart.
     """
-    effects = [e for e in responses.scene.effects if e.is_lasting and not isinstance(e, Windowed)]
+    effects = [e for e in responses.scene.effects if e.is_lasting and not e.is_windowed]
     return interleaved(
         responses, [compressed(responses.scene, _resisting(responses, e)) for e in effects]
     )
@@ -107,7 +107,7 @@ def _bound(responses: Responses, effect: Effect) -> Actions:
     """An effect on all nodes, also those of bodies. Collective."""
     structure = responses.stiffness.structure
     flexible = replace(structure, own=np.ones_like(structure.own), bodies=Bodies.of_each(()))
-    return Actions(flexible, [effect], [effect] if isinstance(effect, Windowed) else [])
+    return Actions(flexible, [effect], [effect] if effect.is_windowed else [])
 
 
 def _resisting(responses: Responses, effect: Effect) -> Array:

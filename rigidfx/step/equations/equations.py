@@ -23,7 +23,7 @@ from rigidfx.coupling.cell_forces import CellForces
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects.motion import Forces, Motion, Tangent
+from rigidfx.effects.motion import Forces, Instant, Motion, Tangent
 from rigidfx.flexible.bound_forces import BoundForces
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
@@ -94,6 +94,7 @@ class Equilibrium:
         self._last: Array = np.empty(0)  # unknowns that d and u₁ belong to
         none = np.empty(0)
         self.trial = Trial(0.0, None, none, none, prolongation.increments.step)
+        self._begun: Instant | None = None
         self._lost = Lost(scene, prolongation)
         self._rounding = Rounding(
             scene, forces, bound.undeformed, self._tangent, prolongation, actions
@@ -119,6 +120,7 @@ class Equilibrium:
         damping = None if self._damping is None else self._damping.matrix(dt)
         bodies = Step(start, dt, damping, given) if self.inertial else StaticStep(start, given)
         self.trial = Trial(dt, v0, imposed, self._u0[self._rows.dofs], bodies)
+        self._begun = Instant(start)
         self._cells.begin(self.trial.start)
         if self._mass is not None:
             self._mass.mult(v0, self._before)
@@ -240,7 +242,7 @@ class Equilibrium:
     @property
     def motion(self) -> Motion:
         """The iterate of the last residual, as effects see it."""
-        return Motion(self.d, self.prolongation.increments, self.dt)
+        return Motion(self.d, self.prolongation.increments, self.dt, self._begun)
 
     @property
     def _resists(self) -> bool:
