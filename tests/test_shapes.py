@@ -185,11 +185,11 @@ def test_a_force_is_spanned_or_not():
     r, F = made.responses, made.pushed()
     other = unit_loads(r, np.array([0]))
     few = shapes_of(made.part, r, F)
-    assert few.modes.shape[2] == 12
+    assert few.modes.shape[2] == 30
     assert not made.part.unspanned(few, F).any()
     assert made.part.unspanned(few, other).any()
     both = shapes_of(made.part, r, np.concatenate([F, other], axis=2))
-    assert both.modes.shape[2] == 24
+    assert both.modes.shape[2] == 36
     assert not made.part.unspanned(both, other).any()
     assert shapes_of(made.part, r, F, 5).modes.shape[2] == 5
     assert shapes_of(made.part, r, F[:, :, :1], 7).modes.shape[2] == 7
@@ -252,7 +252,7 @@ def test_springs_bear_static_loads():
     slow = of_springs(r)
     assert slow.shape[2] == 12
     shapes = shapes_of(made.part, r, F, slow=slow)
-    assert shapes.modes.shape[2] == 24
+    assert shapes.modes.shape[2] == 36
     W = sum(np.outer(made.scene.shares(s.where, ""), np.diag(s.K)).ravel() for s in springs)
     K = made.dense(made.part.times_stiffness) + np.diag(W)
     exact = np.linalg.solve(K, F.reshape(-1, 3))
@@ -382,7 +382,7 @@ def test_machines_come_next():
     cells = scene.owned_cells("far", "")
     part = Part(r, forces.cells(cells), np.unique(nodes[cells]), "far")
     shapes = shapes_of(part, r, unit_loads(r, np.unique(nodes[cells])[:1].astype(np.int64)))
-    assert shapes.modes.shape[2] == 12
+    assert shapes.modes.shape[2] == 27
     part.destroy()
     cells = scene.owned_cells("near", "")
     with pytest.raises(rf.SceneError, match="machines come next"):

@@ -69,6 +69,7 @@ RECORDS = {
     rf.PointMass: lambda: {"where": "x0", "mass": np.array(2.0)},
     rf.Preload: lambda: {"loads": [rf.Gravity()], "increments": np.array(2)},
     rf.ResolvedForces: lambda: {},
+    rf.Reduced: lambda: {"where": "half", "shapes": np.array(3)},
     rf.Rigid: lambda: {"mass": np.array(2.0), "inertia": np.eye(3)},
     rf.Spring: lambda: {
         "where": "x0",

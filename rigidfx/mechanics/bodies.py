@@ -213,7 +213,8 @@ class Bodies:
     @property
     def drifted(self) -> Array:
         """Way of the centres of mass in frames that are held, shape (bodies, 3) [m]."""
-        assert self.of.shapes is not None
+        if self.of.shapes is None:
+            return np.zeros((len(self), 3))
         return np.asarray(np.einsum("bkc,bk->bc", self.of.shapes.drift, self.q))
 
     @property
@@ -289,8 +290,10 @@ class Bodies:
     @cached_property
     def momenta_of_shapes(self) -> tuple[Array, Array]:
         """What shapes add to J W [kg m²/s], and their own momenta p [kg m/s]."""
-        assert self.of.shapes is not None
-        return self.of.shapes.momenta(self.q, self.angular_velocity_body, self.q_rate)
+        if self.of.shapes is None:
+            return read_only(np.zeros((len(self), 3))), self.q_rate
+        found = self.of.shapes.momenta(self.q, self.angular_velocity_body, self.q_rate)
+        return read_only(found[0]), read_only(found[1])
 
     @cached_property
     def own_momentum(self) -> Array:

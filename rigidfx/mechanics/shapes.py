@@ -15,6 +15,13 @@ The frame of a body may be held by a support, where its shapes are zero then: no
 c₀ + R (ξ + Φ̃ q), with c₀ and R given, and Φ = Φ̃ - Σ m Φ̃/M, the part without momentum, is the shape.
 So the centre of mass is at c = c₀ + R dᵀ q, d = Σ m Φ̃/M being the drift.
 
+A body that spins is stiffer than Ω: the stress of its centrifugal forces resists bending. With the
+displacements ψ_ab by M (δ_ab ξ - sym(e_a ξ_b)) and K' the change of K with a displacement,
+
+    J gains Σ N_kl q_k q_l,    N_ab = -Φᵀ K'[ψ_ab] Φ,
+
+which is of second order in q, as the rest of J is.
+
 All of it comes from the second moments G_kl = Σ m Φ_k Φ_lᵀ, with Φ₀ = ξ, which are summed once; a
 step then costs the same whatever the mesh.
 
@@ -51,6 +58,8 @@ class Shapes:
             inertia of the body.
         stiffness: Ω, shape (m, m) [N/m].
         force: f₀, shape (m,) [N].
+        spun: N, by which spin stiffens, shape (m, m, 3, 3) [kg]: J gains Σ N_kl q_k q_l; None where
+            spin is too slow to count.
         drift: Of a body whose frame is held, by how much its centre of mass moves in the frame per
             coordinate, shape (m, 3); None of a body that moves freely.
     """
@@ -62,6 +71,7 @@ class Shapes:
     stiffness: Array
     force: Array
     drift: Array | None = None
+    spun: Array | None = None
 
     def __post_init__(self) -> None:
         """Let nobody change the arrays: reports show them."""
@@ -78,7 +88,7 @@ class ShapesOfBodies:
     Attributes:
         counts: m of each body, shape (bodies,).
         most: The largest m.
-        moments: G of each, shape (bodies, most + 1, most + 1, 3, 3).
+        moments: G of each, with what spin stiffens, shape (bodies, most + 1, most + 1, 3, 3).
         couplings: Σ m Φ_j × Φ_k, shape (bodies, most, most, 3).
         mass: D, shape (bodies, most, most) [kg].
         stiffness: Ω, likewise [N/m].
@@ -97,7 +107,7 @@ class ShapesOfBodies:
         self.most = m = int(self.counts.max(initial=0))
         self.moments = np.zeros((len(each), m + 1, m + 1, 3, 3))
         self.stiffness, self.force = np.zeros((len(each), m, m)), np.zeros((len(each), m))
-        self.drift = np.zeros((len(each), m, 3))
+        self.drift, added = np.zeros((len(each), m, 3)), np.zeros_like(self.moments)
         self.held = np.array([own is not None and own.drift is not None for own in each])
         for k, own in enumerate(each):
             if own is not None:
@@ -105,9 +115,13 @@ class ShapesOfBodies:
                 if own.drift is not None:
                     self.drift[k, :n] = own.drift
                 self.moments[k, : n + 1, : n + 1] = own.moments
+                if own.spun is not None:  # as second moments Y whose tr Y - Y is N
+                    half = 0.5 * np.trace(own.spun, axis1=2, axis2=3)[:, :, None, None]
+                    added[k, 1 : n + 1, 1 : n + 1] = half * IDENTITY - own.spun
                 self.stiffness[k, :n, :n], self.force[k, :n] = own.stiffness, own.force
         self.couplings = axial(self.moments[:, 1:, 1:])
         self.mass = np.einsum("bklii->bkl", self.moments[:, 1:, 1:])
+        self.moments += added
         seal(self)
 
     @cached_property

@@ -7,6 +7,7 @@ turned so that Ω = ΦᵀKΦ of the part's own cells is diagonal.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +36,9 @@ BLOCK = 3  # unknowns in a block of PETSc's format, which shapes have to fill
 # Size of a vector, once the part's rigid motion is taken out of it, over that before: below, it is
 # the rounding of a motion in which the part does not strain.
 STRAINING = 1e-9
+
+PAIRS = tuple(combinations_with_replacement(range(3), 2))  # of axes of a spin
+SMALL_WAY = 1e-4  # of a cell, by which a part is displaced to see how its stiffness changes
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,7 @@ class Part:
                 joint acts on it.
         """
         self._scene, self._responses = responses.scene, responses
-        self.nodes, self._name = nodes, name
+        self.nodes, self._name, self._cells = nodes, name, cells
         scene, stiffness = responses.scene, responses.stiffness
         self._check(cells)
         self._rows = Rows(scene.space, nodes)
@@ -189,6 +193,40 @@ class Part:
         K = self._dot(modes, self.times_stiffness(modes))
         force = np.asarray(self._scene.sum(np.einsum("nak,na->k", modes, self._internal)))
         return PartShapes(modes, 0.5 * (K + K.T), force)
+
+    def spun(self, modes: Array) -> Array:
+        """N of shapes, by which spin stiffens the part, shape (m, m, 3, 3) [kg]. Collective.
+
+        Args:
+            modes: At its nodes, shape (nodes, 3, m).
+        """
+        responses, shape = self._responses, self._responses.stiffness.linear.shape
+        x, scene = responses.stiffness.places, self._scene
+        x = x - np.asarray(scene.sum(np.r_[x.sum(axis=0), len(x)]))[:3] / scene.sum(len(x))
+        fields = [
+            (a == b) * x - 0.5 * (np.outer(x[:, b], np.eye(3)[a]) + np.outer(x[:, a], np.eye(3)[b]))
+            for a, b in PAIRS
+        ]
+        psi = responses.solve(responses.inertia(np.stack(fields, axis=2)))
+        before, m = shape.x.array.copy(), modes.shape[2]
+        N = np.zeros((m, m, 3, 3))
+        for k, (a, b) in enumerate(PAIRS):
+            size = float(scene.comm.allreduce(np.abs(psi[:, :, k]).max(initial=0.0), op=MPI.MAX))
+            h = SMALL_WAY * scene.mean_cell_size / size if size > 0 else 0.0
+            sides = []
+            for sign in (1.0, -1.0):
+                shape.x.array[:] = before
+                own = shape.x.array[: 3 * scene.owned_nodes].reshape(-1, 3)
+                own += sign * h * psi[:, :, k]
+                shape.x.scatter_forward()
+                K = assembled(self._rows, responses.stiffness.linear.tangent(self._cells))
+                image = times(K, columns(modes), self._rows.vector).reshape(modes.shape)
+                sides.append(self._dot(modes, image))
+                K.destroy()
+            change = (sides[0] - sides[1]) / (2 * h) if h else sides[0] * 0.0
+            N[:, :, a, b] = N[:, :, b, a] = -0.5 * (change + change.T)
+        shape.x.array[:] = before
+        return N
 
     def unspanned(self, shapes: PartShapes, F: Array) -> npt.NDArray[np.bool_]:
         """Which forces strain it by more than `LACKING` otherwise than its shapes can. Collective.

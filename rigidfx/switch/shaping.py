@@ -17,7 +17,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.remembered import ON_DOFS, Remembered
-from rigidfx.effects import Contact, Reduced, Windowed
+from rigidfx.effects import Contact, PrescribedRotation, Reduced, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body, RigidBody
@@ -27,13 +27,17 @@ from rigidfx.shapes.orthonormal import Basis
 from rigidfx.shapes.part import MOST, Part, PartShapes
 from rigidfx.shapes.patterns import of_springs, patterns
 from rigidfx.shapes.responses import Responses
-from rigidfx.shapes.ritz import DEPTH, ritz, shapes_of
+from rigidfx.shapes.ritz import GROWN_DEPTH, ritz, shapes_of
 from rigidfx.state import State
 
 __all__ = ["Shaping"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+
+# Square of a spin over that of the lowest frequency, above which spin stiffens: frequencies are
+# off by half of it without.
+STIFFENING = 1e-4
 
 
 class Shaping:
@@ -108,7 +112,18 @@ class Shaping:
         if not len(found.force):
             return body
         rates = None if held else self._rates(state, body, found)
-        return self._with(body, found, rates, held=held)
+        spun = part.spun(found.modes) if self._spins(body, found) else None
+        return self._with(body, found, rates, held=held, spun=spun)
+
+    def _spins(self, body: Body, part: PartShapes) -> bool:
+        """Whether a body spins fast enough for its shapes to be stiffer by that. Collective."""
+        modes = part.modes.swapaxes(1, 2)
+        images = self._images(body.data, modes)
+        mass = np.asarray(self._scene.sum(np.einsum("nka,nka->k", modes, images)))
+        lowest = float((np.diag(part.stiffness) / mass).min())
+        spin = float(body.motion.angular_velocity @ body.motion.angular_velocity)
+        turned = any(isinstance(e, PrescribedRotation) for e in self._acting)
+        return spin > STIFFENING * lowest or turned
 
     def _with_spins(self, loads: Array) -> Array:
         """Loads, and the inertia of homogeneous deformations, as spins have it. Collective."""
@@ -125,6 +140,7 @@ class Shaping:
         rates: Array | None = None,
         pressed: npt.NDArray[np.bool_] | None = None,
         held: bool | None = None,
+        spun: Array | None = None,
     ) -> Body:
         """A body with other shapes, of which the first ones are those that it has. Collective.
 
@@ -134,6 +150,7 @@ class Shaping:
             rates: Their rates; those that it has, and zero for others, if None [m/s].
             pressed: Nodes that have pressed.
             held: Whether a support holds its frame; as before if None.
+            spun: N of the shapes: see `Part.spun`; none if None.
         """
         scene, data, motion, drift = self._scene, body.data, body.motion, None
         if held is None:
@@ -149,7 +166,8 @@ class Shaping:
         m, shapes = fields.shape[1] - 1, fields[:, 1:].copy()
         if pressed is None:
             pressed = np.zeros(data.nodes.size, dtype=bool)
-        made = Shapes(data.nodes, shapes, pressed, moments, part.stiffness, part.force, drift)
+        known = data.nodes, shapes, pressed, moments, part.stiffness, part.force
+        made = Shapes(*known, drift, spun)
         kept = replace(NOTHING, strain=data.frozen.strain)
         q, rate = np.zeros((2, m))
         q[: motion.q.size], rate[: motion.q.size] = motion.q, motion.q_rate
@@ -249,7 +267,7 @@ class Shaping:
             known = PartShapes(old.swapaxes(1, 2), data.shapes.stiffness, data.shapes.force)
             loads = loads[:, :, part.unspanned(known, loads)]
         if loads.shape[2]:
-            vectors = part.unmoved(ritz(responses, loads, DEPTH))
+            vectors = part.unmoved(ritz(responses, loads, GROWN_DEPTH))
             moved = self._images(data, vectors.swapaxes(1, 2)).swapaxes(1, 2)
             sizes = np.sqrt(np.asarray(scene.sum(np.einsum("nak,nak->k", vectors, moved))))
             basis.grow(vectors, moved, sizes, max(MOST, m))
@@ -261,7 +279,9 @@ class Shaping:
         none = np.zeros(data.nodes.size, dtype=bool)
         pressed = none if data.shapes is None else data.shapes.pressed.copy()
         pressed[at] = True
-        return self._with(body, part.projected(every), pressed=pressed)
+        spins = data.shapes is not None and data.shapes.spun is not None
+        spun = part.spun(every) if spins else None
+        return self._with(body, part.projected(every), pressed=pressed, spun=spun)
 
     def destroy(self) -> None:
         """Free factor and matrices. Collective."""

@@ -1,0 +1,321 @@
+"""What parts reduced to a few shapes cost and how far they are from their flexible twins.
+
+Whole runs, set-up included, one after the other on one core: the twin, in which all cells are
+flexible, and the same with parts named `Reduced`.
+
+* `plate`: a square plate of 1 m on soft springs is struck near a corner and beside its hub
+  (`demos/gong.py`).
+* `drop`: a device of three materials falls on a corner (`demos/drop_test.py`): it has six unknowns
+  until a node presses, which gives it its shapes.
+* `arm`: a robot's arm moves by a third of its way and swings (`demos/robot_arm.py`): link and head
+  are reduced, its leaf stays flexible, and a moving support holds the link by its bore.
+* `spin`: a bar spins freely by a turn and is struck at its end.
+* `sine`: a block is driven by a lasting sine load below its first frequency; both halves reduced
+  are one body, and one half is reduced beside the driven one.
+* `tumbling`: a body of twelve shapes, with energy and momenta over ten thousand steps.
+
+    ./fenicsx python3 demos/benchmarks/reduced.py
+    ./fenicsx python3 demos/benchmarks/reduced.py --only plate drop --most 30000
+
+Each row tells unknowns, the time over the twin's, and errors of what the case is about.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from time import perf_counter
+
+import numpy as np
+from bench import Parser, conclude
+from common import say
+
+import rigidfx as rf
+from meshes.device import device
+from meshes.gong import MALLET, SIDE, gong
+from meshes.robot_arm import HEIGHT, TIP, robot_arm
+
+SOFT = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)  # Pa, 1, kg/m³
+ALUMINIUM = rf.StVenantKirchhoff(E=7e10, nu=0.33, rho=2700.0)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene, the parts of it that are reduced, and what is compared.
+
+    Attributes:
+        scene: Makes it of some further effects.
+        parts: The reduced parts.
+        dt: Time steps, as `simulate` takes them.
+        t_end: End [s].
+        seen: What is kept of a report.
+        errors: Errors of what was seen in a run, by that of the twin.
+    """
+
+    scene: Callable[..., rf.Scene]
+    parts: tuple[rf.Reduced, ...]
+    dt: float | Mapping[float, float]
+    t_end: float
+    seen: Callable[[rf.Report], np.ndarray]
+    errors: Callable[[np.ndarray, np.ndarray], dict[str, float]]
+
+
+@dataclass
+class Run:
+    """What a run has left.
+
+    Attributes:
+        seconds: Its time, with set-up [s].
+        unknowns: The fewest and the most.
+        seen: What was kept of each report.
+        balance: Largest error of the balance of energy over the largest energy.
+    """
+
+    seconds: float = 0.0
+    unknowns: tuple[int, int] = (0, 0)
+    seen: np.ndarray = field(default_factory=lambda: np.empty(0))
+    balance: float = 0.0
+
+
+def run(case: Case, parts: tuple[rf.Reduced, ...]) -> Run:
+    """A run of a case."""
+    start, seen, unknowns, energy, work = perf_counter(), [], [], [], []
+    with warnings.catch_warnings():  # of blows that some of these cells do not resolve
+        warnings.simplefilter("ignore", rf.RigidfxWarning)
+        for report in rf.simulate(case.scene(*parts), dt=case.dt, t_end=case.t_end):
+            seen.append(case.seen(report))
+            unknowns.append(report.unknowns)
+            energy.append(report.energy)
+            taken = sum(report.dissipated.values())
+            work.append(report.work_of_loads + report.work_of_supports - taken)
+    off = np.abs(np.array(energy) - energy[0] - np.cumsum(work)).max()
+    ends = min(unknowns), max(unknowns)
+    return Run(perf_counter() - start, ends, np.array(seen), off / np.abs(energy).max())
+
+
+def measured(name: str, case: Case) -> dict[str, object]:
+    """A row: a case with its parts reduced, beside its twin."""
+    twin, own = run(case, ()), run(case, case.parts)
+    row = {
+        "case": name,
+        "unknowns_flexible": twin.unknowns[1],
+        "unknowns": own.unknowns[1],
+        "seconds_flexible": twin.seconds,
+        "seconds": own.seconds,
+        "time_ratio": own.seconds / twin.seconds,
+        "energy": own.balance,
+    } | case.errors(own.seen, twin.seen)
+    say(f"{name}: " + ", ".join(f"{k} {v:.4g}" for k, v in row.items() if k != "case"))
+    return row
+
+
+# The cases ----------------------------------------------------------------------------------------
+
+
+def hump(begin: float, length: float, t: float) -> float:
+    """A smooth push of height one."""
+    return float(begin < t < begin + length) * np.sin(np.pi * (t - begin) / length) ** 2
+
+
+def of_way(own: np.ndarray, twin: np.ndarray) -> dict[str, float]:
+    """Largest distance of a probe, over the largest way."""
+    apart = np.linalg.norm(own - twin, axis=-1).max()
+    return {"way": float(apart / np.linalg.norm(twin, axis=-1).max())}
+
+
+def probes(report: rf.Report) -> np.ndarray:
+    """Displacements of all probes [m]."""
+    return np.array(list(report.probes.values()))
+
+
+def plate(across: int) -> Case:
+    """The gong, for half a second after the first blow."""
+    push = (0.0, 0.0, -500.0 / MALLET**2)  # Pa
+    blows = {"corner": 0.02, "side": 0.32}  # s
+    effects = [
+        rf.Spring("rim", 330.0),
+        rf.StiffnessDamping(ratio=0.3, frequency=20.0),
+        rf.InitialVelocity(linear=(0, 0, 0.05)),
+        *(rf.Traction(where, push, time=partial(hump, t, 0.01)) for where, t in blows.items()),
+    ]
+    plastic = rf.StVenantKirchhoff(E=3e9, nu=0.3, rho=1200.0)
+    steel = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)
+    corners = {"corner": (SIDE, SIDE, 0), "across": (0, 0, 0), "hub": (SIDE / 2, SIDE / 2, 0)}
+
+    def scene(*parts: rf.Reduced) -> rf.Scene:
+        materials = {"plate": plastic, "hub": steel}
+        given = [*effects, *parts]
+        return rf.Scene(gong(across), materials, given, element="enhanced", probes=corners)
+
+    return Case(scene, (rf.Reduced(),), 2e-3, 0.52, probes, of_way)
+
+
+def drop(size: float) -> Case:
+    """The device, from its fall to the end of its first hit."""
+    gravity, dt, height, after = 9.81, 1e-4, 0.5, 0.012
+    touch = float(np.sqrt(2 * height / gravity))
+    materials = {
+        "shell": rf.NeoHooke(E=2.4e9, nu=0.35, rho=1200.0),
+        "board": rf.StVenantKirchhoff(E=2e10, nu=0.2, rho=1900.0),
+        "heavy": rf.StVenantKirchhoff(E=1e10, nu=0.3, rho=2700.0),
+    }
+    floor = rf.Contact("skin", against=rf.Plane((0, 0, 0), (0, 0, 1)), title="floor")
+    effects = [
+        floor,
+        rf.Gravity((0, 0, -gravity)),
+        rf.StiffnessDamping(ratio=0.05, frequency=1000.0),
+    ]
+
+    def scene(*parts: rf.Reduced) -> rf.Scene:
+        body = device(size, up=(0.060, 0.035, 0.036), height=height)
+        return rf.Scene(body, materials, [*effects, *parts], element="enhanced")
+
+    def seen(report: rf.Report) -> np.ndarray:
+        force = report.touches["floor"].force[2] if report.step else 0.0
+        return np.array([force, report.linear_momentum[2]])
+
+    def errors(own: np.ndarray, twin: np.ndarray) -> dict[str, float]:
+        ends = [int(np.flatnonzero(of[:, 0] > 0)[-1]) + 1 for of in (own, twin)]
+        rebound = own[ends[0], 1] / twin[ends[1], 1] - 1
+        return {"peak_force": own[:, 0].max() / twin[:, 0].max() - 1, "rebound": float(rebound)}
+
+    steps = {0.0: 1e-3, touch - 10.5 * dt: dt}
+    return Case(scene, (rf.Reduced(),), steps, touch + after, seen, errors)
+
+
+def arm(size: float) -> Case:
+    """The arm, its axis moved by a third of the demo's way."""
+    distance, travel = 0.05 / 3, 0.04  # m, s
+
+    def way(t: float) -> tuple[float, float, float]:
+        s = np.clip(t / travel, 0.0, 1.0)
+        return 0.0, distance * (s - np.sin(2 * np.pi * s) / (2 * np.pi)), 0.0
+
+    effects = [rf.PrescribedMotion("bore", displacement=way), rf.NumericalDamping(0.05)]
+
+    def scene(*parts: rf.Reduced) -> rf.Scene:
+        body = robot_arm(size, max(0.012, 0.6 * size))
+        tip = {"tip": (TIP, 0.0, HEIGHT / 2)}
+        given = [*effects, *parts]
+        return rf.Scene(body, ALUMINIUM, given, order=2, mass="consistent", probes=tip)
+
+    def seen(report: rf.Report) -> np.ndarray:
+        return np.array(report.probes["tip"][1] - way(report.t)[1])
+
+    def errors(own: np.ndarray, twin: np.ndarray) -> dict[str, float]:
+        return {"swing": float(np.abs(own - twin).max() / np.abs(twin).max())}
+
+    return Case(scene, (rf.Reduced("link"), rf.Reduced("head")), 1e-3, 0.12, seen, errors)
+
+
+def spin(along: int) -> Case:
+    """A bar that turns once, struck at its end at the start."""
+    rate, t_end = 2 * np.pi / 0.4, 0.4  # rad/s, s
+    across = max(2, along // 10)
+    effects = [
+        rf.InitialVelocity(angular=(0, 0, rate)),
+        rf.Traction("x1", (0, 0, 2e3), time=partial(hump, 0.0, 0.01)),
+    ]
+    ends = {"first": (0.0, 0.05, 0.05), "middle": (0.5, 0.05, 0.05), "last": (1.0, 0.05, 0.05)}
+
+    def scene(*parts: rf.Reduced) -> rf.Scene:
+        body = rf.box((0, 0, 0), (1.0, 0.1, 0.1), (along, across, across))
+        return rf.Scene(body, SOFT, [*effects, *parts], element="enhanced", probes=ends)
+
+    def errors(own: np.ndarray, twin: np.ndarray) -> dict[str, float]:
+        bends = [of[:, 0, 2] - 2 * of[:, 1, 2] + of[:, 2, 2] for of in (own, twin)]
+        off = np.abs(bends[0] - bends[1]).max() / np.abs(bends[1]).max()
+        return of_way(own, twin) | {"deflection": float(off)}
+
+    return Case(scene, (rf.Reduced(),), 1e-3, t_end, probes, errors)
+
+
+def sine(which: str) -> Case:
+    """A block of 7056 unknowns on a wall, driven at 0.7 of its first frequency."""
+    cells = (13, 13, 11)
+    first = 9.3  # Hz, of the block
+    push = rf.Traction("x1", (0, 0, 2e3), time=lambda t: np.sin(2 * np.pi * 0.7 * first * t))
+    effects = [rf.Fixed("x0"), push, rf.StiffnessDamping(ratio=0.02, frequency=first)]
+
+    def scene(*parts: rf.Reduced) -> rf.Scene:
+        body = rf.box((0, 0, 0), (1.0, 0.5, 0.5), cells)
+        body = body.with_cells("driven", lambda x: x[0] > 0.5 - 0.04)
+        body = body.with_cells("held", lambda x: x[0] < 0.5 + 0.04)
+        soft = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)
+        end = {"end": (1.0, 0.25, 0.25)}
+        return rf.Scene(body, soft, [*effects, *parts], element="enhanced", probes=end)
+
+    halves = {"both": (rf.Reduced("held"), rf.Reduced("driven")), "one": (rf.Reduced("held"),)}
+    return Case(scene, halves[which], 5e-3, 1.5, probes, of_way)
+
+
+def tumbling(steps: int) -> dict[str, object]:
+    """Drifts of a body of twelve shapes, with both masses."""
+    worst = {"energy": 0.0, "momentum": 0.0, "angular_momentum": 0.0, "stretch": 0.0}
+    for mass in ("lumped", "consistent"):
+        body = rf.box((0, 0, 0), (1.0, 0.1, 0.1), (12, 2, 2))
+        soft = rf.StVenantKirchhoff(E=2e6, nu=0.3, rho=1000.0)
+        thrown = rf.InitialVelocity(linear=(0.1, 0, 0), angular=(9.0, 10.0, 6.0))
+        given = [rf.Reduced(shapes=12), thrown]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", rf.RigidfxWarning)
+            scene = rf.Scene(body, soft, given, mass=mass, element="enhanced")
+            reports = rf.simulate(scene, dt=2e-3, t_end=2e-3 * steps)
+            first = next(reports)
+            for report in reports:
+                off = {
+                    "energy": abs(report.energy / first.energy - 1),
+                    "momentum": np.abs(report.linear_momentum - first.linear_momentum).max()
+                    / np.abs(first.linear_momentum).max(),
+                    "angular_momentum": np.abs(
+                        report.angular_momentum - first.angular_momentum
+                    ).max()
+                    / np.abs(first.angular_momentum).max(),
+                    "stretch": np.abs(report.state.bodies.q).max(),
+                }
+                worst = {name: max(worst[name], float(off[name])) for name in worst}
+    return {"case": "tumbling", "steps": steps, "unknowns": 18} | worst
+
+
+SIZES: dict[str, dict[int, Callable[[], Case]]] = {
+    "plate": {6534: partial(plate, 32), 25_350: partial(plate, 64), 99_846: partial(plate, 128)},
+    "drop": {
+        2736: partial(drop, 0.02),
+        25_320: partial(drop, 0.0033),
+        66_744: partial(drop, 0.0028),
+    },
+    "arm": {10_503: partial(arm, 0.016), 20_997: partial(arm, 0.009)},
+    "spin": {1053: partial(spin, 38), 8427: partial(spin, 80)},
+    "sine": {7056: partial(sine, "both"), 7057: partial(sine, "one")},
+}
+SHORT = {"plate": partial(plate, 16), "drop": partial(drop, 0.02), "spin": partial(spin, 20)}
+
+
+def rows(only: list[str], most: int, short: bool) -> Iterator[dict[str, object]]:
+    """All rows that are asked for."""
+    if "tumbling" in only:
+        yield tumbling(500 if short else 10_000)
+    for name, sizes in SIZES.items():
+        if name not in only:
+            continue
+        if short:
+            if name in SHORT:
+                yield measured(name, SHORT[name]())
+            continue
+        for unknowns, make in sizes.items():
+            if unknowns <= most:
+                yield measured(name, make())
+
+
+if __name__ == "__main__":
+    names = [*SIZES, "tumbling"]
+    parser = Parser(__file__, "Reduced parts against their flexible twins.", "coarse meshes")
+    parser.add_argument("--only", nargs="+", default=names, choices=names, help="these cases")
+    parser.add_argument("--most", type=int, default=30_000, help="unknowns of a twin at most")
+    options = parser.read()
+    found = list(rows(options.only, options.most, options.short))
+    for row in found:
+        assert float(str(row["energy"])) < 1e-9, row
+    conclude(options.out, {"rows": found})
