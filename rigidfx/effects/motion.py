@@ -9,7 +9,7 @@ what all ranks know counts on the first one (`Structure.once`).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,32 +17,10 @@ import numpy.typing as npt
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 
-__all__ = ["Forces", "ForcesOfNodes", "Instant", "Motion", "Places", "Tangent"]
+__all__ = ["Forces", "ForcesOfNodes", "Instant", "Motion", "Tangent"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[Any]
-
-
-class Places(Protocol):
-    """Some nodes of this rank: those of rows, and then those of bodies.
-
-    Attributes:
-        rows: Places among the nodes of the rows of those that are in no body.
-        free: The same by their number on this rank.
-        nodes: Numbers of all on this rank.
-    """
-
-    rows: Ints
-    free: Ints
-    nodes: Ints
-
-    def follow(self, matrices: Array) -> Array:
-        """Numbers of nodes in bodies by matrices of these, shape (bodies, n, k)."""
-        ...
-
-    def gather(self, values: Array) -> Array:
-        """Σ a v over each body of numbers of nodes in bodies, shape (bodies, n, k)."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -132,8 +110,8 @@ class Forces:
         for part in self.parts:
             part *= factor
 
-    def add(self, at: Places, forces: Array) -> None:
-        """Add forces on some nodes of this rank, shape (nodes, 3) [N]."""
+    def add(self, at: Any, forces: Array) -> None:
+        """Add forces on some `Nodes` of this rank, shape (nodes, 3) [N]."""
         count = at.rows.size
         self.nodes[at.rows] += forces[:count]
         if count < len(forces):
@@ -150,7 +128,7 @@ class ForcesOfNodes:
 
     nodes: Array
 
-    def add(self, at: Places, forces: Array) -> None:
+    def add(self, at: Any, forces: Array) -> None:
         """See `Forces`."""
         self.nodes[at.nodes] += forces
 
@@ -182,11 +160,11 @@ class Tangent:
         """Derivative of the forces on the bodies' unknowns, shape (bodies, 6, 6) [N/m]."""
         return np.asarray(self.prolongation.increments.L.swapaxes(1, 2) @ self.moments)
 
-    def add(self, at: Places, blocks: Array, which: Ints | None = None) -> None:
+    def add(self, at: Any, blocks: Array, which: Ints | None = None) -> None:
         """Add stiffness of each of some nodes of this rank. Collective.
 
         Args:
-            at: The nodes.
+            at: The nodes: see `Nodes`.
             blocks: Shape (nodes, 3, 3) [N/m].
             which: Those of the nodes that have blocks, sorted; all if None.
         """

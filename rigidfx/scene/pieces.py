@@ -65,7 +65,8 @@ def _merged(domain: Domain, effects: list[fx.Effect]) -> tuple[Domain, list[fx.E
 
     The set of a group is named by its sets, such as "link + head".
     """
-    parts = [e for e in effects if isinstance(e, fx.Reduced) and e.where is not None]
+    bodies: list[Any] = [effect for effect in effects if effect.is_body]
+    parts = [e for e in bodies if not e.is_rigid and e.where is not None]
     cells = [domain.find(part.name, (3,), part.kind).entities for part in parts]
     if len(parts) < 2:
         return domain, effects

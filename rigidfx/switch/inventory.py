@@ -127,7 +127,7 @@ def divide(
         elif name not in inside_found:
             what = PlannedBody(cells, nodes, name, number, (name,))
             body = _freeze_named(scene, forces, state, effect, what)
-            if isinstance(effect, Reduced) and shape is not None:
+            if not effect.is_rigid and shape is not None:
                 body = shape(effect, body, support is not None)
             bodies.append(body)
     bodies += found

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -234,7 +235,8 @@ class PrescribedDofs:
 
 def supports_of(acting: Sequence[Windowed]) -> tuple[Support, ...]:
     """The supports among the effects that act."""
-    return tuple(effect for effect in acting if isinstance(effect, Support))
+    every: Sequence[Any] = acting
+    return tuple(effect for effect in every if effect.is_support)
 
 
 def dofs_of(scene: Scene, support: Support) -> npt.NDArray[np.int64]:
