@@ -184,6 +184,7 @@ CASES = {
     "damped": ([rf.Reduced("half"), PUSH, rf.StiffnessDamping(0.1, 30.0)], {}, 1e-5),
     "numerical": ([rf.Reduced("half"), PUSH, rf.NumericalDamping(0.1)], {}, 1e-5),
     "drag": ([rf.Reduced("half"), PUSH, rf.MassDamping(20.0)], {}, 1e-4),
+    "pressed": ([rf.Reduced("half"), rf.Pressure("z1", 3e4, time=pushed), THROWN], {}, 1e-4),
     "held": ([rf.Reduced("half"), PUSH, rf.Fixed("x0")], {"element": "enhanced"}, 1e-3),
     "turned": (
         [

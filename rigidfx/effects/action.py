@@ -112,6 +112,10 @@ class Structure(Protocol):
         """
         ...
 
+    def outward_slopes(self, where: str, owner: str) -> Array:
+        """Its derivatives by the coordinates of shapes, shape (m, bodies, n, 3). Collective."""
+        ...
+
 
 def _nothing() -> Array:
     return np.zeros(3)

@@ -15,6 +15,8 @@ __all__ = ["Surface"]
 
 Array = npt.NDArray[np.float64]
 
+SMALL_WAY = 1e-4  # of a cell, by which facets are displaced to see how forces on them change
+
 
 class Surface:
     """The deformed boundary of a scene. Its forms are compiled at first use."""
@@ -48,6 +50,33 @@ class Surface:
             a = body.data.coordinates()
             out[k, : a.shape[1]] = a.T @ nodal
         return out
+
+    def outward_slopes(self, where: str, owner: str, bodies: Bodies) -> Array:
+        """Derivatives of `outward_moments` by the coordinates of shapes. Collective.
+
+        Args:
+            where: Name of a set of boundary facets.
+            owner: Who asks, for messages.
+            bodies: Bodies in their present pose.
+
+        Returns:
+            Shape (m, bodies, n, 3) [m, m²].
+        """
+        u, out = self._u.x.array.reshape(-1, 3), []
+        before, way = u.copy(), SMALL_WAY * self._scene.mean_cell_size
+        for k in range(bodies.q.shape[1]):
+            sides = []
+            for sign in (way, -way):
+                u[:] = before
+                for body in bodies:
+                    if k < body.data.deforms_by:
+                        shape = body.data.shapes.modes[:, k] @ body.motion.R.T  # type: ignore[union-attr]
+                        u[body.data.nodes] += sign * shape
+                self._u.x.scatter_forward()
+                sides.append(self.outward_moments(where, owner, bodies))
+            out.append((sides[0] - sides[1]) / (2 * way))
+        u[:] = before
+        return np.array(out)
 
     def outward_forces(self, where: str, owner: str) -> Array:
         """Forces of a unit pressure from inside on the owned nodes, shape (nodes, 3). Collective.

@@ -104,7 +104,7 @@ class Pressure(Windowed):
         """The pressure on rigid bodies."""
         if not len(structure.bodies):
             return None
-        return RotatedPressure(self, structure.outward_moments(self.where, self.kind))
+        return RotatedPressure(self, structure)
 
 
 class PressureTerm(FormTerm):
@@ -131,21 +131,31 @@ class PressureTerm(FormTerm):
 
 
 class RotatedPressure(Action):
-    """A pressure on the rigid bodies."""
+    """A pressure on the bodies; where these deform, its forces are of first order in the shapes."""
 
     kind = Pressure.__name__
     dissipates = False
 
-    def __init__(self, effect: Pressure, moments: Array) -> None:
-        """Take the forces of a unit pressure over.
+    def __init__(self, effect: Pressure, structure: Structure) -> None:
+        """Find the forces for p = 1, pushing outwards, in the bodies' frames. Collective.
 
         Args:
             effect: The pressure.
-            moments: Σ a fᵀ of the forces for p = 1, pushing outwards, in the bodies' frames, shape
-                (bodies, n, 3) [m², m³].
+            structure: Its bodies.
         """
-        self._effect, self._moments = effect, moments
+        self._effect, self._bodies = effect, structure.bodies
+        where = effect.where, effect.kind
+        self._moments = structure.outward_moments(*where)
+        deform = structure.bodies.of.shapes is not None
+        self._slopes = structure.outward_slopes(*where) if deform else None
         self._p = 0.0
+
+    def _unit(self, increments: Increments) -> Array:
+        """Σ a fᵀ for p = 1 at the place where forces are taken, (bodies, n, 3) [m², m³]."""
+        if self._slopes is None:
+            return self._moments
+        q = increments.start.q - self._bodies.q + increments.step.share * increments.unknowns[:, 6:]
+        return np.asarray(self._moments + np.einsum("bk,kbni->bni", q, self._slopes))
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate p."""
@@ -153,7 +163,7 @@ class RotatedPressure(Action):
 
     def _turned(self, increments: Increments) -> Array:
         """Moments in space."""
-        return np.asarray(self._p * (self._moments @ increments.turned.swapaxes(1, 2)))
+        return np.asarray(self._p * (self._unit(increments) @ increments.turned.swapaxes(1, 2)))
 
     def resist(self, motion: Motion, forces: Any) -> None:
         """See `Action`."""
@@ -171,13 +181,17 @@ class RotatedPressure(Action):
         scale = 1 / of.length
         if not (static := increments.step.share == 1.0):
             scale = 0.5 * scale / (1 + 0.25 * (theta * theta).sum(axis=1))
-        a = self._p * (self._moments @ increments.start.R.swapaxes(1, 2))
+        a = self._p * (self._unit(increments) @ increments.start.R.swapaxes(1, 2))
         for j, w in enumerate(IDENTITY):
             if static:
                 change = np.cross(increments.T[:, None, :, j], turned)
             else:
                 change = np.cross(w, a) - theta[:, j, None, None] * turned
             tangent.moments[:, :, 3 + j] += (scale[:, None, None] * change).reshape(len(a), -1)
+        if self._slopes is not None:
+            by_q = increments.step.share * self._p * self._slopes
+            by_q = by_q @ increments.turned.swapaxes(1, 2)
+            tangent.moments[:, :, 6:] += np.moveaxis(by_q, 0, -1).reshape(len(a), -1, len(by_q))
 
     def taken(self, motion: Motion) -> float:
         """Work against the pressure in a step [J]."""

@@ -69,3 +69,7 @@ class BoundStructure:
     def outward_moments(self, where: str, owner: str) -> Array:
         """See `rigidfx.flexible.surface.Surface.outward_moments`. Collective."""
         return self.surface.outward_moments(where, owner, self.bodies)
+
+    def outward_slopes(self, where: str, owner: str) -> Array:
+        """See `rigidfx.flexible.surface.Surface.outward_slopes`. Collective."""
+        return self.surface.outward_slopes(where, owner, self.bodies)
