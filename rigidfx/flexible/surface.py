@@ -11,11 +11,11 @@ from rigidfx.flexible.kernels import Kernel
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Surface"]
+__all__ = ["SMALL_WAY", "Surface"]
 
 Array = npt.NDArray[np.float64]
 
-SMALL_WAY = 1e-4  # of a cell, by which facets are displaced to see how forces on them change
+SMALL_WAY = 1e-4  # of a cell, by which nodes are displaced to see how forces or stiffness change
 
 
 class Surface:

@@ -19,6 +19,7 @@ from rigidfx.coupling.rows import Rows
 from rigidfx.error.forces.rigid_motions import free_motions, rigid_motions
 from rigidfx.error.linear_motion import assembled
 from rigidfx.flexible.internal_forces import Cells
+from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.shapes.machines import refuse_joints
 from rigidfx.shapes.orthonormal import Basis, columns, normalised
 from rigidfx.shapes.responses import Responses
@@ -38,7 +39,6 @@ BLOCK = 3  # unknowns in a block of PETSc's format, which shapes have to fill
 STRAINING = 1e-9
 
 PAIRS = tuple(combinations_with_replacement(range(3), 2))  # of axes of a spin
-SMALL_WAY = 1e-4  # of a cell, by which a part is displaced to see how its stiffness changes
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.log import tell
 from rigidfx.base.remembered import ON_DOFS, Remembered
 from rigidfx.effects import Contact, PrescribedRotation, Reduced, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
@@ -38,6 +39,7 @@ Ints = npt.NDArray[np.int64]
 # Square of a spin over that of the lowest frequency, above which spin stiffens: frequencies are
 # off by half of it without.
 STIFFENING = 1e-4
+MEGA = 1e6
 
 
 class Shaping:
@@ -111,6 +113,10 @@ class Shaping:
             )
         if not len(found.force):
             return body
+        m, nodes = len(found.force), int(self._scene.sum(body.data.nodes.size))
+        memory = found.modes.itemsize * 3 * m * nodes / MEGA
+        text = f"{effect.owner}: {m} shapes of {nodes} nodes, which take {memory:.1f} MB"
+        tell(self._scene.comm, text)
         rates = None if held else self._rates(state, body, found)
         spun = part.spun(found.modes) if self._spins(body, found) else None
         return self._with(body, found, rates, held=held, spun=spun)
@@ -275,6 +281,9 @@ class Shaping:
         largest = np.linalg.norm(new, axis=1).max(axis=0, initial=0.0)
         scene.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
         new = new / largest
+        if loads.shape[2]:
+            text = f"{new.shape[2]} shapes more, {m + new.shape[2]} in all, as nodes begin to press"
+            tell(scene.comm, f"Reduced '{data.name}': {text}")
         every = np.concatenate([old.swapaxes(1, 2), new], axis=2)
         none = np.zeros(data.nodes.size, dtype=bool)
         pressed = none if data.shapes is None else data.shapes.pressed.copy()
