@@ -219,6 +219,28 @@ def test_it_moves_as_its_flexible_twin(case):
         assert own[-1].dissipated[kind] == pytest.approx(energy, rel=0.05)
 
 
+SWINGING = rf.InitialVelocity(function=lambda x: np.stack([0 * x[0], 0 * x[0], 0.1 * x[0] ** 2]))
+STARTS = {
+    "swings": ([SWINGING], {}),
+    "held": ([SWINGING, rf.Fixed("x0")], {}),
+    "consistent": ([SWINGING, rf.Fixed("x0")], {"mass": "consistent"}),
+    "goes": ([rf.PrescribedMotion("x0", displacement=lambda t: (0, 0, 0.08 * t))], {}),
+}
+
+
+@pytest.mark.filterwarnings("ignore:At t = 0 s 'x0' acts with a jolt:rigidfx.RigidfxWarning")
+@pytest.mark.parametrize("where", ["half", None])
+@pytest.mark.parametrize("case", STARTS)
+def test_shapes_take_velocities_of_nodes_over(case, where):
+    """Those of the start, and those that a support leaves to nodes when it starts to move."""
+    effects, how = STARTS[case]
+    own, twin = run(bar(rf.Reduced(where), *effects, **how)), run(bar(*effects, **how))
+    if case != "goes":  # a jump from one layer of nodes to the next is none of shapes
+        assert own[0].kinetic == pytest.approx(twin[0].kinetic, rel=5e-3)
+    assert np.abs(tips(own) - tips(twin)).max() < 0.02 * np.abs(tips(twin)).max()
+    assert balance(own) < 1e-10
+
+
 def test_reactions_of_a_frame_that_is_held_are_those_of_the_twin():
     effects = [rf.Fixed("x0"), rf.Gravity((0, 0, -1.0)), rf.StiffnessDamping(0.5, 10.0)]
     own, twin = (run(bar(*e, *effects), t_end=0.4)[-1] for e in ([rf.Reduced()], []))
@@ -229,13 +251,13 @@ def test_reactions_of_a_frame_that_is_held_are_those_of_the_twin():
     assert np.abs(moments[0] - moments[1]).max() < 0.01 * weight
 
 
-def fall(*effects):
-    """A block that falls on a corner."""
+def fall(*effects, fast=0.5, path=None):
+    """A block that falls on a corner, or rests."""
     block = rf.box((0, 0, 0), (0.1, 0.1, 0.1), (3, 3, 3))
-    plane = rf.Plane((0, 0, -5e-4), (0.3, 0.2, 1.0))
+    plane = rf.Plane((0, 0, -5e-4), (0.3, 0.2, 1.0), path=path)
     floor = rf.Contact("skin", against=plane, stiffness=1e11, title="floor")
     block = block.with_facets("skin", lambda x: x[2] < 1e-9)
-    thrown = rf.InitialVelocity(linear=(0, 0, -0.5))
+    thrown = rf.InitialVelocity(linear=(0, 0, -fast))
     return rf.Scene(block, SOFT, [floor, thrown, *effects], probes={"tip": (0.1, 0.1, 0.1)})
 
 
@@ -256,6 +278,18 @@ def test_a_node_that_presses_gives_a_part_its_shapes():
     assert abs(stiff / wanted - 1) > 0.2
     assert np.ptp([r.energy for r in own]) < 1e-10 * own[0].energy
     assert own[-1].linear_momentum[2] == pytest.approx(twin[-1].linear_momentum[2], rel=0.02)
+
+
+def test_a_part_that_nothing_loads_yet_stays_held():
+    """A wall comes up under a block that hangs: its first shapes are there before it does."""
+
+    def pressed(*effects):
+        return hit(fall(rf.Fixed("z1"), *effects, fast=0.0, path=lambda t: (0, 0, 10 * t * t)))
+
+    own, twin = pressed(rf.Reduced()), pressed()
+    assert own[0].unknowns > 0
+    peaks = [max(r.touches["floor"].pressing for r in of if r.step) for of in (own, twin)]
+    assert peaks[0] == pytest.approx(peaks[1], rel=0.05)
 
 
 @pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")

@@ -197,11 +197,12 @@ class ConsistentExchange:
         present = self._present(state)
         taken = [own for own in state.bodies if own.data.number in faces]
         state.group(Bodies.of_each(own for own in state.bodies if own.data.number not in faces))
-        of_given = np.einsum("kij,kj->ki", state.bodies.given_mass_blocks, state.bodies.rates)
         others = list(state.bodies)
         state.group(Bodies.of_each([*others, body]))
+        of_given = np.einsum("kij,kj->ki", state.bodies.given_mass_blocks, state.bodies.rates)
+        of_given[-1] = 0.0
         fields, held = self._fields(state, prescribed, present), present.nodal[prescribed]
-        new = fields.project(present.momenta, np.vstack([of_given, np.zeros(6)]), held)
+        new = fields.project(present.momenta, of_given, held)
         lost: Array = np.reshape(present.nodal - new.nodal, (-1, 3))
         for own in taken:
             lost[own.data.frozen.nodes] += own.data.frozen.velocities @ own.motion.R.T
@@ -215,6 +216,8 @@ class ConsistentExchange:
         energy = present.energy + work.whole - 0.5 * fields.product(new, new)
         energy += sum(own.data.frozen.vibration for own in taken)
         frozen = Frozen(nodes, lost[nodes], body.data.frozen.strain, energy)
+        if body.data.shapes is not None:  # shapes have what they can of it, and it is not released
+            frozen = body.data.frozen
         body = replace(body, data=replace(body.data, frozen=frozen))
         state.group(Bodies.of_each([*others, body]))
         _take(state, new)
@@ -253,7 +256,11 @@ class ConsistentExchange:
 def _take(state: State, field: Field) -> None:
     """Make a field the state's velocity. Collective."""
     state.move(field.nodal)
-    state.group(state.bodies.with_rates(field.bodies))
+    bodies = state.bodies.with_rates(field.bodies)
+    if (shapes := bodies.of.shapes) is not None:  # centres in frames that are held follow shapes
+        drifting = np.einsum("bij,bkj,bk->bi", bodies.R, shapes.drift, bodies.q_rate)
+        bodies = bodies.moving(bodies.velocity + drifting, bodies.angular_velocity_body)
+    state.group(bodies)
 
 
 def _scale(square: float, mixed: float, missing: float) -> float:

@@ -94,7 +94,7 @@ class Shaping:
             effect: What names the part.
             body: The body, frozen just now.
             held: Whether a support holds its frame, where the shapes are zero. It then moves as the
-                support does, which is for the step to say.
+                support does, which is for the step to say: see `HeldBodies.moving`.
 
         Raises:
             SceneError: On every rank, if the part cannot have as many shapes, or buckles.
@@ -111,13 +111,15 @@ class Shaping:
                 f"{effect.owner}: shapes={count} are more than can be told apart in it, which are "
                 f"{len(found.force)}. Ask for fewer, or refine its mesh."
             )
+        if held and not len(found.force):  # what contacts call for begins from a part that is held
+            found = shapes_of(part, responses, self._with_spins(loads), count, slow)
         if not len(found.force):
             return body
         m, nodes = len(found.force), int(self._scene.sum(body.data.nodes.size))
         memory = found.modes.itemsize * 3 * m * nodes / MEGA
         text = f"{effect.owner}: {m} shapes of {nodes} nodes, which take {memory:.1f} MB"
         tell(self._scene.comm, text)
-        rates = None if held else self._rates(state, body, found)
+        rates = self._rates(state, body, found, held)
         spun = part.spun(found.modes) if self._spins(body, found) else None
         return self._with(body, found, rates, held=held, spun=spun)
 
@@ -180,12 +182,15 @@ class Shaping:
         motion = replace(motion, q=q, q_rate=rate if rates is None else rates)
         return Body(replace(data, shapes=made, frozen=kept), motion)
 
-    def _rates(self, state: State, body: Body, part: PartShapes) -> Array:
+    def _rates(self, state: State, body: Body, part: PartShapes, held: bool) -> Array:
         """What shapes take over of the velocities of nodes [m/s]. Collective."""
         data, modes = body.data, part.modes.swapaxes(1, 2)
         v = state.v.x.array.reshape(-1, 3)[data.nodes] - body.motion.velocities(data.offsets)
         images = self._images(data, modes)
-        local = np.einsum("nka,nlb->kl", images, np.concatenate([modes, v[:, None]], axis=1))
+        if held:
+            modes = modes - self._scene.sum(images.sum(axis=0)) / data.mass
+            images = self._images(data, modes)
+        local = np.einsum("nka,nla->kl", images, np.concatenate([modes, v[:, None]], axis=1))
         sums = np.asarray(self._scene.sum(local))
         return np.linalg.solve(sums[:, :-1], sums[:, -1])
 

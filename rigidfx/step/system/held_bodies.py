@@ -105,6 +105,9 @@ class HeldBodies:
     def moving(self, t: float, dt: float, bodies: Bodies) -> Bodies:
         """The bodies, with frames that move as supports do just after t. Collective.
 
+        Supports exert impulses where shapes are zero, so that Σ m Φ̃·ẋ stays: nodes elsewhere keep
+        their velocities, as far as shapes can tell them.
+
         Args:
             t: Time [s].
             dt: Time step [s], the scale of difference quotients.
@@ -118,6 +121,7 @@ class HeldBodies:
             ]
 
         velocity, W = bodies.velocity.copy(), bodies.angular_velocity_body.copy()
+        q_rate, blocks = bodies.q_rate.copy(), bodies.mass_blocks
         found = together(self._scene.comm, "A support", asked)
         for hold, v in zip(self._holds, found, strict=True):
             k, x = hold.body, hold.places(bodies)
@@ -126,10 +130,16 @@ class HeldBodies:
             omega = np.linalg.lstsq(arms, (v - mean).reshape(-1))[0]
             shapes, R = bodies.of.shapes, bodies.R[k]
             assert shapes is not None
-            drifting = R @ (bodies.q_rate[k] @ shapes.drift[k])
-            velocity[k] = mean + np.cross(omega, bodies.r[k] - middle) + drifting
+            n, frame = shapes.counts[k], mean + np.cross(omega, bodies.r[k] - middle)
+            drift = shapes.drift[k, :n] @ R.T
+            B, D = (blocks[k, 6 : 6 + n, own] for own in (slice(3, 6), slice(6, 6 + n)))
+            turning = bodies.of.length[k] * (omega - bodies.angular_velocity[k])
+            gained = bodies.of.mass[k] * drift @ (frame + q_rate[k, :n] @ drift - velocity[k])
+            A = D + bodies.of.mass[k] * drift @ drift.T
+            q_rate[k, :n] -= np.linalg.solve(A, B @ turning + gained)
+            velocity[k] = frame + q_rate[k, :n] @ drift
             W[k] = R.T @ omega
-        return bodies.moving(velocity, W)
+        return bodies.moving(velocity, W, q_rate)
 
     def reactions(
         self, rows: Array, middle: Array, length: Array
