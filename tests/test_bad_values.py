@@ -665,7 +665,8 @@ CASES = {
     ),
     "rigid twice": (
         lambda: _scene(rf.Rigid(), rf.Rigid()),
-        "Scene: a cell can be in one Rigid body only.",
+        "Scene: a cell can be in one Rigid body only, and Rigid on 'all cells' and "
+        "Rigid on 'all cells' hold the same ones.",
     ),
     "rigid overlap": (
         lambda: _run(

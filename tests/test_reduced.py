@@ -181,6 +181,8 @@ CASES = {
     "second order": ([rf.Reduced("half"), PUSH, THROWN], {"order": 2, "n": (6, 1, 1)}, 1e-5),
     "weight": ([rf.Reduced("end"), PUSH, rf.Fixed("x0"), rf.Gravity((0, 0, -1.0))], {}, 1e-5),
     "spring": ([rf.Reduced("half"), PUSH, rf.Spring("x0", 1e6)], {"element": "enhanced"}, 2e-3),
+    "face": ([rf.Reduced("half"), rf.Resultant(rf.MeanFace("x0"), (0, 0, 1.0))], {}, 1e-4),
+    "far face": ([rf.Reduced("end"), rf.Resultant(rf.MeanFace("x0"), (0, 0, 1.0))], {}, 1e-4),
     "damped": ([rf.Reduced("half"), PUSH, rf.StiffnessDamping(0.1, 30.0)], {}, 1e-5),
     "numerical": ([rf.Reduced("half"), PUSH, rf.NumericalDamping(0.1)], {}, 1e-5),
     "drag": ([rf.Reduced("half"), PUSH, rf.MassDamping(20.0)], {}, 1e-4),
@@ -337,7 +339,15 @@ BAD = {
     "half a shape": (lambda: rf.Reduced("half", shapes=2.5), "whole number ≥ 1"),
     "more than it has": (lambda: run(bar(rf.Reduced("half", shapes=9999))), "shapes=9999"),
     "unknown": (lambda: run(bar(rf.Reduced("nowhere"))), "no cells named 'nowhere'"),
-    "twice": (lambda: bar(rf.Reduced("half"), rf.Rigid("half")), "one Rigid body only"),
+    "twice": (
+        lambda: bar(rf.Reduced("half"), rf.Rigid("half")),
+        "Reduced on 'half' and Rigid .*'half' hold the same",
+    ),
+    "all and some": (lambda: bar(rf.Reduced(), rf.Reduced("half")), "hold the same"),
+    "torque": (
+        lambda: run(bar(rf.Reduced("half"), rf.Resultant(rf.MeanFace("x0"), torque=(1, 0, 0)))),
+        "acts on faces of it",
+    ),
     "beside rigid": (
         lambda: bar(rf.Reduced("half"), rf.Rigid("next")),
         "shares nodes with another body, Reduced 'half'|Rigid 'next'",

@@ -93,7 +93,7 @@ class Forces:
             pose: Matrices of the places of the bodies, shape (bodies, n, 3); no bodies if None.
         """
         pose = np.empty((0, 1, 3)) if pose is None else pose
-        return cls(vector, np.zeros_like(pose), np.zeros((len(pose), 3)))
+        return cls(vector, np.zeros(pose.shape), np.zeros((len(pose), 3)))
 
     @property
     def nodes(self) -> Array:

@@ -36,7 +36,7 @@ def check_together(effects: Sequence[fx.Effect], scheme: Scheme) -> None:
     if named(fx.InitialDisplacement) and (named(fx.Preload) or named(fx.Rigid)):
         raise SceneError(
             "Scene: an InitialDisplacement goes neither with a Preload, which finds a displacement "
-            "of its own, nor with parts that are Rigid from the start."
+            "of its own, nor with parts that are Rigid or Reduced from the start."
         )
     damping = named(fx.NumericalDamping)
     if damping and not scheme.damps:
@@ -44,9 +44,16 @@ def check_together(effects: Sequence[fx.Effect], scheme: Scheme) -> None:
             f"Scene: numerical damping (22) goes with EnergyMomentum, not with "
             f"{type(scheme).__name__}."
         )
-    bodies = [r.where for r in named(fx.Rigid)]
-    if len(set(bodies)) != len(bodies) or (None in bodies and len(bodies) > 1):
-        raise SceneError("Scene: a cell can be in one Rigid body only.")
+    parts = named(fx.Rigid)
+    bodies = [part.where for part in parts]
+    for k, part in enumerate(parts):
+        for other in parts[:k]:
+            if part.where == other.where or None in (part.where, other.where):
+                raise SceneError(
+                    f"Scene: a cell can be in one Rigid body only, and {other.owner} and "
+                    f"{part.owner} hold the same ones. Leave one of the two out, or name sets that "
+                    "have no node in common."
+                )
     for name in bodies:
         if name is not None and re.fullmatch(r"part \d+", name):
             raise SceneError(

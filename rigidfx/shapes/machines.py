@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
-from rigidfx.effects import Effect, Joint, SpringDamper
+from rigidfx.effects import Effect, Joint, Resultant, SpringDamper
 from rigidfx.effects.joints.face_motion import Vector
 from rigidfx.effects.joints.on_face import OnFace
 from rigidfx.scene.scene import Scene
@@ -44,5 +44,6 @@ def _linked(scene: Scene) -> Iterator[tuple[Effect, Sequence[Vector]]]:
     for between in (*scene.named(Joint), *scene.named(SpringDamper)):
         yield between, between.averages
     for effect in (e for e in scene.named(OnFace) if e.face is not None):
-        if getattr(effect, "is_carried", effect.is_lasting):
+        turning = isinstance(effect, Resultant) and not effect.is_dead
+        if turning or getattr(effect, "is_carried", effect.is_lasting):
             yield effect, [effect.remote.place]

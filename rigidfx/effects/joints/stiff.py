@@ -49,7 +49,7 @@ class StiffNodes:
         self.centre = centre
 
     def within(self, scene: Any, bodies: Sequence[RigidBody]) -> tuple[int, Array, Array] | None:
-        """The body that holds all of them, and how. Collective.
+        """The body that holds all of them without deforming, and how. Collective.
 
         Args:
             scene: The problem.
@@ -61,6 +61,8 @@ class StiffNodes:
         """
         local = np.zeros((len(bodies), 1 + 3 + 9))
         for out, body in zip(local, bodies, strict=True):
+            if body.shapes is not None:
+                continue
             at = np.minimum(np.searchsorted(body.nodes, self._nodes), max(body.nodes.size - 1, 0))
             here = body.nodes[at] == self._nodes if body.nodes.size else np.zeros(at.size, bool)
             w, V = self._w[here, None], body.offsets[at[here]]
