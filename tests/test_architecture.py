@@ -416,7 +416,7 @@ CEILINGS = {
     "plot": 52,
     "recovery": 6,
     "report": 30,
-    "scene": 22,
+    "scene": 24,
     "shapes": 17,
     "step": 15,
     "step/equations": 4,

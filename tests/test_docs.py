@@ -133,7 +133,7 @@ WARNINGS = {
     "report/lumping.py": ["lumped masses"],
     "report/turned_springs.py": ["nodes of a spring rotate"],
     "scene/checks.py": ["first-order cells lock"],
-    "scene/units.py": 3 * ["an unlikely mass"],
+    "scene/units.py": 5 * ["an unlikely mass"],
     "scene/energy_checks.py": ["a stored energy falls", "a stored energy falls"],
     "scene/mesh_checks.py": [
         "first-order cells lock",
@@ -143,6 +143,7 @@ WARNINGS = {
         "an effect acts on both ends of edges",
     ],
     "effects/damping/stiffness_damping.py": ["an unlikely mass"],
+    "effects/joints/stop.py": ["an unlikely mass"],
     "effects/joints/checks.py": ["an unlikely mass"],
     "report/stillness.py": ["a load does nothing"],
     "scene/idle.py": ["a load does nothing", "a load does nothing"],

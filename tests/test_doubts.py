@@ -176,12 +176,26 @@ def test_millimetres_are_told_by_the_mass_and_by_forces_beside_the_weight(length
         (210.0, 7.85e-6, 0.00981, False),
         (2.1e11, 7850.0, 9.81, False),
         (1e4, 1.0, 9.81, False),  # an aerogel
+        (2.1e11, 7850.0, 9810.0, True),
     ],
 )
 def test_gravity_in_other_units_than_the_density_is_told(E, rho, g, told):
     material = rf.StVenantKirchhoff(E=E, nu=0.3, rho=rho)
     found = warnings_of(lambda: beam(CLAMP, rf.Gravity((0, 0, -g)), material=material))
-    assert ["is in m/s², and the density" in text for text in found] == told * [True]
+    assert ["is in m/s²" in text for text in found] == told * [True]
+
+
+def test_moduli_in_other_units_than_the_density_are_told():
+    """Pa with t/mm³: waves would be faster than light."""
+    material = rf.StVenantKirchhoff(E=2.1e11, nu=0.3, rho=7.85e-9)
+    (words,) = warnings_of(lambda: beam(CLAMP, material=material))
+    assert "faster than light" in words
+
+
+def test_a_stop_in_degrees_is_told():
+    hinge = rf.Revolute("ground", rf.MeanFace("x1"), at=(1, 0.05, 0.05), axis=(0, 1, 0), name="h")
+    found = warnings_of(lambda: beam(CLAMP, hinge, rf.Stop("h", high=30.0, stiffness=1e3)))
+    assert sum("np.radians" in words for words in found) == 1
 
 
 @pytest.mark.parametrize("face", [rf.MeanFace("x1"), rf.RigidFace("x1"), "end"])

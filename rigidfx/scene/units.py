@@ -22,6 +22,8 @@ __all__ = ["warn_of_units"]
 NOTHING = 1e-5  # of a scene's weight: a walker on a large bridge has more
 HEAVY = 1e7  # kg: a steel part of 0.1 m weighs more if millimetres are taken for metres
 LIGHT = 0.1  # kg/m³: aerogels have 1
+FASTEST = 3e8  # m/s, of light
+MILLI = 1e3  # of a metre
 
 
 def warn_of_units(scene: Any) -> None:
@@ -45,9 +47,24 @@ def warn_of_units(scene: Any) -> None:
             warn_of_ratio(scene.comm, f"{spring.owner} under all mass", ratio)
     cells = scene.mesh.topology.index_map(3).size_global
     rho = mass / (cells * scene.mean_cell_size**3)  # with all masses that are given
-    for gravity in scene.named(Gravity) if rho < LIGHT else ():
+    for material, _ in scene.materials:
+        speed = float(np.sqrt(material.stiffness / material.rho))
+        if speed > FASTEST:
+            warn(
+                scene.comm,
+                f"Scene: waves pass its {type(material).__name__} of ρ = {material.rho:g} at "
+                f"{speed:.2g} m/s, faster than light. Moduli in Pa go with kg/m³, those in MPa "
+                "with t/mm³.",
+            )
+    for gravity in scene.named(Gravity):
         g = np.inf if callable(gravity.value) else float(np.linalg.norm(gravity.value))
-        if earth < 10 * g and g < 10 * earth:
+        if rho >= LIGHT and MILLI / 10 < g / earth < 10 * MILLI:
+            warn(
+                scene.comm,
+                f"{gravity.owner}: {g:g} is in m/s², where earth has {earth:g}; 9810 mm/s² goes "
+                f"with densities in t/mm³, and the density here is {rho:.3g} kg/m³.",
+            )
+        if rho < LIGHT and earth < 10 * g and g < 10 * earth:
             warn(
                 scene.comm,
                 f"{gravity.owner}: {g:g} is in m/s², and the density {rho:g} hardly is in kg/m³. "

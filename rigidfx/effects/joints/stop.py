@@ -13,11 +13,12 @@ damper would make f pull, on the way back, f is zero. Then the damper takes all 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import inf
+from math import inf, isfinite, pi
 from typing import Any, ClassVar, NamedTuple
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, shown
+from rigidfx.base.warning import warn
 from rigidfx.effects.base import Effect
 from rigidfx.effects.joints.elements import coordinate_of
 
@@ -98,7 +99,14 @@ class Stop(Effect):
 
     def check(self, scene: Any) -> None:
         """Look its joint up."""
-        coordinate_of(scene, self.owner, self.joint, self.along)
+        _, name = coordinate_of(scene, self.owner, self.joint, self.along)
+        largest = max(abs(end) for end in self.ends_at if isfinite(end))
+        if name == "angle" and largest > 4 * pi:
+            warn(
+                scene.comm,
+                f"{self.owner}: its ends are in rad, and {largest:g} is more than two turns. Are "
+                "they in degrees? np.radians(…) makes rad of them.",
+            )
 
     def beyond(self, q: float) -> float:
         """Way beyond an end, below zero beyond the lower one [rad or m]."""
