@@ -352,7 +352,7 @@ BAD = {
         lambda: bar(rf.Reduced("half"), rf.Rigid("next")),
         "shares nodes with another body, Reduced 'half'|Rigid 'next'",
     ),
-    "half held": (lambda: run(bar(rf.Reduced("half"), rf.Fixed("x0", "x"))), "'x0'"),
+    "half held": (lambda: run(bar(rf.Reduced("half"), rf.Fixed("x0", "x"))), "Reduced 'half' has"),
     "held for a time": (
         lambda: run(bar(rf.Reduced("half"), rf.Fixed("x0", until=0.02))),
         "begins or ends on it",

@@ -50,10 +50,11 @@ def check_clamps(scene: Scene, timeline: Timeline) -> bool:
     found = False
     for effect in scene.named(Rigid) if scene.named(Support) else ():
         _, nodes = _cells_and_nodes(scene, effect)
-        first = _clamp(scene, supports_of(scene.acting(timeline.after(0.0))), effect.name, nodes)
+        title = f"{effect.kind} '{effect.name}'"
+        first = _clamp(scene, supports_of(scene.acting(timeline.after(0.0))), title, nodes)
         for t in times:
             acting = scene.acting(timeline.after(t))
-            clamp = _clamp(scene, supports_of(acting), effect.name, nodes)
+            clamp = _clamp(scene, supports_of(acting), title, nodes)
             if effect.deforms and (clamp is None) != (first is None):
                 raise SceneError(
                     f"{effect.owner}: at t = {t:g} s a support begins or ends on it, and shapes "
@@ -116,7 +117,7 @@ def divide(
         _check_hinge(scene, name, bool(taken[nodes].any()))
         taken[nodes] = True
         rigid.append(cells)
-        support = _clamp(scene, active, name, nodes)
+        support = _clamp(scene, active, f"{effect.kind} '{name}'", nodes)
         if support is not None and effect.deforms:
             held[name] = support
         if support is not None and not effect.deforms:
@@ -214,13 +215,13 @@ def _clamp(scene: Scene, active: tuple[Support, ...], name: str, nodes: Nodes) -
     same = all(active[k].same_motion(first) for k in holding)
     if not first.keeps_rigid:
         raise SceneError(
-            f"Rigid '{name}' is clamped by {first.kind} on '{first.where}', which would strain it: "
+            f"{name} is clamped by {first.kind} on '{first.where}', which would strain it: "
             "a part that a support takes along needs one that moves all its nodes alike, or a "
             "PrescribedRotation from the start on."
         )
     if partly or not spans or not same:
         raise SceneError(
-            f"Rigid '{name}' has nodes held by the support on '{first.where}'. A body on a "
+            f"{name} has nodes held by the support on '{first.where}'. A body on a "
             "support would be a kinematic chain: leave a layer of flexible cells between them, or "
             "clamp all components (xyz) of at least three of its nodes that are not in line, by "
             "one motion; it is then fixed, or follows that motion."
