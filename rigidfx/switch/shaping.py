@@ -46,7 +46,7 @@ class Shaping:
     """The shapes of the parts of a run that are named `Reduced`; `destroy` frees the factor.
 
     Attributes:
-        start: Displacement of all local dofs at the start, about which the structure responds [m];
+        start: Displacement of the owned dofs at the start, about which the structure responds [m];
             None before a part has been given shapes.
     """
 
@@ -74,10 +74,11 @@ class Shaping:
     def _bind(self, state: State) -> Responses:
         """Responses of the structure about its start, with one factor for a run. Collective."""
         if self.start is None:
-            self.start = state.u.x.array.copy()
+            self.start = state.u.x.array[: 3 * self._scene.owned_nodes].copy()
         if self._responses is None:
             at_start = State(self._scene)
-            at_start.u.x.array[:] = self.start
+            at_start.u.x.array[: self.start.size] = self.start
+            at_start.u.x.scatter_forward()
             at_start.clamp(state.clamped)
             known = self._scene, self._forces, at_start, self._acting
             self._responses = Responses(*known)
