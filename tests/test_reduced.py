@@ -357,6 +357,10 @@ BAD = {
         lambda: run(bar(rf.Reduced("half"), rf.Fixed("x0", until=0.02))),
         "begins or ends on it",
     ),
+    "held twice": (
+        lambda: run(bar(rf.Reduced(), rf.Fixed("x0"), rf.Fixed("x1"))),
+        "'x0' and 'x1'",
+    ),
     "held all over": (lambda: run(bar(rf.Reduced("half"), rf.Fixed("half"))), "hold"),
     "one cell": (lambda: run(rf.Scene(ONE, SOFT, [rf.Reduced()])), "1 cell"),
     "joined": (

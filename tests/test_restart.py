@@ -90,7 +90,7 @@ FOUND_ANEW = {
     "Deformation": "_bodies_alone _of_body _system",
     "Elsewhere": "_next",
     "ErrorMotion": "_before",
-    "Shaping": "_loads _parts _responses",
+    "Shaping": "_full _loads _parts _responses",
     "Frames": "_rotations shape",  # by `FRAMES`
     "Gains": "_now",
     "Held": "_directed moves",

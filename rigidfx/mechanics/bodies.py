@@ -42,7 +42,8 @@ class Ensemble:
         length: ℓ, shape (bodies,) [m].
         square_length: ℓ², shape (bodies, 1, 1) [m²].
         frames: The part of `Increments.L` that does not turn, shape (bodies, 3 n, 6 + m).
-        stored: Energy that they keep for their release [J].
+        stored: Energy that those that are rigid keep for their release [J].
+        strained: U₀, the strain energy at the freeze of those that deform [J].
         frozen: The pose at the freeze, shape (bodies, n, 3) [m, 1].
         shapes: Those of the bodies; None if all are rigid.
         columns: 6 + m, the largest number of unknowns of a body.
@@ -59,7 +60,8 @@ class Ensemble:
         self.excess = np.reshape([body.excess for body in records], (-1, 3, 3))
         self.excessive = bool(self.excess.any())
         self._holding: tuple[npt.NDArray[np.int32], Array, Array] | None = None
-        self.stored = float(sum(body.frozen.energy for body in records))
+        self.stored = float(sum(b.frozen.energy for b in records if b.shapes is None))
+        self.strained = float(sum(b.frozen.strain for b in records if b.shapes is not None))
         deform = any(body.shapes is not None for body in records)
         self.shapes = ShapesOfBodies([body.shapes for body in records]) if deform else None
         m = 0 if self.shapes is None else self.shapes.most
@@ -270,8 +272,10 @@ class Bodies:
 
     @property
     def strain(self) -> float:
-        """Strain energy U(q) - U₀ of the bodies that deform [J]."""
-        return 0.0 if self.of.shapes is None else float(self.of.shapes.energy(self.q).sum())
+        """Strain energy U(q) of the bodies that deform [J]."""
+        if self.of.shapes is None:
+            return 0.0
+        return self.of.strained + float(self.of.shapes.energy(self.q).sum())
 
     @cached_property
     def moved(self) -> Array:

@@ -51,10 +51,10 @@ def check_clamps(scene: Scene, timeline: Timeline) -> bool:
     for effect in scene.named(Rigid) if scene.named(Support) else ():
         _, nodes = _cells_and_nodes(scene, effect)
         title = f"{effect.kind} '{effect.name}'"
-        first = _clamp(scene, supports_of(scene.acting(timeline.after(0.0))), title, nodes)
+        first = _clamp(scene, supports_of(scene.acting(timeline.after(0.0))), effect, title, nodes)
         for t in times:
             acting = scene.acting(timeline.after(t))
-            clamp = _clamp(scene, supports_of(acting), title, nodes)
+            clamp = _clamp(scene, supports_of(acting), effect, title, nodes)
             if effect.deforms and (clamp is None) != (first is None):
                 raise SceneError(
                     f"{effect.owner}: at t = {t:g} s a support begins or ends on it, and shapes "
@@ -117,7 +117,7 @@ def divide(
         _check_hinge(scene, name, bool(taken[nodes].any()))
         taken[nodes] = True
         rigid.append(cells)
-        support = _clamp(scene, active, f"{effect.kind} '{name}'", nodes)
+        support = _clamp(scene, active, effect, f"{effect.kind} '{name}'", nodes)
         if support is not None and effect.deforms:
             held[name] = support
         if support is not None and not effect.deforms:
@@ -193,7 +193,9 @@ def _cells_and_nodes(scene: Scene, effect: Rigid) -> tuple[npt.NDArray[np.int32]
     return cells, nodes[nodes < scene.owned_nodes]
 
 
-def _clamp(scene: Scene, active: tuple[Support, ...], name: str, nodes: Nodes) -> int | None:
+def _clamp(
+    scene: Scene, active: tuple[Support, ...], effect: Rigid, name: str, nodes: Nodes
+) -> int | None:
     """Number of the support that clamps a body, None if nothing holds it. Collective."""
     inside = np.zeros(3 * scene.owned_nodes, dtype=bool)
     inside[(3 * nodes[:, None] + np.arange(3)).reshape(-1)] = True
@@ -205,6 +207,12 @@ def _clamp(scene: Scene, active: tuple[Support, ...], name: str, nodes: Nodes) -
     if not holding:
         return None
     first = active[holding[0]]
+    if effect.deforms and len(holding) > 1:
+        raise SceneError(
+            f"{name} is held by supports on '{first.where}' and '{active[holding[1]].where}', "
+            "whose reactions cannot be told apart. Give both sets one name, or leave a layer of "
+            "flexible cells at one of them."
+        )
     dofs = np.unique(np.concatenate([dofs_of(scene, active[k]) for k in holding]))
     counts = np.bincount(dofs[inside[dofs]] // 3, minlength=scene.owned_nodes)
     X = scene.space.tabulate_dof_coordinates()[np.flatnonzero(counts == 3)]

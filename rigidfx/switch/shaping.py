@@ -18,6 +18,7 @@ from mpi4py import MPI
 from rigidfx.base.errors import SceneError
 from rigidfx.base.log import tell
 from rigidfx.base.remembered import ON_DOFS, Remembered
+from rigidfx.base.warning import warn
 from rigidfx.effects import Contact, PrescribedRotation, Reduced, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
@@ -68,6 +69,7 @@ class Shaping:
         self._responses: Responses | None = None
         self._loads: Array | None = None  # patterns of forces from the start on
         self._parts: dict[str, Part] = {}
+        self._full: set[str] = set()  # parts that have been warned of
         touches = any(not isinstance(contact.against, str) for contact in scene.named(Contact))
         self._growing = {e.name for e in scene.named(Reduced) if touches and e.shapes is None}
 
@@ -290,6 +292,14 @@ class Shaping:
         if loads.shape[2]:
             text = f"{new.shape[2]} shapes more, {m + new.shape[2]} in all, as nodes begin to press"
             tell(scene.comm, f"Reduced '{data.name}': {text}")
+        if loads.shape[2] and m + new.shape[2] >= MOST and data.name not in self._full:
+            self._full.add(data.name)
+            warn(
+                scene.comm,
+                f"Reduced '{data.name}': more of its nodes press than {MOST} shapes follow, and "
+                "its contact forces are too large. Leave a layer of flexible cells where it "
+                "meets an obstacle.",
+            )
         every = np.concatenate([old.swapaxes(1, 2), new], axis=2)
         none = np.zeros(data.nodes.size, dtype=bool)
         pressed = none if data.shapes is None else data.shapes.pressed.copy()

@@ -29,7 +29,7 @@ class Measures:
 
     Attributes:
         kinetic: ½ v·M v [J].
-        strain: ∫ W dV of the flexible cells, and U - U₀ of bodies that deform [J].
+        strain: ∫ W dV of the flexible cells, and U(q) of bodies that deform [J].
         stored: Energy that bodies keep for their release [J].
         springs: Potential energy of springs to ground [J].
         contact: Energy stored in contacts [J].
