@@ -277,7 +277,7 @@ class Prolongation:
             more: Moments of further forces of this rank; None on all ranks if there are none.
         """
         if not self.touched and more is None:
-            return np.zeros_like(self.increments.displacement)
+            return np.zeros(self.layout.ensemble.frozen.shape)
         if not self.touched:
             return self._sum(np.array(more))
         own = self._held.moments(f.array_r)
@@ -360,7 +360,8 @@ class Prolongation:
             C: Reduced tangent.
             blocks: Shape (bodies, 6 + m, 6 + m), equal on all ranks.
         """
-        values = blocks[self.owned_bodies][self._own_entries]
+        own = blocks[self._own_bodies]
+        values = own.reshape(-1) if self._alike else own[self._own_entries]
         C.setValuesIJV(*self._own_csr, values, PETSc.InsertMode.ADD_VALUES, self._own_rows)
         C.assemble()
 

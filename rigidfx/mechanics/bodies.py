@@ -49,6 +49,7 @@ class Ensemble:
         columns: 6 + m, the largest number of unknowns of a body.
         known: Which of these each body has, shape (bodies, 6 + m): not Δr and ℓθ if it is held.
         unknowns: Number of unknowns of each body, shape (bodies,).
+        undeformed: q of bodies that are not deformed, shape (bodies, m).
         skews: v times them is -v̂/ℓ, row by row; shape (bodies, 3, 9) [1/m].
     """
 
@@ -71,6 +72,7 @@ class Ensemble:
             self.known[:, 6:] = self.shapes.known
             self.known[self.shapes.held, :6] = False
         self.unknowns = self.known.sum(axis=1)
+        self.undeformed = np.zeros((len(self.records), m))
         self.frozen = np.zeros((len(self.records), 4 + 3 * m, 3))
         frames = [[body.origin, *np.eye(3)] for body in records]
         self.frozen[:, :4] = np.reshape(frames, (-1, 4, 3))
@@ -150,8 +152,8 @@ class Bodies:
         self.R = self.frame[:, 1:].swapaxes(1, 2)
         self.velocity = read_only(np.ascontiguousarray(velocity))
         self.angular_velocity_body = read_only(angular_velocity_body)
-        none = np.zeros((len(of), of.columns - 6))
-        self.q, self.q_rate = (read_only(none if v is None else v) for v in (q, q_rate))
+        self.q = of.undeformed if q is None else read_only(q)
+        self.q_rate = of.undeformed if q_rate is None else read_only(q_rate)
 
     @classmethod
     def of_each(cls, bodies: Iterable[Body]) -> Bodies:

@@ -29,6 +29,7 @@ Array = npt.NDArray[np.float64]
 
 # Methods that a step calls; none raises.
 METHODS = ("load", "resist", "stiffen", "stored", "taken", "accept", "touch", "creep_for")
+STORES = ("taken", "stored")  # those whose results are of an action's kind
 
 
 class Actions:
@@ -88,6 +89,11 @@ class Actions:
         every = self._acting = [*own, *self.easing]
         self._contacts: list[Any] = [action for action in every if action.presses]
         self._calls = {name: self._heeded.calls(every, name) for name in METHODS}
+        self._taking, self._storing = (
+            list(zip(doing(every, name), self._calls[name], strict=True)) for name in STORES
+        )
+        if not self._calls["load"]:
+            self.loads.scale(0.0)
         self.jumping = Jumping(self._contacts, self._heeded, self._comm)
         # What fades is for solvers no more than the stress of cells.
         self.stiffens = bool(doing(own, "stiffen"))
@@ -120,10 +126,10 @@ class Actions:
                     by_name(self._owners[id(action)], t, partial(action.set_time, t, dt))
 
             together(self._comm, "A load", evaluate)
-        self.loads.scale(0.0)
-        for load in self._calls["load"]:
-            load(self.loads)
         if self._calls["load"]:
+            self.loads.scale(0.0)
+            for load in self._calls["load"]:
+                load(self.loads)
             self.sum(self.loads.moments, self.loads.torques)
 
     def sum(self, *of_bodies: Array) -> None:
@@ -153,24 +159,23 @@ class Actions:
 
     def work(self, motion: Motion) -> float:
         """Work of loads in a step; that of ranks adds up [J]."""
-        done, increments = float(self.loads.vector.array_r @ motion.array_r), motion.increments
-        if self._comm.rank == 0 and len(increments):
-            done += increments.work(increments.resultant(self.loads.moments))
-            done += float(np.vdot(self.loads.torques, increments.theta))
-        taken = zip(doing(self._acting, "taken"), self._calls["taken"], strict=True)
-        return done - sum(take(motion) for action, take in taken if not action.dissipates)
+        done, increments = 0.0, motion.increments
+        if self._calls["load"]:
+            done += float(self.loads.vector.array_r @ motion.array_r)
+            if self._comm.rank == 0 and len(increments):
+                done += increments.work(increments.resultant(self.loads.moments))
+                done += float(np.vdot(self.loads.torques, increments.theta))
+        taken = (take(motion) for action, take in self._taking if not action.dissipates)
+        return done - sum(taken)
 
     def dissipated(self, motion: Motion) -> list[tuple[str, float]]:
         """Energy that kinds of effects take in a step; those of ranks add up [J]."""
-        taken = zip(doing(self._acting, "taken"), self._calls["taken"], strict=True)
-        return [(action.kind, take(motion)) for action, take in taken if action.dissipates]
+        return [(action.kind, take(motion)) for action, take in self._taking if action.dissipates]
 
     def stored(self, at: Instant) -> tuple[float, float]:
         """Energies of springs and of contacts; those of ranks add up [J]. Collective."""
         energies = [0.0, 0.0]
-        for action, stored in zip(
-            doing(self._acting, "stored"), self._calls["stored"], strict=True
-        ):
+        for action, stored in self._storing:
             energies[action.presses] += stored(at)
         return energies[0], energies[1]
 

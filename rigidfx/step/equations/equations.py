@@ -235,9 +235,8 @@ class Equilibrium:
             self._work.axpby(2 / self.dt, -2.0, self.d)
             self._mass.mult(self._work, self._inertia)
             f.axpy(1 / self.dt, self._inertia)
-        forces = Forces.none(f, self._moments)
-        self._resist(forces)
-        self.prolongation.collapse(f.array_r, self._body_forces(forces), r)
+        more = self._resistance(f) if self._resists else None
+        self.prolongation.collapse(f.array_r, self._body_forces(f, more), r)
 
     @property
     def motion(self) -> Motion:
@@ -246,20 +245,30 @@ class Equilibrium:
 
     @property
     def _resists(self) -> bool:
-        """Whether effects resist the motion of bodies."""
-        return not self._actions.dead
+        """Whether more than cells and inertia resists."""
+        return not self._actions.dead or bool(self._actions.easing)
+
+    def _resistance(self, f: PETSc.Vec) -> Array:
+        """Add the resistance of effects to forces on nodes; its moments on bodies. Collective."""
+        forces = Forces.none(f, self._moments)
+        self._resist(forces)
+        return forces.moments
 
     def _resist(self, forces: Forces) -> None:
         """Add the resistance of effects. Collective."""
         self._actions.resist(self.motion, forces)
 
-    def _body_forces(self, forces: Forces) -> Array:
-        """Residual of the bodies, shape (bodies, 6 + m) [N]. Collective."""
+    def _body_forces(self, f: PETSc.Vec, more: Array | None) -> Array:
+        """Residual of the bodies, shape (bodies, 6 + m) [N]. Collective.
+
+        Args:
+            f: Forces on nodes.
+            more: Moments of those on nodes in bodies; none if None.
+        """
         increments, loads = self.prolongation.increments, self._actions.loads
         if not len(increments):  # without bodies nothing of them is computed
             return increments.unknowns
-        more = forces.moments if self._resists else None
-        self._moments = self.prolongation.moments(forces.vector, more) - loads.moments
+        self._moments = self.prolongation.moments(f, more) - loads.moments
         self.body_rows = increments.balance(self._moments, loads.torques)
         return self.body_rows
 
@@ -269,9 +278,15 @@ class Equilibrium:
         K.assemble()
         if self._mass is not None:
             self._mass.add_to(K, 2 / self.dt**2, self.prolongation)
-        tangent = Tangent(K, self.prolongation)
-        self._stiffen(tangent)
+        tangent = Tangent(K, self.prolongation) if self._stiffens else None
+        if tangent is not None:
+            self._stiffen(tangent)
         K.finish(self._blocks(tangent) if self.prolongation.layout.bodies else None)
+
+    @property
+    def _stiffens(self) -> bool:
+        """Whether more than cells and inertia is in a tangent."""
+        return self._actions.stiffens or bool(self._actions.easing)
 
     def _stiffen(self, tangent: Tangent) -> None:
         """Add the resistance of effects to a tangent. Collective."""
@@ -289,11 +304,11 @@ class Equilibrium:
         """
         return self._actions.jumping.entries(self.motion, self.prolongation)
 
-    def _blocks(self, tangent: Tangent) -> Array:
+    def _blocks(self, tangent: Tangent | None) -> Array:
         """Derivative of the bodies' rows that the condensed tangent does not hold. Collective."""
         increments = self.prolongation.increments
         blocks = increments.blocks(self._moments)
-        if self._actions.stiffens:
+        if tangent is not None:
             self._actions.sum(tangent.moments)
             blocks += tangent.blocks
         return blocks

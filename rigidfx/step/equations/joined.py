@@ -191,6 +191,10 @@ class JoinedEquilibrium(Equilibrium):
         self.linkage.look(self.motion, self._multipliers)
         self.linkage.resist(forces)
 
+    @property
+    def _stiffens(self) -> bool:
+        return super()._stiffens or self._sprung is not None
+
     def _stiffen(self, tangent: Tangent) -> None:
         """See `Equilibrium`."""
         super()._stiffen(tangent)

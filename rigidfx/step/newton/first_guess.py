@@ -83,7 +83,11 @@ def predict(
 
 def _unknowns(start: Bodies, translations: Array, turns: Array, dt: float) -> Array:
     """Δr, ℓθ and Δq of the bodies from Δr, θ and a time for q̇, shape (bodies, 6 + m) [m]."""
-    return np.hstack([translations, start.of.length[:, None] * turns, dt * start.q_rate])
+    out = np.empty((len(start), start.of.columns))
+    out[:, :3], out[:, 3:6] = translations, start.of.length[:, None] * turns
+    if start.of.shapes is not None:
+        out[:, 6:] = dt * start.q_rate
+    return out
 
 
 def _mean_motion(
