@@ -26,8 +26,10 @@ PARTS = {
     "one rigid": (rf.Rigid("high"),),
     "both rigid": (rf.Rigid("high"), rf.Rigid("low")),
     "mixed": (rf.Rigid("high"), rf.Rigid("left")),
+    "reduced and rigid": (rf.Reduced("high"), rf.Rigid("low")),
 }
 NO_WARNINGS = pytest.mark.filterwarnings("ignore:Body")  # of few cells, whose lumped mass shows
+TOO_MANY = pytest.mark.filterwarnings("ignore:Reduced .* more of its nodes press")
 
 
 def arrays(boxes):
@@ -91,12 +93,42 @@ def drifts(scene, dt, steps, **options):
 
 
 @NO_WARNINGS
+@TOO_MANY
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 @pytest.mark.parametrize("parts", PARTS)
 def test_energy_and_both_momenta_are_kept(parts, mass):
     """Nodes of each against facets of the other, whatever is rigid."""
     reports, H, L, J = drifts(blocks(*BOTH, *PARTS[parts], mass=mass), 1e-3, 70)
     assert sum(any(t.nodes for t in r.touches.values()) for r in reports) >= 5
+    assert H <= 1e-11
+    assert max(L, J) <= 1e-12
+
+
+@TOO_MANY
+def test_reduced_parts_get_shapes_where_they_strike_each_other(monkeypatch):
+    """They bounce off as flexible ones do; more nodes press than 36 shapes follow exactly."""
+    monkeypatch.setitem(globals(), "SOFT", rf.StVenantKirchhoff(rho=1000.0, E=1e8, nu=0.3))
+    both = rf.Reduced("high"), rf.Reduced("low")
+    flexible, (reduced, H, L, J) = (
+        drifts(blocks(*BOTH, *p, gap=0.004), 2e-4, 60) for p in ((), both)
+    )
+    assert 12 < reduced[0].unknowns < reduced[-1].unknowns <= 84
+    assert H <= 1e-11
+    assert max(L, J) <= 1e-12
+    impulse, expected = (
+        sum(t.pressing for r in reports for t in r.touches.values())
+        for reports in (reduced, flexible[0])
+    )
+    assert impulse == pytest.approx(expected, rel=0.05)
+
+
+@NO_WARNINGS
+@TOO_MANY
+def test_a_reduced_part_may_touch_itself():
+    """Its prongs are parts of one body, but deform."""
+    contact = rf.Contact("slot", against="slot")
+    reports, H, L, J = drifts(fork(contact, rf.Reduced()), 1e-3, 20)
+    assert any(r.touches["slot_slot"].nodes for r in reports)
     assert H <= 1e-11
     assert max(L, J) <= 1e-12
 

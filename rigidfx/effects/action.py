@@ -261,7 +261,7 @@ class ContactAction(Action):
         return np.inf
 
     def pressing(self) -> tuple[npt.NDArray[np.int64], Array]:
-        """Owned nodes of bodies that an obstacle presses, and forces on them, (nodes, 3) [N]."""
+        """Owned nodes of bodies that are pressed, and the forces on them, (nodes, 3) [N]."""
         return np.empty(0, np.int64), np.empty((0, 3))
 
     def creep_for(self, time: float, began: Instant) -> None:

@@ -135,6 +135,11 @@ class Nodes:
         """Add forces on them, shape (nodes, 3) [N]."""
         forces.add(self, force)
 
+    def on_bodies(self, force: Array) -> tuple[Ints, Array]:
+        """Numbers of those in bodies that have a force, and these forces, (nodes, 3) [N]."""
+        some = (self.bodies >= 0) & force.any(axis=1)
+        return self.nodes[some].astype(np.int64), force[some]
+
     def stiffen(self, blocks: Array, tangent: Tangent, which: Ints | None = None) -> None:
         """Add the stiffness of each by itself. Collective.
 
@@ -198,7 +203,8 @@ class SharedNodes(Nodes):
     Attributes:
         size: How many there are on all ranks.
         bodies: Of each the body that it is in, -1 if none, shape (size,).
-        in_one_body: Whether all are in the same body, and so cannot move against each other.
+        rigid: The same, but -1 too for those in a body that deforms.
+        in_one_body: Whether all are in the same rigid body, and so cannot move against each other.
     """
 
     def __init__(
@@ -219,7 +225,9 @@ class SharedNodes(Nodes):
         a = np.zeros((len(self._numbers), self._pose.shape[1]))
         a[self.rows.size :] = self._a
         self._coordinates = self._everywhere(a)
-        self.in_one_body = bool((self.bodies >= 0).all() and np.ptp(self.bodies) == 0)
+        deforms = np.array([b.deforms_by > 0 for b in structure.bodies.of.records] + [False])
+        self.rigid = np.where(deforms[self.bodies], -1, self.bodies)
+        self.in_one_body = bool((self.rigid >= 0).all() and np.ptp(self.rigid) == 0)
         self._unknowns: Ints | None = None
 
     def _everywhere(self, values: Array) -> Array:
@@ -237,6 +245,12 @@ class SharedNodes(Nodes):
     def add(self, force: Array, forces: Forces | ForcesOfNodes) -> None:
         """Add forces on them, which are equal on all ranks, shape (size, 3) [N]."""
         forces.add(self, force[self._numbers])
+
+    def on_bodies(self, force: Array) -> tuple[Ints, Array]:
+        """See `Nodes`: those of this rank, by forces on all, shape (size, 3)."""
+        own = force[self._numbers]
+        some = (self.bodies[self._numbers] >= 0) & own.any(axis=1)
+        return self.nodes[some].astype(np.int64), own[some]
 
     def couple(self, nodes: Ints, G: Array, stiffness: Array, tangent: Tangent) -> None:
         """Add the stiffness of scalars of several nodes: Σ s (Lᵀ G)(Gᵀ P). Collective.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -34,25 +34,6 @@ class Reduced(Rigid):
     mass: None = field(default=None, init=False)
     inertia: None = field(default=None, init=False)
     shapes: int | None = field(default=None, kw_only=True)
-
-    def check(self, scene: Any) -> None:
-        """Look its cells up, and see that no surface presses it. Collective.
-
-        Raises:
-            SceneError: On every rank, if a contact between surfaces has nodes of it.
-        """
-        super().check(scene)
-        n = scene.owned_nodes
-        own = np.ones(n) if self.where is None else scene.members(self.where, self.kind)[:n, 0]
-        for contact in (effect for effect in scene.effects if effect.keeps_apart):
-            for name in contact.keeps_apart:
-                nodes = scene.nodes(name, contact.owner, (2,))
-                if scene.sum(np.count_nonzero(own[nodes[nodes < n]])) > 0:
-                    raise SceneError(
-                        f"{self.owner}: {contact.owner} has nodes of it. A reduced part meets "
-                        "obstacles, but no other surface yet: leave a layer of flexible cells "
-                        "under the surface, or name the part Rigid."
-                    )
 
     def __post_init__(self) -> None:
         """Check the number of shapes.

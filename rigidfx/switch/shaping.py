@@ -70,7 +70,7 @@ class Shaping:
         self._loads: Array | None = None  # patterns of forces from the start on
         self._parts: dict[str, Part] = {}
         self._full: set[str] = set()  # parts that have been warned of
-        touches = any(not isinstance(contact.against, str) for contact in scene.named(Contact))
+        touches = bool(scene.named(Contact))
         self._growing = {e.name for e in scene.named(Reduced) if touches and e.shapes is None}
 
     def _bind(self, state: State) -> Responses:

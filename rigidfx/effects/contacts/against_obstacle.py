@@ -136,11 +136,10 @@ class ObstacleForces(ContactAction):
 
     def pressing(self) -> tuple[npt.NDArray[np.int64], Array]:
         """See `ContactAction`."""
-        p, nodes = self._pressed, self.nodes
-        if p is None:
-            return np.empty(0, np.int64), np.empty((0, 3))
-        some = (nodes.bodies[p.at] >= 0) & p.force.any(axis=1)
-        return nodes.nodes[p.at[some]].astype(np.int64), -p.force[some]
+        force, p = np.zeros((len(self.nodes), 3)), self._pressed
+        if p is not None:
+            force[p.at] = -p.force
+        return self.nodes.on_bodies(force)
 
     def touch(self) -> Touch:
         """See `ContactAction`."""

@@ -71,6 +71,7 @@ class PairForces(ContactAction):
         self._normals: Array = np.empty((0, 3))
         self._weights: Array = np.empty((0, 3))
         self._slope: Array = np.empty(0)
+        self._force: Array = np.zeros((self._surface.size, 3))
         self._next = replace(
             self._memory, gap=self._memory.gap.copy(), mate=self._memory.mate.copy()
         )
@@ -106,6 +107,7 @@ class PairForces(ContactAction):
         force = np.zeros_like(self._x0)
         np.add.at(force, slaves, pressure)
         np.add.at(force, self._corners, -N[:, :, None] * pressure[:, None])
+        self._force = force
         self._nodes.add(force, forces)
 
     def _meet(self, x0: Array, x: Array) -> None:
@@ -117,7 +119,7 @@ class PairForces(ContactAction):
         """
         surface, memory = self._surface, self._memory
         with _SEARCH:
-            mate = surface.mates(x, self._nodes.bodies)
+            mate = surface.mates(x, self._nodes.rigid)
         closed = memory.gap < 0
         mate = np.where(closed & (mate < 0), memory.mate, mate)
         self._active = np.flatnonzero(mate >= 0)
@@ -162,6 +164,10 @@ class PairForces(ContactAction):
         g = np.where(np.isfinite(self._memory.gap), self._memory.gap, 0.0)
         return float(stored(self._surface.stiffness, g).sum())
 
+    def pressing(self) -> tuple[Ints, Array]:
+        """See `ContactAction`."""
+        return self._nodes.on_bodies(-self._force)
+
     def touch(self) -> Touch:
         """See `Action`; a node pressed within one body has no force, but keeps its energy."""
         if self._comm.rank:
@@ -199,7 +205,7 @@ class PairForces(ContactAction):
             return -1.0
         surface = self._surface
         with _SEARCH:
-            mate = surface.mates(x + 0.5 * dt * w, self._nodes.bodies)
+            mate = surface.mates(x + 0.5 * dt * w, self._nodes.rigid)
         met = np.flatnonzero(mate >= 0)
         slaves, corners = surface.slaves[met], surface.triangles[mate[met]]
         g, n, N = projected(x[slaves], x[corners])
