@@ -178,3 +178,27 @@ def test_bricks_of_twenty_nodes_from_gmsh(tmp_path):
     with pytest.raises(rf.SceneError, match=r"Hexahedron 20\. .*Mesh\.SecondOrderIncomplete = 0"):
         rf.from_gmsh(brick(1))
     assert len(rf.from_gmsh(brick(0)).mesh.geometry.x) == 27
+
+
+@alone
+def test_opencascade_writes_nothing_to_the_terminal(tmp_path, capfd):
+    """Where functions and scripts of a user read and write CAD; what these print stays."""
+    pytest.importorskip("gmsh")
+    path = str(tmp_path / "cube.step")
+
+    def cube(gmsh):
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.write(path)
+        gmsh.merge(path)
+        print("written")
+        gmsh.model.addPhysicalGroup(3, [1, 2], name="cubes")
+        gmsh.option.setNumber("Mesh.MeshSizeMin", 1.0)
+        gmsh.model.mesh.generate(3)
+
+    rf.from_gmsh(cube, MPI.COMM_SELF)
+    rf.read_cad(path, size=5e-4, comm=MPI.COMM_SELF)
+    script = f'SetFactory("OpenCASCADE");\nMerge "{path}";\nSave "{path}";\n'
+    (tmp_path / "cube.geo").write_text(f'{script}Physical Volume("cube") = {{1}};\n')
+    rf.read_geo(tmp_path / "cube.geo", size=0.5, comm=MPI.COMM_SELF)
+    assert capfd.readouterr().out == "written\n"

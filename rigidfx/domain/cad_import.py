@@ -6,11 +6,7 @@ some of them.
 
 from __future__ import annotations
 
-import os
 import re
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -18,6 +14,7 @@ from typing import Any
 from rigidfx.base.errors import SceneError
 from rigidfx.base.text_files import decoded
 from rigidfx.domain.cad_labels import labels_of
+from rigidfx.domain.silence import silent
 
 __all__ = ["import_shapes"]
 
@@ -36,7 +33,7 @@ def import_shapes(gmsh: Any, path: str | Path) -> dict[tuple[int, int], str]:
     text = decoded(data)
     if Path(path).suffix.lower() in (".step", ".stp"):
         _check_whole(path, text)
-    with TemporaryDirectory() as folder, _silent():
+    with TemporaryDirectory() as folder, silent():
         copy = Path(path)
         if not (text.isascii() or text.encode() == data):  # OpenCASCADE would mix letters up
             copy = Path(folder, copy.name)
@@ -56,21 +53,3 @@ def _check_whole(path: str | Path, text: str) -> None:
             f"'{path}' is damaged: it names entities that are not in it, such as "
             f"#{min(lost, key=int)}. Export it once more."
         )
-
-
-@contextmanager
-def _silent() -> Iterator[None]:
-    """Drop lines that OpenCASCADE writes to the process's standard output."""
-    try:
-        sys.stdout.flush()
-        kept = os.dup(1)
-    except (OSError, ValueError, AttributeError):  # there is none
-        yield
-        return
-    try:
-        with open(os.devnull, "wb") as nothing:
-            os.dup2(nothing.fileno(), 1)
-        yield
-    finally:
-        os.dup2(kept, 1)
-        os.close(kept)

@@ -19,6 +19,7 @@ from rigidfx.domain.domain import KINDS, Domain, EntitySet
 from rigidfx.domain.gmsh_groups import Header, Names, names_in_header, take_groups
 from rigidfx.domain.gmsh_tags import separate_groups
 from rigidfx.domain.numbered import by_corners
+from rigidfx.domain.silence import silent_files
 from rigidfx.domain.unv import check_unv
 
 __all__ = ["domain_of", "find_file", "from_gmsh", "gmsh_session", "read_msh"]
@@ -134,7 +135,8 @@ def from_gmsh(
 
     def fresh(gmsh: Any) -> None:
         gmsh.model.add("rigidfx")
-        build(gmsh)
+        with silent_files(gmsh):
+            build(gmsh)
 
     return domain_of(
         comm, "from_gmsh: the function that builds the model", "The model", fresh, factor

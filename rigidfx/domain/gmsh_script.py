@@ -21,6 +21,7 @@ from rigidfx.base.warning import warn
 from rigidfx.domain.curved_cells import straighten
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_model import domain_of, find_file
+from rigidfx.domain.silence import silent
 
 __all__ = ["check_order", "mesh_model", "read_geo", "tell"]
 
@@ -99,7 +100,8 @@ def _run(gmsh: Any, path: str | Path, given: Mapping[str, float | str]) -> None:
     gmsh.option.setNumber("General.AbortOnError", 0)
     gmsh.logger.start()
     try:
-        gmsh.merge(str(path))  # `open` would forget the values
+        with silent():
+            gmsh.merge(str(path))  # `open` would forget the values
         errors = [line for line in gmsh.logger.get() if line.startswith("Error")]
     finally:
         gmsh.logger.stop()
