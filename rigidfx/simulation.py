@@ -36,6 +36,7 @@ from rigidfx.decide.criteria.accuracy import Accuracy, controlled
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.preparation import prepare
 from rigidfx.report.account import Account, beginning
+from rigidfx.report.alternating_forces import AlternatingForces
 from rigidfx.report.brief_contacts import BriefContacts
 from rigidfx.report.brief_stops import BriefStops
 from rigidfx.report.energy_balance import EnergyBalance
@@ -281,7 +282,9 @@ def _looks(run: Run) -> tuple[Any, ...]:
     brief = BriefContacts(scene, run.stepper.control is None)
     of_motion = EnergyBalance(scene), Stillness(scene), LumpedInertia(scene), Jolts(scene), brief
     others = BriefStops(scene), TurnedSprings(scene), Overdamped(scene)
-    return *of_motion, *others, Account(scene.comm, run.timeline.t_end)
+    t_end = run.timeline.t_end
+    of_forces = AlternatingForces(scene, run.stepper.alternation, t_end)
+    return *of_motion, *others, of_forces, Account(scene.comm, t_end)
 
 
 def _over(stepper: Stepper, looks: tuple[Any, ...]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from itertools import pairwise
 
 import numpy as np
@@ -191,3 +192,36 @@ def test_a_window_and_a_blow_smear_nothing():
     assert np.abs(torques[5:]).max() == 0.0
     moments = [r.joints["pin"].moment[2] for r in reports]
     assert moments == pytest.approx(torques, abs=2e-3 * max(torques))
+
+
+@pytest.mark.parametrize(
+    ("at", "words"),
+    [
+        ("motor", ["Motor of 'pin' goes back and forth", "(likewise force of Revolute 'pin'"]),
+        ("support", ["moment of 'hub' goes back and forth", "by 0.0874 N m: its peak is 0.096"]),
+        ("resolved", []),
+        ("smooth", []),
+    ],
+)
+def test_forces_that_alternate_are_told_by_name(at, words):
+    """With their peak, that of means, and the remedy; smooth and resolved ones are not told."""
+    domain = rf.box((-0.05, -0.05, -0.01), (0.05, 0.05, 0.01), (4, 4, 1))
+    domain = domain.with_vertices("hub", lambda x: np.hypot(x[0], x[1]) < 0.03)
+    domain = domain.with_facets("seat", lambda x: (x[2] < -0.009) & (np.hypot(x[0], x[1]) < 0.04))
+    turned = rf.PrescribedRotation("hub", axis=(0, 0, 1), angle=lambda t: SPIN * t)
+    pin = rf.Revolute("ground", rf.MeanFace("seat"), at=(0, 0, 0), axis=(0, 0, 1), name="pin")
+    spun = rf.InitialVelocity(angular=(0, 0, SPIN))
+    smooth = rf.Motor("pin", speed=lambda t: SPIN * np.sin(5 * t) ** 2)
+    effects = {
+        "motor": [pin, rf.Motor("pin", speed=SPIN), spun],
+        "support": [turned, spun],
+        "resolved": [turned, spun, rf.ResolvedForces()],
+        "smooth": [pin, smooth],
+    }
+    scene = rf.Scene(domain, STEEL, effects[at])
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        _steps(scene, DT, 20)
+    told = [str(w.message) for w in found if "back and forth" in str(w.message)]
+    assert len(told) == bool(words)
+    assert all(word in told[0] for word in [*words, "rf.ResolvedForces()"] if words)

@@ -88,9 +88,9 @@ class Stepper:
         self._jumps = Jumps(scene)
         measuring = () if indicator is None else (Measuring(indicator),)
         obstacles = JumpingObstacles(scene, self.touches, self.failures)
-        self._alternating = Alternation(scene, forces)
+        self.alternation = Alternation(scene, forces)
         turning = RotationPerStep(scene, forces)
-        others = Unresolved(scene), turning, self._alternating, self._jumps, obstacles
+        others = Unresolved(scene), turning, self.alternation, self._jumps, obstacles
         squeezed = (Compression(scene, forces),) if scene.element.buckles else ()
         controls = () if control is None else (control,)
         self.watches: list[Watch] = [*measuring, *others, *squeezed, *controls]
@@ -262,7 +262,7 @@ class Stepper:
     def end(self) -> None:
         """Settle failures of a run that is over, and judge its motion. Collective."""
         self.failures.settle()
-        self._alternating.end()
+        self.alternation.end()
 
     @contextmanager
     def foreseen(self, attempt: Attempt) -> Iterator[StepResult]:

@@ -1,0 +1,150 @@
+"""Do forces of motors, joints and supports go back and forth from step to step?
+
+Cells vibrate faster than Δt resolves, and forces of constraints on them with it, for ever. A force
+λ of steps of one length is split into its mean of neighbouring steps and the rest,
+
+    λₙ = ¼ (λₙ₋₁ + 2 λₙ + λₙ₊₁) - ¼ (λₙ₋₁ - 2 λₙ + λₙ₊₁) .
+
+The rest of a force that alternates is that force, of a vibration of n steps a period sin²(π/n) of
+it. A force counts as alternating where the rest changes its sign in two of three steps, which it
+does at three steps a period and less. One event in between leaves no trace in the median.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.warning import warn
+from rigidfx.effects import Joint, Motor, ResolvedForces, Rigid
+from rigidfx.effects.joints.elements import titles_of
+from rigidfx.report.look import Look
+from rigidfx.report.lumping import OF_ALL, WORTH_A_WARNING
+from rigidfx.report.report import Report
+from rigidfx.scene.scene import Scene
+from rigidfx.step.watches.alternation import FIRST, Alternation
+from rigidfx.step.watches.unresolved import WORTH_A_WARNING as NOTHING
+
+__all__ = ["AlternatingForces"]
+
+Array = npt.NDArray[np.float64]
+
+
+class AlternatingForces(Look):
+    """Looks at the forces of constraints; warns after half of a run, or at its end."""
+
+    remembered: ClassVar[Remembered] = same(
+        "_waits", "_t", "_dt", "_inertia", "_last", "_rests", "_most", "_means", "_swings"
+    )
+
+    def __init__(self, scene: Scene, motion: Alternation, t_end: float) -> None:
+        """Begin before the first report. Collective.
+
+        Args:
+            scene: The problem.
+            motion: Tells where the motion itself goes back and forth.
+            t_end: End of the run [s].
+        """
+        self._comm, self._motion, self._half = scene.comm, motion, 0.5 * t_end
+        rigid = [scene.owned_cells(r.where, r.owner) for r in scene.named(Rigid) if not r.deforms]
+        held = np.unique(np.concatenate([np.empty(0, np.int32), *rigid])).size
+        flexible = scene.sum(float(scene.mesh.topology.index_map(3).size_local - held)) > 0
+        self._joints = [joint.title for joint in scene.named(Joint)]
+        motors = [found for found in titles_of(scene) if isinstance(found[0], Motor)]
+        self._motors = [(motor.joint, title) for motor, title in motors]
+        self._supports = list(dict.fromkeys(support.where for support, _ in scene.supports))
+        of = *(joint.owner for joint in scene.named(Joint)), *(f"'{w}'" for w in self._supports)
+        self._names = [title for _, title in self._motors]
+        self._names += [f"{kind} of {name}" for kind in ("force", "moment") for name in of]
+        turns = [motor.acts_along == "angle" for motor, _ in motors]
+        turns += [kind for kind in (False, True) for _ in of]
+        self._units = np.where(turns, "N m", "N")
+        self._waits = bool(flexible and self._names and not scene.named(ResolvedForces))
+        X = scene.start_places
+        ends = np.r_[X.max(axis=0, initial=-np.inf), -X.min(axis=0, initial=np.inf)]
+        scene.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+        self._scales = np.where(turns, np.max(ends[:3] + ends[3:]), 1.0)  # of moments [m]
+        self._t = self._dt = self._inertia = 0.0  # largest Σ m|v| over a step [N]
+        self._last: list[Array] = []  # forces of two steps
+        self._rests: list[Array] = []
+        self._most, self._means, self._swings = np.zeros((3, len(self._names)))
+
+    def follow(self, report: Report) -> None:
+        """See `Look`."""
+        if not self._waits or not report.step:
+            return
+        if abs(report.dt - self._dt) > NOTHING * self._dt or report.events or report.impact:
+            self._judge()
+            self._last.clear()
+        self._t, self._dt = report.t, report.dt
+        self._inertia = max(self._inertia, report.momentum_scale / report.dt)
+        now = self._forces_in(report)
+        self._most = np.fmax(self._most, np.linalg.norm(now, axis=1))
+        self._last.append(now)
+        if len(self._last) < 3:
+            return
+        first, middle, _ = self._last
+        del self._last[0]
+        mean = (first + 2 * middle + now) / 4
+        self._means = np.fmax(self._means, np.linalg.norm(mean, axis=1))
+        self._rests.append(middle - mean)
+        if len(self._rests) == 2 * FIRST:
+            self._judge()
+            if report.t > self._half:
+                self._say()
+
+    def end(self) -> None:
+        """See `Look`."""
+        self._judge()
+        self._say()
+
+    def _forces_in(self, report: Report) -> Array:
+        """Forces of constraints in a step, NaN of those that do not act, shape (names, 3)."""
+        nothing = np.full(3, np.nan)
+        joints, reactions = report.joints, (report.reactions, report.reaction_moments)
+        efforts = [joints[name].efforts.get(title, np.nan) for name, title in self._motors]
+        out = [np.array([effort, 0.0, 0.0]) for effort in efforts]
+        for kind, held in zip(("force", "moment"), reactions, strict=True):
+            out += [getattr(joints[name], kind) for name in self._joints]
+            out += [held.get(name, nothing) for name in self._supports]
+        return np.array(out)
+
+    def _judge(self) -> None:
+        """Keep how far forces go back and forth in a window."""
+        rests = np.array(self._rests)
+        self._rests.clear()
+        if len(rests) < FIRST:
+            return
+        turns = (rests[1:] * rests[:-1] < 0).sum(axis=0)
+        swings = np.median(np.abs(rests), axis=0) * (3 * turns >= 2 * (len(rests) - 1))
+        self._swings = np.fmax(self._swings, np.linalg.norm(swings, axis=1))
+
+    def _say(self) -> None:
+        """Warn of forces of which a twentieth goes back and forth.
+
+        What is next to nothing beside all forces, or beside Σ m|v| in a step, matters nowhere.
+        """
+        largest = (self._means / self._scales).max(initial=0.0)
+        least = max(OF_ALL**2 * largest, NOTHING * self._inertia)
+        found = np.flatnonzero(
+            self._swings > np.maximum(WORTH_A_WARNING * self._means, least * self._scales)
+        )
+        if not (self._waits and found.size and self._motion.waits):
+            return
+        self._waits = False
+        first, *others = found  # motors before joints and supports
+        names = ", ".join(self._names[k] for k in others)
+        unit = self._units[first]
+        warn(
+            self._comm,
+            f"Up to t = {self._t:.6g} s {self._names[first]} goes back and forth from step to "
+            f"step by {self._swings[first]:.3g} {unit}: its peak is {self._most[first]:.3g}, that "
+            f"of the mean of neighbouring steps {self._means[first]:.3g} {unit}"
+            f"{names and f' (likewise {names})'}. Cells vibrate faster than Δt = {self._dt:.3g} s "
+            "resolves. With rf.ResolvedForces() in the scene reports, files and peaks have forces "
+            "of the motion that Δt resolves. Motions that begin smoothly vibrate less.",
+        )
