@@ -119,6 +119,7 @@ WARNINGS = {
     "effects/contacts/facets.py": ["a round contact surface"],
     "effects/loads/body_force.py": ["a force per volume"],
     "error/validity.py": ["forces change faster than e", "e is not small"],
+    "report/alternating_forces.py": ["a force goes back"],
     "report/brief_contacts.py": [
         "a blow on a contact, a `Stop` or a cable",
         "the peak of a contact's force",

@@ -95,12 +95,12 @@ class AlternatingForces(Look):
         if len(self._rests) == 2 * FIRST:
             self._judge()
             if report.t > self._half:
-                self._say()
+                self._tell()
 
     def end(self) -> None:
         """See `Look`."""
         self._judge()
-        self._say()
+        self._tell()
 
     def _forces_in(self, report: Report) -> Array:
         """Forces of constraints in a step, NaN of those that do not act, shape (names, 3)."""
@@ -123,7 +123,7 @@ class AlternatingForces(Look):
         swings = np.median(np.abs(rests), axis=0) * (3 * turns >= 2 * (len(rests) - 1))
         self._swings = np.fmax(self._swings, np.linalg.norm(swings, axis=1))
 
-    def _say(self) -> None:
+    def _tell(self) -> None:
         """Warn of forces of which a twentieth goes back and forth.
 
         What is next to nothing beside all forces, or beside Σ m|v| in a step, matters nowhere.
