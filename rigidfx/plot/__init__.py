@@ -6,8 +6,9 @@
     python3 -m rigidfx.plot out/bar
 
 `pictures` makes the standard ones from the files of a `Recorder`; `Shapes` collects the deformed
-body while a run goes on; `show` shows that of a report in a notebook or a window; `joints` draws
-angles, travels and forces of joints; `Curve`, `curves` and `histories` draw numbers of any runs.
+body while a run goes on; `show` shows that of a report in a notebook or a window; `web` writes a
+run's motion as one HTML file; `joints` draws angles, travels and forces of joints; `Curve`,
+`curves` and `histories` draw numbers of any runs.
 """
 
 from rigidfx.plot.curves import Curve, curves, figure_of, histories, on_first_rank, save
@@ -15,6 +16,7 @@ from rigidfx.plot.joints import joints
 from rigidfx.plot.pictures import pictures
 from rigidfx.plot.shapes import Shapes
 from rigidfx.plot.show import show
+from rigidfx.plot.web import web
 
 __all__ = [
     "Curve",
@@ -27,4 +29,5 @@ __all__ = [
     "pictures",
     "save",
     "show",
+    "web",
 ]

@@ -9,7 +9,9 @@ from pathlib import Path
 from mpi4py import MPI
 
 from rigidfx.base.errors import RigidfxError
-from rigidfx.plot.pictures import pictures
+from rigidfx.plot.pictures import FRAMES, pictures
+from rigidfx.plot.renders import VIEW
+from rigidfx.plot.web import web
 
 __all__ = ["main"]
 
@@ -28,17 +30,21 @@ def main() -> None:
         prog="python3 -m rigidfx.plot", description="Standard pictures of a run, in its folder."
     )
     parser.add_argument("folder", type=Path, help="what a Recorder has written")
-    for name, default in (("view", (1.0, -0.6, 0.5)), ("up", (0.0, 0.0, 1.0))):
+    for name, default in (("view", VIEW), ("up", (0.0, 0.0, 1.0))):
         text = f"{name} of the camera ({' '.join(f'{x:g}' for x in default)})"
         parser.add_argument(f"--{name}", type=float, nargs=3, default=default, help=text)
-    parser.add_argument("--frames", type=int, default=100, help="of the film at most (100)")
+    text = f"of the film, or of motion.html, at most ({FRAMES})"
+    parser.add_argument("--frames", type=int, default=FRAMES, help=text)
     text = "factor of displacements, or auto: the largest is a tenth of the body (1)"
     parser.add_argument("--scale", type=_scale, default=1.0, help=text)
+    text = "write motion.html instead: the motion in 3D, for a browser"
+    parser.add_argument("--web", action="store_true", help=text)
     options = parser.parse_args()
-    how = {name: value for name, value in vars(options).items() if name != "folder"}
+    how = {k: value for k, value in vars(options).items() if k not in ("folder", "web")}
     first = MPI.COMM_WORLD.rank == 0
     try:
-        made = pictures(options.folder, **how)
+        folder = options.folder
+        made = [web(folder, **how)] if options.web else pictures(folder, **how)
     except RigidfxError as error:  # on all ranks
         parser.exit(1, f"{parser.prog}: {error}\n" if first else None)
     if first:

@@ -40,23 +40,36 @@ from rigidfx.plot.film import film
 from rigidfx.plot.ledger import spent
 from rigidfx.plot.panels import of_joints, of_probes
 from rigidfx.plot.renders import (
+    VIEW,
     Photograph,
     check_camera,
     sheet,
     surface_of,
 )
 
-__all__ = ["Curve", "curves", "figure_of", "histories", "on_first_rank", "pictures", "save"]
+__all__ = [
+    "FRAMES",
+    "Curve",
+    "chosen_times",
+    "curves",
+    "figure_of",
+    "histories",
+    "on_first_rank",
+    "pictures",
+    "save",
+]
 
 Array = npt.NDArray[np.float64]
+
+FRAMES = 100  # times that a film shows at most, unless told otherwise
 
 
 def pictures(
     folder: str | Path,
     *,
     shapes: int = 8,
-    frames: int = 100,
-    view: Sequence[float] = (1.0, -0.6, 0.5),
+    frames: int = FRAMES,
+    view: Sequence[float] = VIEW,
     up: Sequence[float] = (0.0, 0.0, 1.0),
     scale: Scale = 1.0,
     free_since: float | None = None,
@@ -168,6 +181,12 @@ def _of_shapes(folder: Path, shapes: int, frames: int, look: _Look) -> list[Path
     return made
 
 
+def chosen_times(times: Array, most: int) -> Array:
+    """So many of these times at most, spread evenly [s]."""
+    chosen = np.linspace(0, len(times) - 1, min(most, len(times))).round().astype(int)
+    return np.asarray(times[np.unique(chosen)])
+
+
 def _check(shapes: int, frames: int, view: Sequence[float], up: Sequence[float]) -> None:
     for name, count, least in (("shapes", shapes, 1), ("frames", frames, 0)):
         value = number("pictures", name, count)
@@ -197,9 +216,7 @@ class _Run:
 
     def _chosen(self, most: int) -> Array:
         """So many times at most, spread evenly [s]."""
-        times = self._fields.times
-        chosen = np.linspace(0, len(times) - 1, min(most, len(times))).round().astype(int)
-        return np.asarray(times[np.unique(chosen)])
+        return chosen_times(self._fields.times, most)
 
     def displacements(self, most: int) -> Iterator[Array]:
         """Displacements of points at so many times at most [m]."""

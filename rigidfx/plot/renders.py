@@ -25,14 +25,19 @@ from rigidfx.plot.curves import DPI, figure_of, save
 from rigidfx.plot.units import prefixed
 
 __all__ = [
+    "DARK",
     "FIELDS",
+    "LIGHT",
+    "LOGARITHMIC",
     "OF_CELLS",
+    "VIEW",
     "Photograph",
     "check_camera",
     "images",
     "key",
     "plain",
     "pyvista",
+    "range_of",
     "sheet",
     "surface_of",
     "tell_scale",
@@ -40,6 +45,7 @@ __all__ = [
 
 Array = npt.NDArray[np.float64]
 
+VIEW = (1.0, -0.6, 0.5)  # direction from the body to the camera, unless told otherwise
 SIDE = 2.9  # inches of a photograph in a sheet
 LIGHT, DARK = "#e8e4da", "#33475b"  # flexible and rigid parts, as in the paper's Fig. 6
 
@@ -201,12 +207,22 @@ def tell_scale(figure: Any, scale: float, photographs: Sequence[Photograph]) -> 
 
 def _range(photographs: Sequence[Photograph], field: str) -> tuple[float, float]:
     """The ends of the scale of colours."""
+    return range_of(field, [p.surface["colour"] for p in photographs])
+
+
+def range_of(field: str, colours: Iterable[Array]) -> tuple[float, float]:
+    """The ends of the scale of a field.
+
+    Args:
+        field: One of `FIELDS`.
+        colours: Its values at each time.
+    """
     if field == "rigid":
         return 0.0, 1.0
-    top = max(*(float(p.surface["colour"].max()) for p in photographs), 1e-300)
+    top = max(*(float(c.max()) for c in colours), 1e-300)
     if field not in LOGARITHMIC:
         return 0.0, top
-    least = (float(c[c > 0].min(initial=top)) for p in photographs for c in [p.surface["colour"]])
+    least = (float(c[c > 0].min(initial=top)) for c in colours)
     return max(min(*least, top / 100), top * 10.0**-DECADES), top
 
 

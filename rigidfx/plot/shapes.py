@@ -21,7 +21,7 @@ from rigidfx.flexible.stress import tensors, von_mises
 from rigidfx.output.paraview import Body
 from rigidfx.plot.curves import on_first_rank
 from rigidfx.plot.enlarged import Scale, check_scale, factor_of
-from rigidfx.plot.renders import Photograph, check_camera, pyvista, sheet, surface_of
+from rigidfx.plot.renders import VIEW, Photograph, check_camera, pyvista, sheet, surface_of
 from rigidfx.report.current import check_report, check_scene
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
@@ -166,7 +166,7 @@ class Shapes:
         path: str | Path,
         *,
         columns: int = 4,
-        view: tuple[float, float, float] = (1.0, -0.6, 0.5),
+        view: tuple[float, float, float] = VIEW,
         up: tuple[float, float, float] = (0.0, 0.0, 1.0),
         title: str = "",
         scale: Scale = 1.0,
