@@ -40,6 +40,7 @@ from rigidfx.report.alternating_forces import AlternatingForces
 from rigidfx.report.brief_contacts import BriefContacts
 from rigidfx.report.brief_stops import BriefStops
 from rigidfx.report.energy_balance import EnergyBalance
+from rigidfx.report.fast_loads import FastLoads
 from rigidfx.report.jolts import Jolts
 from rigidfx.report.lumping import LumpedInertia
 from rigidfx.report.of_step import amended, held_at_start, report_of
@@ -279,12 +280,13 @@ def _timeline(scene: Scene, dt: Any, t_end: float) -> Timeline:
 def _looks(run: Run) -> tuple[Any, ...]:
     """The readers of reports: that of the balance of energy first, the account last. Collective."""
     scene = run.stepper.scene
-    brief = BriefContacts(scene, run.stepper.control is None)
+    given, t_end = run.stepper.control is None, run.timeline.t_end
+    brief = BriefContacts(scene, given)
     of_motion = EnergyBalance(scene), Stillness(scene), LumpedInertia(scene), Jolts(scene), brief
     others = BriefStops(scene), TurnedSprings(scene), Overdamped(scene)
-    t_end = run.timeline.t_end
     of_forces = AlternatingForces(scene, run.stepper.alternation, t_end)
-    return *of_motion, *others, of_forces, Account(scene.comm, t_end)
+    of_loads = FastLoads(scene, run.stepper.jumps, given)
+    return *of_motion, *others, of_forces, of_loads, Account(scene.comm, t_end)
 
 
 def _over(stepper: Stepper, looks: tuple[Any, ...]) -> None:

@@ -120,6 +120,7 @@ WARNINGS = {
     "effects/loads/body_force.py": ["a force per volume"],
     "error/validity.py": ["forces change faster than e", "e is not small"],
     "report/alternating_forces.py": ["a force goes back"],
+    "report/fast_loads.py": ["a load or path changes faster"],
     "report/brief_contacts.py": [
         "a blow on a contact, a `Stop` or a cable",
         "the peak of a contact's force",

@@ -238,3 +238,50 @@ def test_large_turns_in_a_step_of_statics_speak_no_numpy(turn):
     scene = beam(hinge, motor, rf.Gravity())
     *_, last = rf.static(scene, 1, verbose=False)
     assert last.joints["hinge"].angle == pytest.approx(np.radians(turn), abs=1e-6)
+
+
+def sine(steps):
+    """A force of so many steps a period, of steps of 0.1 ms."""
+    return lambda t: (0.0, 0.0, 1e3 * np.sin(2 * np.pi * t / (steps * 1e-4)))
+
+
+SHAKEN = rf.PrescribedMotion("x0", displacement=lambda t: (0, 0, 1e-4 * (1 - np.cos(5e4 * t))))
+WAVE = rf.Traction("z1", lambda x, t: np.outer((0, 0, 1.0), np.sin(3 * x[0] - 1e5 * t)))
+PULSE = rf.Table((0.0, 1e-5, 2e-5), (0.0, 1.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("load", "dt"),
+    [
+        (load(value=sine(4)), 3.9e-5),
+        (load(value=sine(1.3)), 1.3e-5),
+        (load(value=sine(0.25)), 2.5e-6),  # it is zero at middles, and in means
+        (
+            load(value=lambda t: 1e3 * np.exp(-(((t - 3e-4) / 3e-5) ** 2)) * np.ones(3)),
+            1.88e-5,
+        ),  # 2π 30 µs
+        (rf.Pressure("z1", lambda t: 1e5 * np.cos(2e5 * t)), 3.1e-6),
+        (WAVE, 6.2e-6),
+        (SHAKEN, 1.2e-5),
+        (load(value=sine(6)), None),
+        (load(value=lambda t: (0, 0, 1e3 * (t > 2.7e-4))), None),  # one jump in 40 steps
+        (load(time=PULSE), None),
+    ],
+)
+def test_loads_that_steps_do_not_resolve_are_told(load, dt):
+    """With a tenth of their period, at which nothing is told."""
+    held = [CLAMP] if load is not SHAKEN else []
+    found = [text for text in told(beam(*held, load), t_end=4e-3) if "changes faster" in text]
+    assert len(found) == (dt is not None), found
+    if dt is not None:
+        assert found[0].startswith(load.owner)
+        wanted = float(found[0].split("Δt ≤ ")[1].split()[0])
+        assert wanted == pytest.approx(dt, rel=0.1)
+        found = told(beam(*held, load), dt=wanted, t_end=40 * wanted)
+        assert not [text for text in found if "changes faster" in text]
+
+
+def test_a_step_control_is_not_told_of_fast_loads():
+    control = rf.StepControl(0.1, largest=1e-4)
+    found = told(beam(CLAMP, load(value=sine(4))), control, t_end=1e-3)
+    assert not [text for text in found if "changes faster" in text]

@@ -124,6 +124,24 @@ def test_a_contact_that_the_step_does_not_resolve(pair):
         assert peaks_of_force(effects, 0.02, 0.1, domain)[1] < 0.5 * fine
 
 
+@pytest.mark.parametrize(("dt", "steps"), [(5e-3, 1), (8e-4, 2), (1e-4, 13), (1e-4, 11)])
+def test_a_blow_in_the_last_step_is_told(dt, steps):
+    """Its length is not known yet: steps have to resolve the time of the contact itself."""
+    contact = rf.Contact("x0", against=rf.Plane((-1e-3, 0, 0), (1, 0, 0)))
+    found = said([contact, rf.InitialVelocity(linear=(-1.0, 0, 0))], dt, steps * dt)
+    assert len(found) == (dt > 5e-4), found
+    assert all(
+        "and pressed until the run ended, within one step: Δt does not resolve" in text
+        for text in found
+    )
+
+
+def test_a_load_that_grows_on_a_contact_is_no_blow():
+    floor = rf.Contact("x0", against=rf.Plane((0, 0, 0), (1, 0, 0)))
+    push = rf.NodalForce("x1", (-100.0, 0, 0), time=rf.Table((0, 1), (0, 1)))
+    assert not said([floor, rf.KelvinVoigt(1e4), push], 0.1, 0.5)
+
+
 @pytest.mark.parametrize(
     ("dt", "t_end", "stays", "words"),
     [

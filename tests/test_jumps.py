@@ -15,12 +15,14 @@ from rigidfx.step.newton.solution import Solution
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.step.watches.jumps import Jumps, jump_of
 
-# Paths that begin at full speed, and obstacles that strike: their jumps are the subject.
+# Paths that begin at full speed or hurry, and obstacles that strike: their jumps are the subject.
 OTHERS = (
     ".* acts with a jolt",
     "Contact .* closed at .* and opened again",
     ".* goes back and forth",
     ".* nothing acts",
+    ".* velocity changes faster than",
+    "Contact .* pressed until the run ended",
 )
 pytestmark = [pytest.mark.filterwarnings(f"ignore:{text}") for text in OTHERS]
 

@@ -6,7 +6,8 @@ that of stresses, is not resolved. How long a contact presses is measured as tha
 which has its impulse I and the peak F of `Touch.resolved`, of the length π I/(2 F): a series of
 blows that follow one another counts as one of them. A contact that stays closed, as under a weight,
 has the impulse of the steps in which the force is above half of its peak so far. The Δt that is
-named resolves that duration and the contact's own time (`own_time`).
+named resolves that duration and the contact's own time (`own_time`). A run that ends in a blow,
+while its force still grows, knows the latter alone.
 
 In short steps nodes of the surface ring on the penalty, and the peak of the force is theirs. Then
 the run names that of `Touch.resolved`.
@@ -107,20 +108,39 @@ class BriefContacts(Look):
                 self._judge(title, past, "opened again")
 
     def end(self) -> None:
-        """Judge contacts that are still closed, and past the peaks of their forces. Collective."""
-        for title, closed in self._closed.items():
-            if closed.now < closed.resolved:
-                self._judge(title, closed, "past its peak")
+        """Judge contacts that are still closed; of those that press ever more, blows. Collective.
 
-    def _judge(self, title: str, past: _Closed, how: str) -> None:
-        """Warn of a blow that steps do not resolve, or of a peak of nodes that ring. Collective."""
+        A blow changes a momentum, at most to its opposite; what holds a load has more impulse.
+        """
+        for title, closed in self._closed.items():
+            ended = closed.now < closed.resolved
+            brief = 2 * closed.steps <= RESOLVED and closed.impulse <= 2 * self._most
+            if ended or brief:
+                self._judge(
+                    title,
+                    closed,
+                    "past its peak" if ended else "pressed until the run ended,",
+                    ended,
+                )
+
+    def _judge(self, title: str, past: _Closed, how: str, ended: bool = True) -> None:
+        """Warn of a blow that steps do not resolve, or of a peak of nodes that ring. Collective.
+
+        Args:
+            title: Of the contact.
+            past: Its steps.
+            how: The end of the blow, or of what is known of it.
+            ended: Whether the force has had its peak.
+        """
         if past.impulse <= WORTH_A_WARNING * self._most:
             return
         contact = next(c for c in self._scene.named(Contact) if c.title == title)
         told = f"Contact '{title}' closed at t = {past.since:.6g} s and {how}"
         over = f"{resolved_time(self._scene, contact):.2g} s"
-        dt = rounded_down(min(past.duration, own_time(self._scene, contact)) / RESOLVED)
-        if self._waits and past.duration <= 0.5 * RESOLVED * past.longest and past.longest > dt:
+        own = own_time(self._scene, contact)
+        lasts = past.duration if ended else own
+        dt = rounded_down(min(lasts, own) / RESOLVED)
+        if self._waits and lasts <= 0.5 * RESOLVED * past.longest and past.longest > dt:
             self._waits = self._listens = False
             steps = "one step" if past.steps == 1 else f"{past.steps} steps"
             warn(
@@ -134,7 +154,7 @@ class BriefContacts(Look):
                 "cells may change it more. StepControl and Accuracy shorten steps at impacts; the "
                 "error afterwards is not estimated.",
             )
-        elif self._listens and past.peak > RINGS * past.resolved:
+        elif ended and self._listens and past.peak > RINGS * past.resolved:
             self._listens = False
             warn(
                 self._scene.comm,

@@ -22,9 +22,9 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.system.system import System
 
-__all__ = ["Deformation"]
+__all__ = ["THIN", "Deformation"]
 
-THIN = 1e-9  # of the largest moment of inertia: about that axis a line turns with no energy
+THIN = 1e-9  # of the largest moment of inertia or singular value: below it nodes lie on a line
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

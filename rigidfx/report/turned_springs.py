@@ -15,6 +15,7 @@ import numpy.typing as npt
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.effects import Spring
+from rigidfx.report.deformation import THIN
 from rigidfx.report.look import Look
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
@@ -26,7 +27,6 @@ Array = npt.NDArray[np.float64]
 TURNED = 0.3  # rad; springs that give back all of a spin may stop it before it is a radian
 WORTH_A_WARNING = 1e-3  # of the largest energy: what springs have stored by the rotation
 EVERY = 4  # steps from look to look
-THIN = 1e-9  # of the largest singular value: below it the nodes lie on a line
 
 
 class TurnedSprings(Look):

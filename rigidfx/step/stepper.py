@@ -85,12 +85,12 @@ class Stepper:
         self.control = control
         inexact = None if control is None else control.objection
         self._judge = Judge(scene, self._inversion, inexact)
-        self._jumps = Jumps(scene)
+        self.jumps = Jumps(scene)
         measuring = () if indicator is None else (Measuring(indicator),)
         obstacles = JumpingObstacles(scene, self.touches, self.failures)
         self.alternation = Alternation(scene, forces)
         turning = RotationPerStep(scene, forces)
-        others = Unresolved(scene), turning, self.alternation, self._jumps, obstacles
+        others = Unresolved(scene), turning, self.alternation, self.jumps, obstacles
         squeezed = (Compression(scene, forces),) if scene.element.buckles else ()
         controls = () if control is None else (control,)
         self.watches: list[Watch] = [*measuring, *others, *squeezed, *controls]
@@ -114,7 +114,7 @@ class Stepper:
             self.scene,
             supports_of(acting),
             division.driven_nodes,
-            self._jumps,
+            self.jumps,
             division.nodes_of_held,
         )
         self._division = division

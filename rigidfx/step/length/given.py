@@ -37,7 +37,9 @@ class Given:
     """A load, and the range of its values so far.
 
     Attributes:
+        owner: Its name.
         led: Whether it is the velocity of a support's path.
+        weights: Of its points.
     """
 
     remembered: ClassVar[Remembered] = same("_range", "_changed", "_asked")
@@ -50,7 +52,8 @@ class Given:
             scene: The scene that names it.
         """
         self._load: Any = load
-        self._X, self._weights = np.zeros((0, 3)), np.ones(1)
+        self.owner = load.owner
+        self._X, self.weights = np.zeros((0, 3)), np.ones(1)
         self.led = load.is_support
         self._range: tuple[Array, Array] | None = None
         self._asked, self._changed = False, np.zeros(1)
@@ -60,7 +63,7 @@ class Given:
             X = scene.space.tabulate_dof_coordinates()[nodes]
             some = spread(scene.comm, X, NODES)
             self._X = np.concatenate(scene.comm.allgather(X[some]))
-            self._weights = np.concatenate(scene.comm.allgather(np.abs(weights[nodes[some]])))
+            self.weights = np.concatenate(scene.comm.allgather(np.abs(weights[nodes[some]])))
 
     def off(self, t: float, end: float, tol: float) -> float:
         """By how much its mean over a step is wrong, over what it may be; zero if it has none.
@@ -76,11 +79,11 @@ class Given:
         length = end - t
         dt = AHEAD * length if self.led else length
         times = [t + length * (INSIDE + k * (1 - 2 * INSIDE) / 4) for k in range(5)]
-        values = [self._at(time, dt) for time in times]
+        values = [self.at(time, dt) for time in times]
         if not self._asked and self._load.acts(times[0]):
             self._asked = True
             self.ask_again(times[0], dt)
-        if {value.shape for value in values} != {(self._weights.size, values[0].shape[-1])}:
+        if {value.shape for value in values} != {(self.weights.size, values[0].shape[-1])}:
             return 0.0
         every = np.array(values)
         least, most = every.min(axis=0), every.max(axis=0)
@@ -90,7 +93,7 @@ class Given:
         if not np.isfinite([least, most]).all():
             return 0.0
         by = most - least
-        self._changed = self._weights @ (by * (by > ROUNDING * np.maximum(-least, most)))
+        self._changed = self.weights @ (by * (by > ROUNDING * np.maximum(-least, most)))
         start, second, middle, fourth, last = every  # for Simpson's means of five and of three
         mean = (start + 4 * second + 2 * middle + 4 * fourth + last) / 12
         coarse = (start + 4 * middle + last) / 6
@@ -101,7 +104,7 @@ class Given:
         """Whether it jumps between two times [s] that are close to each other."""
         dt = after - before
         self.ask_again(after, dt)
-        return bool(self._parts(self._at(after, dt) - self._at(before, dt)) > SMOOTH)
+        return bool(self._parts(self.at(after, dt) - self.at(before, dt)) > SMOOTH)
 
     def _parts(self, off: Array) -> Array:
         """Ratio of differences to the change of the load: the most of any component.
@@ -109,7 +112,7 @@ class Given:
         Args:
             off: Shape (..., nodes, components).
         """
-        sums = self._weights @ np.abs(off)
+        sums = self.weights @ np.abs(off)
         part = np.divide(sums, self._changed, out=np.zeros_like(sums), where=self._changed > 0)
         return np.asarray(part.max(axis=-1, initial=0.0))
 
@@ -123,7 +126,7 @@ class Given:
         Raises:
             SceneError: On this rank, if not.
         """
-        before, again = self._at(t, dt), self._at(t, dt)
+        before, again = self.at(t, dt), self.at(t, dt)
         if again.shape != before.shape or np.array_equal(again, before, equal_nan=True):
             return
         k = np.unravel_index(np.argmax(again != before), again.shape)
@@ -134,8 +137,16 @@ class Given:
             "does."
         )
 
-    def _at(self, t: float, dt: float) -> Array:
-        """Its value, shape (nodes, components); NaN where the result has another shape."""
+    def at(self, t: float, dt: float) -> Array:
+        """Its value, shape (points, components), also where that is none that can be used.
+
+        Args:
+            t: Time [s].
+            dt: Length of a step [s].
+
+        Raises:
+            SceneError: On this rank, if its function fails.
+        """
         array = np.array(
             by_name(self._load.owner, t, partial(self._value, t, dt)), dtype=np.float64
         )
