@@ -51,6 +51,7 @@ class FastLoads(Look):
         self._comm, self._jumps = scene.comm, jumps
         self._loads = given_loads(scene) if given else []
         self._waits, self._t = bool(self._loads), 0.0
+        self._begin = min((x.start for x in self._loads), default=0.0)  # of the first to act [s]
         self._missed, self._whole = np.zeros((2, len(self._loads)))
         self._worst = np.zeros((len(self._loads), 3))  # step: missed, its start [s] and length [s]
         rests = NOTHING * scene.mean_cell_size  # a way that is next to none, or rounding
@@ -58,7 +59,7 @@ class FastLoads(Look):
 
     def follow(self, report: Report) -> None:
         """See `Look`."""
-        if not (self._waits and report.step):
+        if not self._waits or report.t <= self._begin:
             return
         self._t, before = report.t, report.t - report.dt
         try:

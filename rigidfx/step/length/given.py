@@ -38,6 +38,7 @@ class Given:
 
     Attributes:
         owner: Its name.
+        start: When it begins to act [s].
         led: Whether it is the velocity of a support's path.
         weights: Of its points.
     """
@@ -52,7 +53,7 @@ class Given:
             scene: The scene that names it.
         """
         self._load: Any = load
-        self.owner = load.owner
+        self.owner, self.start = load.owner, load.start
         self._X, self.weights = np.zeros((0, 3)), np.ones(1)
         self.led = load.is_support
         self._range: tuple[Array, Array] | None = None
