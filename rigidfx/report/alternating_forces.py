@@ -110,7 +110,7 @@ class AlternatingForces(Look):
         out = [np.array([effort, 0.0, 0.0]) for effort in efforts]
         for kind, held in zip(("force", "moment"), reactions, strict=True):
             out += [getattr(joints[name], kind) for name in self._joints]
-            out += [held.get(name, nothing) for name in self._supports]
+            out += [held[name] if name in held else nothing for name in self._supports]
         return np.array(out)
 
     def _judge(self) -> None:
