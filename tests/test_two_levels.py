@@ -13,7 +13,7 @@ from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.step.newton import aggregates, chord
-from rigidfx.step.newton.motions import rigid_motions
+from rigidfx.step.newton.motions import motions_of_unknowns
 from rigidfx.step.newton.two_levels import CoarseGrid
 
 TWO_LEVELS = "kept fgmres+ilu+coarse"
@@ -85,7 +85,7 @@ def _prolongation(held=()):
 def test_rigid_motions_are_orthonormal_and_span_what_strains_nothing():
     layout, prolongation = _prolongation()
     X = layout.rows.X
-    found = rigid_motions(prolongation, X)
+    found = motions_of_unknowns(prolongation, X)
     assert found.T @ found == pytest.approx(np.eye(6), abs=1e-14)
     turning = np.cross([0.3, -0.2, 0.5], X).reshape(-1)
     assert found @ (found.T @ turning) == pytest.approx(turning, abs=1e-14)
@@ -93,7 +93,7 @@ def test_rigid_motions_are_orthonormal_and_span_what_strains_nothing():
 
 def test_motions_that_supports_leave_none_of_are_left_out():
     layout, prolongation = _prolongation(held=[*range(0, 36, 3), *range(1, 36, 3)])
-    found = rigid_motions(prolongation, layout.rows.X)
+    found = motions_of_unknowns(prolongation, layout.rows.X)
     # Of motions along z are left: the displacement, and rotations about x and y.
     assert found.shape == (12, 3)
     assert found.T @ found == pytest.approx(np.eye(3), abs=1e-14)

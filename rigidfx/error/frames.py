@@ -13,6 +13,7 @@ from mpi4py import MPI
 from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.remembered import ON_NODES, Kind
 from rigidfx.mechanics.local_rotations import LocalRotations
+from rigidfx.mechanics.rotation import nearest_rotations
 from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
@@ -67,9 +68,7 @@ class Frames:
             return np.zeros((0, 3, 3))
         sums = np.asarray(self._scene.sum(local))
         common = sums[:, 4:7, None] * sums[:, None, 1:4] / np.maximum(sums[:, :1, None], 1.0)
-        W, _, Vt = np.linalg.svd(sums[:, 7:].reshape(-1, 3, 3) - common)
-        W[:, :, 2] *= np.linalg.det(W @ Vt)[:, None]
-        return np.asarray(W @ Vt)
+        return nearest_rotations(sums[:, 7:].reshape(-1, 3, 3) - common)
 
     def of_parts(self, x: Array) -> Array:
         """Rotation of each connected part, shape (parts, 3, 3). Collective.

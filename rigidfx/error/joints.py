@@ -35,11 +35,11 @@ from rigidfx.effects.joints.between import Between
 from rigidfx.effects.joints.terms import Terms
 from rigidfx.effects.joints.vectors import Vectors
 from rigidfx.error.contacts import Search
-from rigidfx.error.forces.rigid_motions import RIGID
 from rigidfx.error.frames import Frames
 from rigidfx.error.increments import increments_of
 from rigidfx.error.loose import Loose
 from rigidfx.error.response import AllUnknowns
+from rigidfx.mechanics.rigid_motions import RIGID
 from rigidfx.scene.scene import Scene
 from rigidfx.step.newton.parted import parted
 from rigidfx.step.stepper import Stepper

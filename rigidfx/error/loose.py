@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from rigidfx.error.forces.rigid_motions import independent, rigid_motions
 from rigidfx.error.frames import Frames
 from rigidfx.error.ground import Ground
+from rigidfx.mechanics.rigid_motions import independent, rigid_motions
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Loose", "held_in_part", "loose_parts"]

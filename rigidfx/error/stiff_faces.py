@@ -17,7 +17,7 @@ from petsc4py import PETSc
 
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import rigid_faces
-from rigidfx.error.forces.rigid_motions import independent, rigid_motions
+from rigidfx.mechanics.rigid_motions import independent, rigid_motions
 from rigidfx.scene.scene import Scene
 
 __all__ = ["stiff_faces"]

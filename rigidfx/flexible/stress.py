@@ -37,6 +37,7 @@ from rigidfx.base.form_cache import compile_expression
 from rigidfx.flexible.enhancements import Enhancements
 from rigidfx.flexible.kernels import jit_options
 from rigidfx.flexible.material_classes import material_classes
+from rigidfx.mechanics.rotation import nearest_rotations
 from rigidfx.mechanics.schemes import second_piola_kirchhoff
 from rigidfx.scene.scene import Scene
 
@@ -244,9 +245,7 @@ class CauchyStress:
 def _rotations(a: Array, b: Array) -> Array:
     """Best rotation of each cell from places a of its nodes to places b, shape (cells, 3, 3)."""
     a, b = (x - x.mean(axis=1, keepdims=True) for x in (a, b))
-    W, _, Vt = np.linalg.svd(np.einsum("cni,cnj->cij", b, a))
-    W[:, :, 2] *= np.linalg.det(W @ Vt)[:, None]
-    return np.asarray(W @ Vt)
+    return nearest_rotations(np.einsum("cni,cnj->cij", b, a))
 
 
 def chunks(cells: int) -> Iterator[Cells]:

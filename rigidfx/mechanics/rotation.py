@@ -10,7 +10,16 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["AXES", "axial", "cayley", "cayley_tangent", "cross", "orthonormalized", "skew"]
+__all__ = [
+    "AXES",
+    "axial",
+    "cayley",
+    "cayley_tangent",
+    "cross",
+    "nearest_rotations",
+    "orthonormalized",
+    "skew",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -96,3 +105,14 @@ def orthonormalized(R: Array) -> Array:
         R: Nearly rotations, shape (..., 3, 3).
     """
     return R @ (1.5 * IDENTITY - 0.5 * R.swapaxes(-1, -2) @ R)
+
+
+def nearest_rotations(M: Array) -> Array:
+    """Rotations R that maximize tr(Rᵀ M), by singular vectors (W. Kabsch, Acta Cryst. A 32, 1976).
+
+    Args:
+        M: Shape (..., 3, 3); Σ b aᵀ gives the best rotation from arms a to arms b.
+    """
+    W, _, Vt = np.linalg.svd(M)
+    W[..., :, 2] *= np.linalg.det(W @ Vt)[..., None]
+    return np.asarray(W @ Vt)

@@ -9,10 +9,10 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from rigidfx.error.forces.parts import Parts
-from rigidfx.error.forces.rigid_motions import free_motions
 from rigidfx.error.linear_motion import assembled
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.rigid_body import RigidBody
+from rigidfx.mechanics.rigid_motions import free_motions
 from rigidfx.step.linear.definite import solver_of
 from rigidfx.step.stepper import Stepper
 

@@ -13,9 +13,10 @@ import numpy.typing as npt
 
 from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.effects import Rigid
-from rigidfx.error.forces.rigid_motions import spanning
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, BodyMotion, RigidBody
+from rigidfx.mechanics.rigid_motions import spanning
+from rigidfx.mechanics.rotation import nearest_rotations
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import PrescribedDofs
 from rigidfx.step.system.system import System
@@ -102,8 +103,7 @@ class HeldParts(Watch):
         V, x = data.offsets[self._marks[data.number]], x - data.origin
         local = np.concatenate([[[len(V), 0, 0]], [x.sum(axis=0)], [V.sum(axis=0)], x.T @ V])
         (count, *_), sx, sV, *xV = np.asarray(self._stepper.scene.sum(local))
-        W, _, Vt = np.linalg.svd(xV - np.outer(sx, sV) / count)
-        R = W @ np.diag([1.0, 1.0, np.linalg.det(W @ Vt)]) @ Vt
+        R = nearest_rotations(xV - np.outer(sx, sV) / count)
         return data.origin + (sx - R @ sV) / count, R
 
     def held(self) -> Bools:

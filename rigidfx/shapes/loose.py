@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from rigidfx.shapes.orthonormal import columns
 from rigidfx.shapes.stiffness import Stiffness
-from rigidfx.step.system.rigid_motion import FREE, rigid_motions
+from rigidfx.step.system.rigid_motion import FREE, motions_of_parts
 
 __all__ = ["Motions"]
 
@@ -40,7 +40,7 @@ class Motions:
         self.part = part = of_node[:n]
         self._sizes = np.linalg.norm(parts.upper - parts.lower, axis=1)
         every = np.zeros((n, 3, parts.count, 6))
-        every[np.arange(n), :, part] = rigid_motions(stiffness.places, part, parts)
+        every[np.arange(n), :, part] = motions_of_parts(stiffness.places, part, parts)
         self.all: Array = every.reshape(n, 3, 6 * parts.count)
         diagonal = stiffness.matrix().getDiagonal()
         rounding = ROUNDING * float(diagonal.norm()) * float(self._sizes.max())

@@ -16,10 +16,10 @@ from mpi4py import MPI
 from rigidfx.base.errors import SceneError
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.rows import Rows
-from rigidfx.error.forces.rigid_motions import free_motions, rigid_motions
 from rigidfx.error.linear_motion import assembled
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.surface import SMALL_WAY
+from rigidfx.mechanics.rigid_motions import free_motions, rigid_motions
 from rigidfx.shapes.machines import refuse_joints
 from rigidfx.shapes.orthonormal import Basis, columns, normalised
 from rigidfx.shapes.responses import Responses

@@ -16,8 +16,8 @@ from rigidfx.base.errors import together
 from rigidfx.effects import Effect, Resultant
 from rigidfx.effects.joints.remote import RemoteForces, RemoteMotion
 from rigidfx.effects.motion import Forces, Motion
-from rigidfx.error.forces.rigid_motions import rigid_motions
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.shapes.motion import of_state, of_supports
 from rigidfx.shapes.orthonormal import columns
 from rigidfx.shapes.responses import Responses

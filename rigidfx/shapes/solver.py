@@ -7,7 +7,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from rigidfx.base.errors import SceneError
-from rigidfx.error.forces.rigid_motions import independent
+from rigidfx.mechanics.rigid_motions import independent
 from rigidfx.shapes.iterative import conjugate_gradients
 from rigidfx.shapes.stiffness import Stiffness, times
 from rigidfx.step.linear.definite import solver_of

@@ -16,11 +16,11 @@ from rigidfx.coupling.dof_layout import dof_layout, nodes_of
 from rigidfx.coupling.mass import Mass, mass_operator
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Windowed
-from rigidfx.error.forces.rigid_motions import rigid_motions
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import add_vector
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.orthonormal import columns
 from rigidfx.state import State

@@ -9,10 +9,10 @@ import numpy.typing as npt
 
 from rigidfx.coupling.mass import Mass, mass_operator
 from rigidfx.coupling.rows import Rows
-from rigidfx.error.forces.rigid_motions import independent, rigid_motions
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import RigidBody
+from rigidfx.mechanics.rigid_motions import independent, rigid_motions
 from rigidfx.mechanics.rotation import axial, skew
 from rigidfx.scene.scene import Scene
 

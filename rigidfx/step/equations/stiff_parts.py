@@ -16,6 +16,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.scene.scene import Scene
 
 __all__ = ["StiffParts"]
@@ -82,10 +83,5 @@ class StiffParts:
 
     def _motions(self, x: Array) -> Array:
         """Translations, and rotations by 1/size, of unknowns at x, shape (unknowns, 6)."""
-        arms = (x - self._middle[self._part]) / self._size[self._part, None]
-        out = np.zeros((len(self._at), 6))
-        own = np.arange(len(self._at))
-        out[own, self._axis] = 1.0
-        turned = np.cross(np.eye(3)[None], arms[:, None])  # of each axis of rotation
-        out[:, 3:] = turned[own, :, self._axis]
-        return out
+        motions = rigid_motions(x - self._middle[self._part], self._size[self._part, None])
+        return motions[np.arange(len(self._at)), self._axis]

@@ -14,6 +14,7 @@ from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
 from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.step.newton.motions import EMPTY
 
 __all__ = ["Aggregates"]
@@ -84,10 +85,7 @@ class Aggregates:
         middle = self._summed(x) / count[:, None]
         arms = x - middle[leaf]
         length = np.sqrt(self._summed((arms**2).sum(axis=1)) / count)
-        arms /= np.where(length > 0, length, 1.0)[leaf, None]
-        B = np.zeros((len(x), 3, 6))
-        B[:, :, :3] = np.eye(3)
-        B[:, :, 3:] = np.cross(np.eye(3), arms[:, None]).swapaxes(1, 2)
+        B = rigid_motions(arms, np.where(length > 0, length, 1.0)[leaf, None])
         B *= self._free[:, :, None]
         squares, vectors = np.linalg.eigh(self._summed(B.swapaxes(1, 2) @ B))
         kept = squares > EMPTY * squares[:, -1:]

@@ -32,6 +32,7 @@ from scipy.sparse import csr_array
 
 from rigidfx.base.errors import StepError
 from rigidfx.base.matrices import Matrix, compact, dense
+from rigidfx.mechanics.rotation import nearest_rotations
 from rigidfx.step.equations.joined import JoinedEquilibrium
 from rigidfx.step.newton.parted import Shared, parted
 from rigidfx.step.newton.small_system import Factors, small_system
@@ -122,10 +123,9 @@ class Border:
             self._weights = csr_array(self._E[starts][:, ::3].power(2).T)
         sums = self._sum(np.asarray(self._weights @ Q.reshape(-1, 9))).reshape(-1, 3, 3)
         sums[np.abs(sums).max(axis=(1, 2)) == 0.0] = np.eye(3)  # nodes that are held in part
-        W, _, Vt = np.linalg.svd(sums)
         columns = np.repeat(np.arange(self.ports).reshape(-1, 3), 3, axis=0)
         ends = 3 * np.arange(self.ports + 1)
-        self._turned = compact(csr_array(((W @ Vt).ravel(), columns.ravel(), ends)))
+        self._turned = compact(csr_array((nearest_rotations(sums).ravel(), columns.ravel(), ends)))
 
     def _factor(self) -> Factors:
         """Factors of the small system at the last iterate. Collective."""

@@ -23,7 +23,7 @@ from petsc4py import PETSc
 
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear.linear_solver import PREFIX, configure, default_options
-from rigidfx.step.newton.motions import rigid_motions
+from rigidfx.step.newton.motions import motions_of_unknowns
 
 __all__ = ["IncompleteFactors"]
 
@@ -84,7 +84,7 @@ class IncompleteFactors:
         """Take note of a new tangent, at the last iterate of the equations. Collective."""
         with default_options(OWN, **self._defaults):  # blocks are told when they are made
             self._ksp.setUp()
-        N = rigid_motions(self._equilibrium.prolongation, self._equilibrium.positions)
+        N = motions_of_unknowns(self._equilibrium.prolongation, self._equilibrium.positions)
         A, images, resultants = self._equilibrium.tangent_matrix, np.empty_like(N), np.empty_like(N)
         for k in range(N.shape[1]):
             self._motion.array[:] = N[:, k]

@@ -7,15 +7,16 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.mechanics.rigid_motions import rigid_motions
 
-__all__ = ["EMPTY", "rigid_motions"]
+__all__ = ["EMPTY", "motions_of_unknowns"]
 
 Array = npt.NDArray[np.float64]
 
 EMPTY = 1e-12  # squared norm of a motion that nothing takes part in, relative to the largest
 
 
-def rigid_motions(prolongation: Prolongation, x: Array) -> Array:
+def motions_of_unknowns(prolongation: Prolongation, x: Array) -> Array:
     """An orthonormal basis of the unknowns' rigid motions. Collective.
 
     Args:
@@ -33,15 +34,10 @@ def rigid_motions(prolongation: Prolongation, x: Array) -> Array:
     middle = sums[:3] / max(sums[3], 1.0)
     out = np.zeros((prolongation.owned, 6))
     nodes, axis = np.nonzero(prolongation.free_of_nodes)
-    each = np.arange(nodes.size)
-    out[each, axis] = 1.0
-    arms = prolongation.at_nodes(x)[nodes] - middle
-    turned = np.cross(np.eye(3)[None], arms[:, None])  # [unknown, rotation, axis]
-    out[each, 3:] = turned[each, :, axis]
+    moved = rigid_motions(prolongation.at_nodes(x)[nodes] - middle, 1.0)
+    out[np.arange(nodes.size), :6] = moved[np.arange(nodes.size), axis]
     six = np.zeros((own.size, 6, 6))  # Δr and ℓθ of each body, by motions
-    six[:, :3, :3] = np.eye(3)
-    arms = increments.start.r[own] - middle
-    six[:, :3, 3:] = np.cross(np.eye(3)[None], arms[:, None]).swapaxes(1, 2)
+    six[:, :3] = rigid_motions(increments.start.r[own] - middle, 1.0)
     six[:, 3:, 3:] = np.eye(3) * increments.start.of.length[own, None, None]
     out[prolongation.six] = six
     gram = out.T @ out

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.weights import inertial_masses
-from rigidfx.step.system.rigid_motion import FREE, rigid_motions
+from rigidfx.step.system.rigid_motion import FREE, motions_of_parts
 
 __all__ = ["following_energy"]
 
@@ -33,7 +33,7 @@ def following_energy(scene: Scene, held: npt.NDArray[np.int64], jump: Array, u: 
     of_node[cells] = parts.of_cell[: len(cells), None]
     part = of_node[:n]
     x = scene.space.tabulate_dof_coordinates()[:n] + u.reshape(-1, 3)[:n]
-    motions = rigid_motions(x, part, parts)
+    motions = motions_of_parts(x, part, parts)
     nodes = held // 3
     rows = motions[nodes, held % 3]
     weighted = scene.averaging_mass[nodes, None] * rows

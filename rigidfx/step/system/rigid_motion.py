@@ -18,11 +18,12 @@ import numpy.typing as npt
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.effects import Joint, SpringDamper, Windowed
 from rigidfx.effects.joints.face_motion import Vector
+from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.step.system.joined_motion import joint_rows
 from rigidfx.step.system.supports import PrescribedDofs
 
-__all__ = ["FREE", "free_to_move", "rigid_motions"]
+__all__ = ["FREE", "free_to_move", "motions_of_parts"]
 
 Array = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int64]
@@ -53,7 +54,7 @@ def free_to_move(
     part[dofmap.list] = parts.of_cell[: len(dofmap.list), None]
     gram = np.zeros((6 * parts.count, 6 * parts.count))
     held = np.flatnonzero(prescribed.mask)
-    rows = rigid_motions(X[held // 3], part[held // 3], parts)[np.arange(held.size), held % 3]
+    rows = motions_of_parts(X[held // 3], part[held // 3], parts)[np.arange(held.size), held % 3]
     _add(gram, rows[:, None], part[held // 3])
     at_points: list[tuple[Array, Vector]] = []
     for effect in scene.effects:
@@ -66,9 +67,9 @@ def free_to_move(
             at_points.append((root, effect.remote.place))
             continue
         own = np.flatnonzero(scene.shares(getattr(effect, "where", ""), effect.kind)[:n] > 0)
-        _add(gram, root @ rigid_motions(X[own], part[own], parts), part[own])
+        _add(gram, root @ motions_of_parts(X[own], part[own], parts), part[own])
     for own, directions in further:
-        _add(gram, directions @ rigid_motions(X[own], part[own], parts), part[own])
+        _add(gram, directions @ motions_of_parts(X[own], part[own], parts), part[own])
     gram = np.asarray(scene.sum(gram))
     for root, place in at_points:
         moved = _every_motion(X, part, parts, place.nodes)
@@ -86,20 +87,16 @@ def free_to_move(
     return parts.place(int(np.argmax(moving))) if parts.count > 1 else "the whole"
 
 
-def rigid_motions(X: Array, part: Labels, parts: ConnectedParts) -> Array:
+def motions_of_parts(X: Array, part: Labels, parts: ConnectedParts) -> Array:
     """Displacements of points by the six motions of the parts they are in, shape (points, 3, 6)."""
     size = np.linalg.norm(parts.upper - parts.lower, axis=1)
-    arms = (X - (parts.lower + parts.upper)[part] / 2) / size[part, None]
-    out = np.zeros((len(X), 3, 6))
-    out[:, :, :3] = np.eye(3)
-    out[:, :, 3:] = np.cross(np.eye(3)[None], arms[:, None]).swapaxes(1, 2)
-    return out
+    return rigid_motions(X - (parts.lower + parts.upper)[part] / 2, size[part, None])
 
 
 def _every_motion(X: Array, part: Labels, parts: ConnectedParts, nodes: Ints) -> Array:
     """Displacements of nodes by the motions of all parts, shape (nodes, 3, 6 · parts)."""
     out = np.zeros((nodes.size, 3, parts.count, 6))
-    out[np.arange(nodes.size), :, part[nodes]] = rigid_motions(X[nodes], part[nodes], parts)
+    out[np.arange(nodes.size), :, part[nodes]] = motions_of_parts(X[nodes], part[nodes], parts)
     return out.reshape(nodes.size, 3, 6 * parts.count)
 
 
@@ -126,7 +123,7 @@ def _add_hinges(scene: Scene, gram: Array, parts: ConnectedParts) -> None:
     X = np.concatenate([points for _, points in found])[first]
     k = np.flatnonzero(pairs[0, 1:] == pairs[0, :-1])  # a node's parts come one after another
     a, b = pairs[1, k], pairs[1, k + 1]
-    A, B = rigid_motions(X[k], a, parts), rigid_motions(X[k], b, parts)
+    A, B = motions_of_parts(X[k], a, parts), motions_of_parts(X[k], b, parts)
     blocks = gram.reshape(parts.count, 6, parts.count, 6).swapaxes(1, 2)
     for i, P, j, Q in ((a, A, a, A), (b, B, b, B), (a, A, b, -B), (b, -B, a, A)):
         np.add.at(blocks, (i, j), P.swapaxes(1, 2) @ Q)

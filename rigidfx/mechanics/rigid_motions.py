@@ -16,12 +16,12 @@ Bools = npt.NDArray[np.bool_]
 RIGID = 1e-6  # part of a body's length by which places on a line may be off it
 
 
-def rigid_motions(places: Array, length: float) -> Array:
+def rigid_motions(places: Array, length: float | Array) -> Array:
     """Rigid motions of places of a body, shape (places, 3, 6); rotations as lengths.
 
     Args:
-        places: Relative to its centre, shape (places, 3) [m].
-        length: Its length, by which rotations are multiplied [m].
+        places: Relative to the centre, shape (places, 3) [m].
+        length: By which rotations are multiplied [m]; one number, or shape (places, 1).
     """
     modes = np.zeros((len(places), 3, 6))
     modes[:, :, :3] = np.eye(3)
