@@ -164,6 +164,34 @@ class State:
             numbers[cells] = number
         return numbers
 
+    def bent(self) -> tuple[fem.Function, fem.Function, npt.NDArray[np.bool_]]:
+        """How bodies with shapes deform: their shape at the freeze, and Φ q there. Collective.
+
+        Returns:
+            Displacement of that shape and the motion in its frame, ghosts included [m]; and which
+            owned cells are in these bodies.
+        """
+        shape, motion = (fem.Function(self.u.function_space) for _ in range(2))
+        cells = np.zeros(shape.function_space.mesh.topology.index_map(3).size_local, dtype=bool)
+        for body in self.bodies:
+            data = body.data
+            if data.shapes is not None:
+                shape.x.array.reshape(-1, 3)[data.nodes] = data.displacement
+                motion.x.array.reshape(-1, 3)[data.nodes] = body.offsets - data.offsets
+                cells[data.cells] = True
+        for made in (shape, motion):
+            made.x.scatter_forward()
+        return shape, motion, cells
+
+    @property
+    def levels(self) -> npt.NDArray[np.uint8]:
+        """Level of each owned cell: 0 flexible, 1 in a body with shapes, 2 rigid."""
+        levels = np.where(self.body_numbers() > 0, np.uint8(2), np.uint8(0))
+        for body in self.bodies.of.records:
+            if body.shapes is not None:
+                levels[body.cells] = 1
+        return levels
+
     # What a step writes -------------------------------------------------------------------------
 
     def advance(

@@ -412,7 +412,7 @@ CEILINGS = {
     "error/forces": 0,
     "flexible": 39,
     "mechanics": 81,
-    "output": 40,
+    "output": 35,
     "plot": 52,
     "recovery": 6,
     "report": 30,

@@ -13,6 +13,9 @@ balances forces on a cell, and not what a bent part bears at its surface: of two
 over the height of a beam the mean is 0.47 of the bending peak, and of a single first-order one it
 is nothing. For peaks take values at nodes, `rigidfx.flexible.nodal_stress`.
 
+Cells of a part with shapes have the strains that its energy is of: those of the frozen shape and
+the first derivative along Φ q, as the strain of second order of Φ q alone is not that of the part.
+
 Cells of rigid bodies are no exception. Their nodes follow the body, F = R F_frozen, so they keep
 the stress they were frozen with, rotated with the body: σ = R σ_frozen Rᵀ; and their strain E. The
 stress of the forces on them comes by a displacement of their own, see `rigidfx.report.recovered`.
@@ -66,11 +69,14 @@ class Added(NamedTuple):
         shape: Displacement that makes the shape [m].
         motion: The motion in the frame of the shape, ghosts included [m].
         cells: Which owned cells have it.
+        alone: Whether shape and motion make all of a cell's strain, as in parts with shapes; u only
+            says how the cell is turned then.
     """
 
     shape: fem.Function
     motion: fem.Function
     cells: npt.NDArray[np.bool_]
+    alone: bool = False
 
 
 class Recovered(NamedTuple):
@@ -155,29 +161,29 @@ class PointStress:
             ends = (self._displaced(cells[linear], side)[:, :, :12] for side in (1.0, -1.0))
             out[linear, :, :12] += np.subtract(*ends) / 2
         if added is not None and besides.any():
-            out[besides, :, :12] += self._besides(cells[besides], added)
+            kept = 0.0 if added.alone else out[besides, :, :12]
+            out[besides, :, :12] = kept + self._besides(cells[besides], added)
         return out
 
     def _besides(self, cells: Cells, added: Added) -> Array:
         """Addition of a motion of a shape to stress and strain, linear and turned with cells.
 
+        With those of the shape, and without the turning of these by the motion, if it is `alone`.
         Strains are those in the axes of the undeformed body, the same in any frame.
         """
         nodes = np.unique(self._nodes[cells])
         u, shape, motion = (f.x.array.reshape(-1, 3) for f in (self.u, added.shape, added.motion))
-        kept = u[nodes]
-        ends = []
-        for side in (1.0, -1.0):
+        kept, own, ends = u[nodes], self._nodes[cells], []
+        before = (self._X + shape)[own]
+        for side in (1.0, -1.0, 0.0) if added.alone else (1.0, -1.0):
             u[nodes] = shape[nodes] + side * motion[nodes]
-            ends.append(self._evaluated(cells)[:, :, :12])
+            values = self._evaluated(cells)[:, :, :12]
+            if added.alone and side:
+                values = _turned(values, _rotations((self._X + u)[own], before))
+            ends.append(values)
         u[nodes] = kept
-        out = np.subtract(*ends) / 2
-        own = self._nodes[cells]
-        R = _rotations((self._X + shape)[own], (self._X + u)[own])
-        stress = np.einsum("cik,cqkl,cjl->cqij", R, tensors(out[:, :, :6]), R)
-        i, j = np.transpose(SYMMETRIC)
-        out[:, :, :6] = stress[:, :, i, j]
-        return np.asarray(out)
+        out = np.subtract(*ends[:2]) / 2 + sum(ends[2:])
+        return _turned(out, _rotations(before, (self._X + u)[own]))
 
     def _displaced(self, cells: Cells, side: float) -> Array:
         """See `evaluate`; all cells have u and so many times the recovered motion."""
@@ -246,6 +252,13 @@ def _rotations(a: Array, b: Array) -> Array:
     """Best rotation of each cell from places a of its nodes to places b, shape (cells, 3, 3)."""
     a, b = (x - x.mean(axis=1, keepdims=True) for x in (a, b))
     return nearest_rotations(np.einsum("cni,cnj->cij", b, a))
+
+
+def _turned(values: Array, R: Array) -> Array:
+    """Stress and strain of cells, the stress turned by R, shape (cells, points, 12)."""
+    stress = np.einsum("cik,cqkl,cjl->cqij", R, tensors(values[:, :, :6]), R)
+    i, j = np.transpose(SYMMETRIC)
+    return np.concatenate([stress[:, :, i, j], values[:, :, 6:]], axis=2)
 
 
 def chunks(cells: int) -> Iterator[Cells]:

@@ -62,7 +62,7 @@ class Ensemble:
         self.excessive = bool(self.excess.any())
         self._holding: tuple[npt.NDArray[np.int32], Array, Array] | None = None
         self.stored = float(sum(b.frozen.energy for b in records if b.shapes is None))
-        self.strained = float(sum(b.frozen.strain for b in records if b.shapes is not None))
+        self.strained = np.array([b.frozen.strain if b.shapes else 0.0 for b in records])
         deform = any(body.shapes is not None for body in records)
         self.shapes = ShapesOfBodies([body.shapes for body in records]) if deform else None
         m = 0 if self.shapes is None else self.shapes.most
@@ -275,9 +275,14 @@ class Bodies:
     @property
     def strain(self) -> float:
         """Strain energy U(q) of the bodies that deform [J]."""
+        return float(self.strain_of_each.sum())
+
+    @property
+    def strain_of_each(self) -> Array:
+        """U(q) of each body, zero of one that is rigid, shape (bodies,) [J]."""
         if self.of.shapes is None:
-            return 0.0
-        return self.of.strained + float(self.of.shapes.energy(self.q).sum())
+            return np.zeros(len(self))
+        return self.of.strained + self.of.shapes.energy(self.q)
 
     @cached_property
     def moved(self) -> Array:

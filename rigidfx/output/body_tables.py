@@ -6,9 +6,9 @@ work_of_supports, work_of_motors at it [J], linear_momentum_error [kg m/s], angu
 [kg m²/s]; impulse_x … [N s] and angular_impulse_x … [N m s] that supports exerted at it; name,
 number, cells_before, cells_after, stored_before, stored_after of the body [J].
 
-Columns of bodies.csv, a row per body at each time of the fields: t, number, name, cells, mass [kg],
-centre_x … of mass [m], velocity_x … of it [m/s], angular_velocity_x … [rad/s], rotation_x …, the
-rotation vector since the body became rigid [rad], kinetic, stored [J].
+Columns of bodies.csv, a row per body at each time of the fields: t, number, name, cells, shapes,
+mass [kg], centre_x … of mass [m], velocity_x … of it [m/s], angular_velocity_x … [rad/s],
+rotation_x …, the rotation vector since the body became rigid [rad], kinetic, stored, strain [J].
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ CHANGE = ("name", "number", "cells_before", "cells_after", "stored_before", "sto
 IMPULSES = ("impulse", "angular_impulse")
 EVENT_COLUMNS = (*EVENT, *(f"{name}_{axis}" for name in IMPULSES for axis in "xyz"), *CHANGE)
 
-BODY = ("number", "name", "cells", "mass")
+BODY = ("number", "name", "cells", "shapes", "mass")
 VECTORS = ("centre", "velocity", "angular_velocity", "rotation")
-ENERGIES = ("kinetic", "stored")
+ENERGIES = ("kinetic", "stored", "strain")
 BODY_COLUMNS = ("t", *BODY, *(f"{v}_{axis}" for v in VECTORS for axis in "xyz"), *ENERGIES)
 
 

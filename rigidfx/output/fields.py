@@ -6,11 +6,12 @@ contain it, and it is there by itself as `error_motion` [m]. On the nodes are al
 and averaged among the cells of a material (`rigidfx.flexible.nodal_stress`): where materials meet,
 the series has a node for each. In scenes with contacts their pressure [Pa] and gap [m] are there
 too (NaN off their surfaces). On the cells there are the means `cell_stress` and `cell_von_mises`
-[Pa] (`rigidfx.flexible.stress`), the number of the material, and, where there are rigid bodies or
-may be, the number of the body (0 outside bodies), a flag (1 rigid, 0 flexible) and, where parts are
-found, the strain rate of the step [1/s], zero in bodies. With `wake="local"` stress and strain of a
-rigid cell, in its mean and in its share of the values at its nodes, are those of its freeze and
-what the forces on it add, were it flexible: `recovered` is 1 there, see `rigidfx.report.recovered`.
+[Pa] (`rigidfx.flexible.stress`), the number of the material, and, where there are bodies or may be,
+the number of the body (0 outside bodies), the `level` (0 flexible, 1 reduced, 2 rigid), a flag
+`rigid` and, where parts are found, the strain rate of the step [1/s], zero in bodies. With
+`wake="local"` stress and strain of a rigid cell, in its mean and in its share of the values at its
+nodes, are those of its freeze and what the forces on it add, were it flexible: `recovered` is 1
+there, see `rigidfx.report.recovered`.
 Where a run follows its error motion stress and strain of all cells contain its part.
 """
 
@@ -67,8 +68,7 @@ class Fields:
         state.rebuild()
         fields = self._motion(report)
         if self._nodal is not None:
-            recovered = report.recovered() if report.recovers else None
-            values = self.body.on_nodes_of_parts(self._nodal.measure(state.u, recovered))
+            values = self.body.on_nodes_of_parts(self._nodal.measure(state.u, report.strains()))
             stress = tensors(values[:, :6])
             fields |= {"stress": stress, "von_mises": von_mises(stress)}
             fields["strain"] = tensors(values[:, 6:])
@@ -105,8 +105,9 @@ class Fields:
             if report.recovers:
                 fields["recovered"] = self.body.on_cells(recovered.astype(np.uint8))
         if self.may_have_bodies(report):
-            numbers = self.body.on_cells(state.body_numbers())
-            fields |= {"body": numbers, "rigid": (numbers > 0).astype(np.uint8)}
+            level = self.body.on_cells(state.levels)
+            fields |= {"level": level, "rigid": (level == 2).astype(np.uint8)}
+            fields["body"] = self.body.on_cells(state.body_numbers())
         if report.strain_rate is not None:
             fields["strain_rate"] = self.body.on_cells(report.strain_rate)
         return fields

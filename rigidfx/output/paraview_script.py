@@ -1,4 +1,4 @@
-"""Shows a run in ParaView: its deformed shape, rigid cells dark and flexible ones light; stresses.
+"""Shows a run in ParaView: its deformed shape, rigid cells dark, flexible ones light; stresses.
 
 A recorder leaves a copy of this file beside fields.pvd; only ParaView's own Python can run it.
 
@@ -26,10 +26,18 @@ __all__ = ["MADE_IN", "main", "write"]
 
 MADE_IN = ""  # the folder that a copy was made for; some versions do not tell a script its place
 
-LIGHT, DARK, EDGES = (0.91, 0.89, 0.85), (0.2, 0.28, 0.36), (0.3, 0.3, 0.3)
-ON_CELLS = ("rigid", "cell_von_mises", "body", "strain_rate", "material")
+LIGHT, MIDDLE, DARK = (  # of flexible, reduced and rigid cells
+    tuple(share / 255 for share in bytes.fromhex(own)) for own in ("e8e4da", "c98b4b", "33475b")
+)
+EDGES = (0.3, 0.3, 0.3)
+ON_CELLS = ("rigid", "cell_von_mises", "body", "level", "strain_rate", "material")
 ON_POINTS = ("displacement", "velocity", "von_mises", "contact_pressure", "gap")
-FLAGS = {"rigid": "cells", "body": "number of the body", "material": "number of the material"}
+FLAGS = {
+    "rigid": "cells",
+    "level": "cells",
+    "body": "number of the body",
+    "material": "number of the material",
+}
 SCALES = {  # titles and units
     "von_mises": ("von Mises stress at nodes", "Pa"),
     "cell_von_mises": ("von Mises stress, mean of each cell", "Pa"),
@@ -196,6 +204,8 @@ def _coloured(
     """Show the body coloured by a field, alike at all times; returns its display and the key."""
     where = "CELLS" if colour in ON_CELLS else "POINTS"
     name, title, source, ends = colour, FLAGS.get(colour, colour), body, None
+    if colour == "rigid":
+        name = "level"  # which tells reduced parts, too
     if colour in SCALES:
         bottom, top = _ends(body, where, colour, times)
         factor, unit = _prefixed(SCALES[colour][1], max(abs(bottom), abs(top)))
@@ -209,10 +219,10 @@ def _coloured(
     shown = _show(pv, view, source, options)
     pv.ColorBy(shown, (where, name))
     table = pv.GetColorTransferFunction(name)
-    if colour == "rigid":
+    if name == "level":
         table.InterpretValuesAsCategories = 1
-        table.Annotations = ["0", "flexible", "1", "rigid"]
-        table.IndexedColors = [*LIGHT, *DARK]
+        table.Annotations = ["0", "flexible", "1", "reduced", "2", "rigid"]
+        table.IndexedColors = [*LIGHT, *MIDDLE, *DARK]
     else:
         table.ApplyPreset("Viridis (matplotlib)", True)
         table.NanColor = LIGHT

@@ -51,7 +51,7 @@ class PointFields:
         """Fields at the points, whole on rank 0. Collective."""
         state = report.state
         state.rebuild()
-        self._points.take(state.u, report.recovered() if report.recovers else None)
+        self._points.take(state.u, report.strains())
         u = report.shown()[0].x.array
         out = np.empty((self._owned, self._points.weights.size, 12))
         for cells in chunks(self._owned):

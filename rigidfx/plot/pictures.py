@@ -211,8 +211,9 @@ class _Run:
         return name in (*self._fields.on_nodes, *self._fields.on_cells)
 
     def was_rigid(self) -> bool:
-        """Whether any cell is rigid at any time."""
-        return self.has("rigid") and bool(self._fields["rigid"].any())
+        """Whether any cell is rigid, or reduced, at any time."""
+        flags = (name for name in ("rigid", "level") if self.has(name))
+        return any(bool(self._fields[name].any()) for name in flags)
 
     def _chosen(self, most: int) -> Array:
         """So many times at most, spread evenly [s]."""
@@ -228,6 +229,8 @@ class _Run:
         for t in bar_over(times, "reading fields", len(times)):
             found = self._fields.at(t)
             values, u = found[field], found["displacement"]
+            if field == "rigid" and "level" in found:
+                values = found["level"] / 2
             if values.ndim > 1:
                 values = np.linalg.norm(values, axis=1)
             surface = surface_of(self._fields.body(), u, field, values, scale)

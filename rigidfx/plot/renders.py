@@ -25,9 +25,8 @@ from rigidfx.plot.curves import DPI, figure_of, save
 from rigidfx.plot.units import prefixed
 
 __all__ = [
-    "DARK",
     "FIELDS",
-    "LIGHT",
+    "LEVELS",
     "LOGARITHMIC",
     "OF_CELLS",
     "VIEW",
@@ -47,7 +46,8 @@ Array = npt.NDArray[np.float64]
 
 VIEW = (1.0, -0.6, 0.5)  # direction from the body to the camera, unless told otherwise
 SIDE = 2.9  # inches of a photograph in a sheet
-LIGHT, DARK = "#e8e4da", "#33475b"  # flexible and rigid parts, as in the paper's Fig. 6
+# Of the levels of cells, in the order of their numbers; light and dark as in the paper's Fig. 6.
+LEVELS = {"flexible": "#e8e4da", "reduced": "#c98b4b", "rigid": "#33475b"}
 
 # Fields that can colour a body: titles and units of their scales; flags have a legend instead.
 FIELDS = {
@@ -267,7 +267,7 @@ def images(
         plotter.add_mesh(
             photograph.surface,
             scalars="colour",
-            cmap=[LIGHT, DARK] if field == "rigid" else "viridis",
+            cmap=list(LEVELS.values()) if field == "rigid" else "viridis",
             clim=(bottom, top),
             log_scale=logarithmic,
             show_scalar_bar=False,
@@ -302,7 +302,9 @@ def key(figure: Any, axes: Any, field: str, photographs: Sequence[Photograph]) -
     if field == "rigid":
         from matplotlib.patches import Patch
 
-        patches = [Patch(facecolor=DARK, label="rigid"), Patch(facecolor=LIGHT, label="flexible")]
+        reduced = any((p.surface["colour"] == 0.5).any() for p in photographs)
+        of = {level: c for level, c in LEVELS.items() if reduced or level != "reduced"}
+        patches = [Patch(facecolor=c, label=level) for level, c in reversed(of.items())]
         figure.legend(handles=patches, loc="outside right center")
         return
     from matplotlib.cm import ScalarMappable

@@ -68,7 +68,7 @@ class Shapes:
             scene: The problem that is run.
             times: Times [s]; of each, the first step that ends at or after it is taken.
             colour: The field whose magnitude colours the body, "von_mises" for that
-                stress at nodes, or "rigid" for rigid (dark) and flexible (light) cells.
+                stress at nodes, or "rigid" for rigid (dark), reduced and flexible (light) cells.
 
         Raises:
             SceneError: If there are no times, or the colour is not one of these.
@@ -151,10 +151,9 @@ class Shapes:
         moved, moving, _ = report.shown()
         u = self._body.on_nodes(moved)
         if self._colour == "rigid":
-            values = (self._body.on_cells(state.body_numbers()) > 0).astype(np.float64)
+            values = self._body.on_cells(state.levels) / 2
         elif self._stress is not None:
-            recovered = report.recovered() if report.recovers else None
-            nodal = self._body.on_nodes_of_parts(self._stress.measure(state.u, recovered))
+            nodal = self._body.on_nodes_of_parts(self._stress.measure(state.u, report.strains()))
             values = von_mises(tensors(nodal[:, :6]))
         else:
             field = u if self._colour == "displacement" else self._body.on_nodes(moving)

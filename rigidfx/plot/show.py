@@ -25,7 +25,7 @@ def show(report: Report, colour: Colour = "displacement", scale: float = 1.0) ->
 
     Args:
         report: The last step of a run so far, on one rank.
-        colour: The field whose magnitude colours the body, or "rigid" for rigid and flexible cells.
+        colour: The field whose magnitude colours the body, or "rigid" for the levels of cells.
         scale: Factor of the displacement.
 
     Returns:
@@ -45,7 +45,7 @@ def show(report: Report, colour: Colour = "displacement", scale: float = 1.0) ->
     body, (moved, moving, _) = Body(space), report.shown()
     u = body.on_nodes(moved)
     if colour == "rigid":
-        values = (body.on_cells(report.state.body_numbers()) > 0).astype(np.float64)
+        values = body.on_cells(report.state.levels) / 2
     else:
         values = np.linalg.norm(u if colour == "displacement" else body.on_nodes(moving), axis=1)
     pv = pyvista()

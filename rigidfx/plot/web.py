@@ -24,9 +24,8 @@ from rigidfx.plot.curves import on_first_rank
 from rigidfx.plot.enlarged import Scale, check_scale, factor_of
 from rigidfx.plot.pictures import FRAMES, chosen_times
 from rigidfx.plot.renders import (
-    DARK,
     FIELDS,
-    LIGHT,
+    LEVELS,
     LOGARITHMIC,
     OF_CELLS,
     VIEW,
@@ -40,8 +39,6 @@ from rigidfx.plot.units import prefixed
 __all__ = ["web"]
 
 Array = npt.NDArray[Any]
-
-LEVELS = {"flexible": LIGHT, "reduced": "#c98b4b", "rigid": DARK}  # in the order of their numbers
 
 
 def web(

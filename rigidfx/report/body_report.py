@@ -1,4 +1,4 @@
-"""The report of a rigid body."""
+"""The report of a body, rigid or with shapes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class BodyReport:
-    """A rigid body at one time.
+    """A body at one time, rigid or with shapes.
 
     Attributes:
         name: Name of its set of cells, or "part" and its number.
@@ -33,7 +33,10 @@ class BodyReport:
         angular_momentum_about_centre: J ω, shape (3,) [kg m²/s].
         angular_momentum: Angular momentum about the origin, shape (3,) [kg m²/s].
         kinetic: Kinetic energy [J].
-        stored: Energy that it keeps for its release [J].
+        stored: Energy that it keeps for its release; none if it has shapes [J].
+        strain: Strain energy of a body with shapes [J].
+        q: Coordinates of its shapes, shape (shapes,) [m].
+        q_rate: Their rates, likewise [m/s].
         inertia_ratio: Largest ratio, about any axis, of its moment of inertia to the exact one of
             its cells: above 1 where masses are lumped.
         kinetic_excess: Kinetic energy that it has for this reason only [J].
@@ -52,19 +55,28 @@ class BodyReport:
     angular_momentum: Array
     kinetic: float
     stored: float
+    strain: float
+    q: Array
+    q_rate: Array
     inertia_ratio: float
     kinetic_excess: float
+
+    @property
+    def shapes(self) -> int:
+        """Number of its shapes."""
+        return len(self.q)
 
 
 def body_reports(bodies: Bodies) -> tuple[BodyReport, ...]:
     """Reports of the bodies at an instant."""
     spins, kinetic = bodies.angular_momentum, bodies.kinetic_of_each
+    strain = bodies.strain_of_each
     each = enumerate(bodies)
-    return tuple(_body_report(body, spins[k], float(kinetic[k])) for k, body in each)
+    return tuple(_body_report(b, spins[k], float(kinetic[k]), float(strain[k])) for k, b in each)
 
 
-def _body_report(body: Body, own: Array, kinetic: float) -> BodyReport:
-    """Report of a body with angular momentum [kg m²/s] and kinetic energy [J]."""
+def _body_report(body: Body, own: Array, kinetic: float, strain: float) -> BodyReport:
+    """Report of a body with angular momentum [kg m²/s], kinetic and strain energy [J]."""
     data, motion = body.data, body.motion
     W, momentum = motion.angular_velocity_body, data.mass * motion.velocity
     return BodyReport(
@@ -80,7 +92,10 @@ def _body_report(body: Body, own: Array, kinetic: float) -> BodyReport:
         angular_momentum_about_centre=own,
         angular_momentum=skew(motion.r) @ momentum + own,
         kinetic=kinetic,
-        stored=data.frozen.energy,
+        stored=data.frozen.energy if data.shapes is None else 0.0,
+        strain=strain,
+        q=motion.q,
+        q_rate=motion.q_rate,
         inertia_ratio=data.inertia_ratio,
         kinetic_excess=float(0.5 * W @ data.excess @ W),
     )

@@ -95,7 +95,7 @@ class Peaks:
         """The largest stress over each set, by its name. Collective."""
         state, scene = report.state, self._scene
         state.rebuild()
-        values = self._nodal.measure(state.u, report.recovered() if report.recovers else None)
+        values = self._nodal.measure(state.u, report.strains())
         sizes = von_mises(tensors(values[:, : scene.owned_nodes, :6]))
         return {
             name: Peak(*self.largest(np.where(m, sizes, -1.0))) for name, m in self._masks.items()

@@ -129,7 +129,7 @@ class ProbeStress:
         now = state.positions(self._nodes) - state.X[self._nodes]
         u.x.array.reshape(-1, 3)[self._nodes] = now
         u.x.scatter_forward()
-        recovered = None if strained is None else self._recovered(state, now, strained, added)
+        recovered = self._recovered(state, now, strained, added)
         self._points.recovered = recovered
         values = self._points.evaluate(self._cells)[:, :, :12]
         local = np.zeros((len(self._names), 13))
@@ -143,10 +143,13 @@ class ProbeStress:
         }
 
     def _recovered(
-        self, state: State, now: Array, strained: Strained, added: Added | None
+        self, state: State, now: Array, strained: Strained | None, added: Added | None
     ) -> Recovered | None:
         """Strains of cells in place of those of u, and further ones; None if none. Collective."""
         rigid = state.body_numbers() > 0
+        if strained is None:
+            none = np.zeros(rigid.size, dtype=bool)
+            return None if added is None else Recovered(self._more, none, none, added)
         instead = rigid if added is None else rigid & ~added.cells
         if not self._scene.sum(float(instead[self._cells].sum())):
             return None if added is None else Recovered(self._more, rigid, instead, added)

@@ -266,6 +266,15 @@ class Report:
         """Whether the withheld strain of rigid parts is known: where forces wake cells."""
         return self._recovery is not None
 
+    def strains(self) -> Recovered | None:
+        """Strains of cells whose displacement alone does not tell them; None if none. Collective.
+
+        Raises:
+            SceneError: If the run has gone on.
+        """
+        deforms = self.rigid.of.shapes is not None
+        return self.recovered() if self.recovers or deforms else None
+
     def recovered(self) -> Recovered:
         """The displacement with the strain that loads would give rigid parts. Collective.
 
@@ -284,7 +293,8 @@ class Report:
         u = self._state.u.copy()
         count = u.function_space.mesh.topology.index_map(3).size_local
         if self._recovery is None:
-            return Recovered(u, *np.zeros((2, count), dtype=bool))
+            none = np.zeros(count, dtype=bool)
+            return Recovered(u, none, none, self._added())
         added = self._added()
         carried = self._recovery.recovered()
         u.x.array[: carried.u.size] += carried.u.reshape(-1)
@@ -292,7 +302,12 @@ class Report:
         return Recovered(u, *carried.among(count), added)
 
     def _added(self) -> Added | None:
-        """Strains of the error motion, but for parts named rigid; None if unknown. Collective."""
+        """Strains of parts with shapes, or of the error motion but for parts named rigid.
+
+        None if there are none, or they are unknown. Collective.
+        """
+        if self.rigid.of.shapes is not None:
+            return Added(*self._state.bent(), alone=True)
         found, state = None if self._error is None else self._error.motion(), self._state
         if found is None:
             return None
