@@ -55,6 +55,7 @@ from rigidfx.scene.idle import warn_of_idle
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
+from rigidfx.scene.units import warn_of_short_steps
 from rigidfx.step.linear.petsc_options import SolverOptions
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import Impact
@@ -232,6 +233,8 @@ def _begun(
     timeline = _timeline(scene, dt, t_end)
     if checkpoint is None:  # else it may go on, to a later end
         warn_of_idle(scene, timeline.t_end)
+    if kept is None and control is None:
+        warn_of_short_steps(scene, timeline.dt)
     if isinstance(rigidify, Accuracy) or not isinstance(rigidify, Criterion | None):
         raise SceneError(f"simulate: rigidify must be a StrainRate, got {show(rigidify)}.")
     criterion = rigidify if accuracy is None else accuracy.watching(scene)

@@ -136,7 +136,7 @@ WARNINGS = {
     "report/turned_springs.py": ["nodes of a spring rotate"],
     "scene/checks.py": ["first-order cells lock"],
     "switch/shaping.py": ["many nodes of a reduced part press"],
-    "scene/units.py": 5 * ["an unlikely mass"],
+    "scene/units.py": 6 * ["an unlikely mass"],
     "scene/energy_checks.py": ["a stored energy falls", "a stored energy falls"],
     "scene/mesh_checks.py": [
         "first-order cells lock",

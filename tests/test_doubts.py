@@ -168,6 +168,27 @@ def test_millimetres_are_told_by_the_mass_and_by_forces_beside_the_weight(length
 
 
 @pytest.mark.parametrize(
+    ("length", "effect", "dt", "words"),
+    [
+        (10.0, rf.Gravity(), 2e-6, "a wave needs"),  # parts of 10 and 50 mm
+        (50.0, rf.Pressure("z1", 1e5), 1e-5, "a wave needs"),
+        (10.0, rf.PrescribedMotion("x1", displacement=lambda t: (0, 0, t * t)), 2e-6, "a wave"),
+        (0.01, rf.Gravity(), 2e-6, None),
+        (10.0, rf.Gravity(), 1e-4, None),
+        (100.0, rf.PrescribedMotion("x1", displacement=lambda t: (0, 0, t * t)), 0.01, None),
+    ],
+)
+def test_millimetres_are_told_by_short_steps(length, effect, dt, words):
+    """A structure of 7.85e7 kg that is moved is not told of its mass; that was."""
+    found = [
+        text for text in told(beam(CLAMP, effect, length=length), dt, 2 * dt) if "mill" in text
+    ]
+    assert len(found) == (words is not None), found
+    assert all(words in text for text in found)
+    assert not warnings_of(lambda: beam(CLAMP, effect, length=length))
+
+
+@pytest.mark.parametrize(
     ("E", "rho", "g", "told"),
     [
         (2.1e5, 7.85e-9, 9.81, True),  # t, mm, s

@@ -58,6 +58,7 @@ class AlternatingForces(Look):
         self._motors = [(motor.joint, title) for motor, title in motors]
         self._supports = list(dict.fromkeys(support.where for support, _ in scene.supports))
         of = *(joint.owner for joint in scene.named(Joint)), *(f"'{w}'" for w in self._supports)
+        self._idle = dict.fromkeys(self._supports, np.full(3, np.nan))
         self._names = [title for _, title in self._motors]
         self._names += [f"{kind} of {name}" for kind in ("force", "moment") for name in of]
         turns = [motor.acts_along == "angle" for motor, _ in motors]
@@ -104,13 +105,13 @@ class AlternatingForces(Look):
 
     def _forces_in(self, report: Report) -> Array:
         """Forces of constraints in a step, NaN of those that do not act, shape (names, 3)."""
-        nothing = np.full(3, np.nan)
         joints, reactions = report.joints, (report.reactions, report.reaction_moments)
         efforts = [joints[name].efforts.get(title, np.nan) for name, title in self._motors]
         out = [np.array([effort, 0.0, 0.0]) for effort in efforts]
         for kind, held in zip(("force", "moment"), reactions, strict=True):
             out += [getattr(joints[name], kind) for name in self._joints]
-            out += [held[name] if name in held else nothing for name in self._supports]
+            known = {**self._idle, **held}
+            out += [known[name] for name in self._supports]
         return np.array(out)
 
     def _judge(self) -> None:
