@@ -417,7 +417,7 @@ CEILINGS = {
     "recovery": 6,
     "report": 30,
     "scene": 24,
-    "shapes": 17,
+    "shapes": 18,
     "step": 15,
     "step/equations": 4,
     "step/length": 33,

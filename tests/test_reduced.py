@@ -344,10 +344,6 @@ BAD = {
         "Reduced on 'half' and Rigid .*'half' hold the same",
     ),
     "all and some": (lambda: bar(rf.Reduced(), rf.Reduced("half")), "hold the same"),
-    "torque": (
-        lambda: run(bar(rf.Reduced("half"), rf.Resultant(rf.MeanFace("x0"), torque=(1, 0, 0)))),
-        "acts on faces of it",
-    ),
     "beside rigid": (
         lambda: bar(rf.Reduced("half"), rf.Rigid("next")),
         "shares nodes with another body, Reduced 'half'|Rigid 'next'",

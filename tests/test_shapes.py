@@ -8,7 +8,6 @@ from mpi4py import MPI
 from parallel import report as tell
 from parallel import run as mpirun
 from scipy.linalg import eigh
-from test_contact_pairs import boxes
 
 import rigidfx as rf
 from rigidfx.flexible.internal_forces import InternalForces
@@ -109,7 +108,7 @@ def test_responses_are_those_of_dense_matrices(built):
 def test_shapes_hold_the_loads_responses(built):
     """With the whole as the part: deflections under each load to 1e-10, Ω diagonal, no motion."""
     r, F = built.responses, built.pushed()
-    vectors = ritz(r, F, 2)
+    vectors = ritz(r, (F, 2))
     np.testing.assert_allclose(r.dot(vectors, r.inertia(vectors)), np.eye(6), atol=100 * EPS)
     shapes = built.part.shapes(vectors)
     Phi, Omega = shapes.modes, shapes.stiffness
@@ -151,11 +150,11 @@ def test_vectors_come_in_the_order_of_their_loads():
     """Responses to all loads first; the second ones are those to the first ones' inertia."""
     made = Built(rf.Fixed("x0"))
     r, F = made.responses, made.pushed()
-    vectors = ritz(r, F, 2)
+    vectors = ritz(r, (F, 2))
     for some, among in ((r.solve(F), 3), (r.solve(r.inertia(vectors[:, :, :3])), 6)):
         left = some - vectors[:, :, :among] @ r.dot(r.inertia(vectors[:, :, :among]), some)
         assert np.abs(left).max() < 1e-10 * np.abs(some).max()
-    assert ritz(r, np.concatenate([F, F @ np.ones((3, 1))], axis=2), 1).shape[2] == 3
+    assert ritz(r, (np.concatenate([F, F @ np.ones((3, 1))], axis=2), 1)).shape[2] == 3
     made.destroy()
 
 
@@ -164,7 +163,7 @@ def test_shapes_of_a_part():
     made = Built(rf.Fixed("x0"), n=(6, 2, 2))
     r, F = made.responses, made.pushed()
     part = made.part_beyond(0.5)
-    vectors = ritz(r, F, 2)
+    vectors = ritz(r, (F, 2))
     full = part.shapes(vectors)
     assert full.modes.shape[2] == 6
     assert not part.unspanned(full, F).any()
@@ -367,27 +366,6 @@ def test_a_state_that_buckles(factored, monkeypatch):
     with pytest.raises(rf.SceneError, match="buckles"):
         made.part.shapes(bent)
     made.destroy()
-
-
-def test_machines_come_next():
-    """A spring at a point of a face of the part is refused, one of another part is none of it."""
-    domain = boxes(((0, 0, 0), (1, 1, 1), (2, 1, 1)), ((0, 2, 0), (1, 3, 1), (2, 1, 1)))
-    domain = domain.with_facets("face", lambda x: (x[0] < 1e-9) & (x[1] < 1.5))
-    domain = domain.with_cells("near", lambda x: x[1] < 1.5).with_cells("far", lambda x: x[1] > 1.5)
-    scene = rf.Scene(domain, STEEL, [rf.Spring(rf.MeanFace("face"), 1e6)])
-    state = State(scene)
-    forces = InternalForces(scene, state.u)
-    r = Responses(scene, forces, state, ())
-    nodes = scene.space.dofmap.list
-    cells = scene.owned_cells("far", "")
-    part = Part(r, forces.cells(cells), np.unique(nodes[cells]), "far")
-    shapes = shapes_of(part, r, unit_loads(r, np.unique(nodes[cells])[:1].astype(np.int64)))
-    assert shapes.modes.shape[2] == 27
-    part.destroy()
-    cells = scene.owned_cells("near", "")
-    with pytest.raises(rf.SceneError, match="machines come next"):
-        Part(r, forces.cells(cells), np.unique(nodes[cells]), "near")
-    r.destroy()
 
 
 def found():

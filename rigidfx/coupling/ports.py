@@ -1,7 +1,8 @@
 """Ports: where joints take hold of the unknowns of a step.
 
-Averages over free nodes are three ports each, a body that joints take hold of is six, its unknowns.
-All that joints do goes through them: they are few where nodes are many.
+Averages over free nodes are three ports each. The unknowns of a body that joints take hold of are
+ports: six, and one for each of its shapes. All that joints do goes through ports: they are few
+where nodes are many.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ class Ports:
 
     Attributes:
         averages: Averages that have free nodes; three ports each.
-        bodies: Bodies that joints take hold of; six ports each, their unknowns.
+        bodies: Bodies that joints take hold of; their unknowns are ports.
+        at: Port of each unknown of these, -1 where a body has none, shape (bodies, 6 + m).
         entries: Derivatives of the ports by this rank's unknowns, transposed, shape
             (unknowns, ports).
     """
@@ -62,28 +64,33 @@ class Ports:
         known = np.array(alive, dtype=np.int32)
         p.comm.Allreduce(MPI.IN_PLACE, known, op=MPI.MAX)
         self.averages: Ints = np.flatnonzero(known)
-        held = np.asarray(abs(linkage.held[linkage.used]).sum(axis=0)).ravel().reshape(-1, 4)
+        n = p.increments.displacement.shape[1]
+        held = np.asarray(abs(linkage.held[linkage.used]).sum(axis=0)).ravel().reshape(-1, n)
         self.bodies: Ints = np.flatnonzero(held.sum(axis=1))
-        mine = np.searchsorted(p.owned_bodies, self.bodies)
+        unknowns = p.body_columns[self.bodies]
+        self._known = unknowns >= 0
+        self._of_bodies = unknowns[self._known]
         blocks = [csr_array((p.owned, 0)), *(c for k in self.averages for c in columns[k])]
-        for body, place in zip(self.bodies, mine, strict=True):
-            here = place < p.owned_bodies.size and p.owned_bodies[place] == body
-            at = (p.six[place], np.arange(6)) if here else (np.empty(0, int),) * 2
-            blocks.append(csr_array((np.ones(at[0].size), at), shape=(p.owned, 6)))
+        column = self._of_bodies - p.first_column
+        here = np.flatnonzero((column >= 0) & (column < p.owned))
+        shape = p.owned, column.size
+        blocks.append(csr_array((np.ones(here.size), (column[here], here)), shape=shape))
         self.entries = csr_array(hstack(blocks, format="csr"))
-        self._at = 3 * len(self.averages) + 6 * np.arange(len(self.bodies))
+        self.at = np.full(unknowns.shape, -1)
+        self.at[self._known] = 3 * len(self.averages) + np.arange(column.size)
         self._linkage, self._p = linkage, p
         taken = linkage.held.tocoo()
         at = linkage.used[taken.coords[0]]
         kept = coo_array((taken.data[at], (taken.coords[0][at], taken.coords[1][at])), taken.shape)
-        of, arm = np.divmod(kept.coords[1], 4)
+        of, arm = np.divmod(kept.coords[1], n)
         self._held = kept.data, of, arm
         self._free: Matrix | None = None
         rows = (3 * self.averages[:, None] + np.arange(3)).ravel()
         place = np.searchsorted(self.bodies, of)
         row = 3 * kept.coords[0][:, None, None] + np.arange(3)[:, None]
-        column = self._at[place][:, None, None] + np.arange(6)
-        row, column = (a.ravel() for a in np.broadcast_arrays(row, column))
+        row, column = np.broadcast_arrays(row, self.at[place][:, None])
+        self._there = column >= 0
+        row, column = row[self._there], column[self._there]
         self._places = np.r_[rows, row], np.r_[np.arange(rows.size), column]
         self._pattern = Pattern(*self._places, (3 * linkage.averages, self.count))
 
@@ -92,7 +99,7 @@ class Ports:
 
         Args:
             linkage: The joints.
-            bodies: The rigid bodies.
+            bodies: The bodies.
 
         Returns:
             Derivatives of rows by ports, and the sums of the absolute values of their terms, shape
@@ -109,13 +116,12 @@ class Ports:
         compliance = (self.entries.T * inverse[None]) @ self.entries
         every = np.ascontiguousarray(compliance.toarray())
         p.comm.Allreduce(MPI.IN_PLACE, every)
-        for body, at in zip(self.bodies, self._at, strict=True):
-            block = bodies.mass_blocks[body]
-            if (
-                bodies.of.records[body].extent is not None
-            ):  # without mass of its own: that of its joints
-                block = linkage.masses.max(initial=1.0) * np.eye(6)
-            every[at : at + 6, at : at + 6] = np.linalg.inv(block)
+        blocks = bodies.mass_blocks
+        for body, at, known in zip(self.bodies, self.at, self._known, strict=True):
+            block = blocks[body][np.ix_(known, known)]
+            if bodies.of.records[body].extent is not None:  # no mass of its own: that of its joints
+                block = linkage.masses.max(initial=1.0) * np.eye(len(block))
+            every[np.ix_(at[known], at[known])] = np.linalg.inv(block)
         rows, lead = linkage.gradient(0.0), self.lead(p.increments.L)
         return dense(rows @ lead), dense(abs(rows) @ abs(lead)), every
 
@@ -154,27 +160,32 @@ class Ports:
 
     def anchors(self) -> tuple[Ints, Ints]:
         """Ports that springs may be on, those of bodies and anchors, and their unknowns."""
-        bodies = self._p.body_columns[self.bodies].ravel()
-        first = 3 * len(self.averages)
-        ports = np.arange(first, first + bodies.size + self._anchors.size)
-        return ports, np.r_[bodies, self._anchors]
+        ports = np.arange(3 * len(self.averages), self.count)
+        return ports, np.r_[self._of_bodies, self._anchors]
+
+    @property
+    def vectors(self) -> Ints:
+        """First port of each vector of three, which turns with its node or body."""
+        frames = self.at[self._known[:, 0], :6:3].ravel()
+        first = 3 * len(self.averages) + self._of_bodies.size
+        return np.r_[3 * np.arange(len(self.averages)), frames, np.arange(first, self.count, 3)]
 
     @property
     def count(self) -> int:
         """Number of ports."""
-        return 3 * len(self.averages) + 6 * len(self.bodies) + self._anchors.size
+        return 3 * len(self.averages) + self._of_bodies.size + self._anchors.size
 
     def lead(self, L: Array) -> Matrix:
         """How averages follow ports, shape (3 · averages, ports).
 
         Args:
-            L: How the twelve numbers of bodies follow their six, shape (bodies, 12, 6).
+            L: How the numbers of bodies follow their unknowns, shape (bodies, 3 n, 6 + m).
         """
         if self._free is not None:
             return self._free
         data, of, arm = self._held
-        values = data[:, None, None] * L.reshape(-1, 4, 3, 6)[of, arm]
-        every = np.concatenate([np.ones(3 * self.averages.size), values.ravel()])
+        values = data[:, None, None] * L.reshape(len(L), L.shape[1] // 3, 3, L.shape[2])[of, arm]
+        every = np.concatenate([np.ones(3 * self.averages.size), values[self._there]])
         out = self._pattern.filled(every)
         if not self.bodies.size:  # then it is always the same
             self._free = out

@@ -23,7 +23,7 @@ class Reduced(Rigid):
 
     Attributes:
         where: Name of a set of cells; all cells if None.
-        each: If True, each disconnected piece of the set is a body; if False, all pieces are one.
+        each: If False, all disconnected pieces of the set are one body; each is one otherwise.
         shapes: Number of shapes. If None, the static responses of the structure to the forces that
             act on it anywhere, and what follows from these by inertia, as many as they need.
     """

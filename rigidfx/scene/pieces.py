@@ -24,7 +24,7 @@ __all__ = ["count_pieces", "divide", "pieces_in_words", "warn_of_pieces"]
 def divide(
     domain: Domain, effects: Sequence[fx.Effect]
 ) -> tuple[Domain, tuple[fx.Effect, ...], Mapping[str, int]]:
-    """Make a part of each piece where that is asked for. Collective.
+    """Make a part of each piece, where that is asked for or the part deforms. Collective.
 
     Args:
         domain: Mesh and names.
@@ -32,7 +32,7 @@ def divide(
 
     Returns:
         The domain, which also knows the pieces by the names "nut 1", "nut 2", ...; the effects, a
-        `Rigid` for each of these pieces; and how many pieces each such name has had.
+        body for each of these pieces; and how many pieces each such name has had.
 
     Raises:
         SceneError: On every rank, if the name of a piece is taken.
@@ -41,17 +41,17 @@ def divide(
     counts: dict[str, int] = {}
     every: Sequence[Any] = effects
     for effect in every:
-        if not (effect.is_rigid and effect.each):
+        pieces = _pieces(domain, effect) if effect.is_body and effect.each is not False else []
+        if not pieces or not (effect.each or (effect.deforms and len(pieces) > 1)):
             out.append(effect)
             continue
-        pieces = _pieces(domain, effect)
         counts[effect.name] = len(pieces)
         for k, cells in enumerate(pieces, 1):
             name = f"{effect.name} {k}"
             if (name, 3) in domain.sets:
                 raise SceneError(
-                    f"Rigid '{effect.name}': each=True names its pieces '{name}' and so on, and "
-                    "there are cells of this name already. Rename them."
+                    f"{effect.kind} '{effect.name}': each=True names its pieces '{name}' and so "
+                    "on, and there are cells of this name already. Rename them."
                 )
             sets = {**domain.sets, (name, 3): EntitySet(name, 3, cells)}
             domain = replace_sets(domain, sets)

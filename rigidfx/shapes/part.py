@@ -20,7 +20,6 @@ from rigidfx.error.linear_motion import assembled
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.mechanics.rigid_motions import free_motions, rigid_motions
-from rigidfx.shapes.machines import refuse_joints
 from rigidfx.shapes.orthonormal import Basis, columns, normalised
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.stiffness import times
@@ -77,8 +76,7 @@ class Part:
             name: Its name, for messages.
 
         Raises:
-            SceneError: On every rank, if it is a single cell, supports hold all of it, or a
-                joint acts on it.
+            SceneError: On every rank, if it is a single cell, or supports hold all of it.
         """
         self._scene, self._responses = responses.scene, responses
         self.nodes, self._name, self._cells = nodes, name, cells
@@ -101,7 +99,6 @@ class Part:
         wrong = few if cells_in < 2 else "supports hold all of it. Take the Reduced away"
         if cells_in < 2 or not free:
             raise SceneError(f"Reduced '{self._name}': {wrong}.")
-        refuse_joints(self._responses, self.nodes, self._name)
         self.room = free
 
     def _rigid_motions(self) -> Array:
@@ -115,6 +112,16 @@ class Part:
         R = rigid_motions(x, length) @ free_motions(x, held, length, scene.comm)
         columns(R)[held.reshape(-1)] = 0.0
         return normalised(R, self._dot(R, self.times_mass(R)))
+
+    def bears(self, F: Array) -> npt.NDArray[np.bool_]:
+        """Which forces act on it, or on what it holds together with, shape (k,). Collective.
+
+        Args:
+            F: Forces on the whole in balance with inertia, shape (owned nodes, 3, k) [N].
+        """
+        scene, part = self._scene, self._responses.rigid.part
+        own = np.concatenate(scene.comm.allgather(np.unique(part[self.nodes])))
+        return np.asarray(scene.sum((F[np.isin(part, own)] ** 2).sum(axis=(0, 1)))) > 0.0
 
     def times_mass(self, u: Array) -> Array:
         """M u of its own mass, shape (nodes, 3, k). Collective."""

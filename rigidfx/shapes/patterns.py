@@ -97,7 +97,7 @@ def _of_loads(responses: Responses, span: tuple[float, float]) -> Iterator[Array
             yield structure.surface.outward_forces(pushed[0], effect.owner)[:, :, None]
         elif getattr(effect, "body", None) is not None:
             yield _on_body(responses, effect, times)
-        elif effect.face is not None and not effect.is_dead:
+        elif isinstance(effect, Resultant) and not effect.is_dead:
             yield _couples(responses, effect, times)
         elif effect.is_dead:
             yield _dead(responses, effect, times)

@@ -23,27 +23,28 @@ Array = npt.NDArray[np.float64]
 # 18, 24, 36 shapes, and its steps take 1.3 times as long with 36 as with 12 (`reduced.py`); a
 # device that falls on a corner errs by 0.3 % of the peak force with 4.
 DEPTH, GROWN_DEPTH = 10, 4
+FACE_DEPTH = 2  # from each load of a face that a joint holds
 
 
-def ritz(responses: Responses, F: Array, depth: int, slow: Array | None = None) -> Array:
+def ritz(responses: Responses, *loads: tuple[Array, int]) -> Array:
     """Ritz vectors of forces: first the responses to all, then those to these' inertia. Collective.
 
     Args:
         responses: Of the whole structure.
-        F: Patterns of forces, the most important first, shape (owned nodes, 3, k) [N].
-        depth: Number of responses in a row.
-        slow: Patterns of forces that vary slowly, whose responses have no followers; none if None.
+        loads: Patterns of forces, the most important first, shape (owned nodes, 3, k) [N], and the
+            number of responses in a row.
 
     Returns:
         Vectors Y with YᵀMY = 1, dependent ones left out, shape (owned nodes, 3, n) [1/√kg].
     """
-    basis = Basis(len(F), responses.scene.sum)
-    for level in range(depth):
-        before = len(basis)
-        _respond(responses, basis, F)
-        F = basis.images[:, :, before:]
-        if level == 0 and slow is not None:
-            _respond(responses, basis, slow)
+    basis = Basis(responses.scene.owned_nodes, responses.scene.sum)
+    next_loads = [F for F, _ in loads]
+    for level in range(max(depth for _, depth in loads)):
+        for k, (_, depth) in enumerate(loads):
+            if level < depth:
+                before = len(basis)
+                _respond(responses, basis, next_loads[k])
+                next_loads[k] = basis.images[:, :, before:]
     return basis.vectors
 
 
@@ -62,6 +63,7 @@ def shapes_of(
     F: Array,
     count: int | None = None,
     slow: Array | None = None,
+    faces: Array | None = None,
 ) -> PartShapes:
     """Shapes of a part by the forces that act on the whole. Collective.
 
@@ -69,9 +71,10 @@ def shapes_of(
         part: The part.
         responses: Of the whole structure.
         F: Patterns of forces, the most important first, shape (owned nodes, 3, k).
-        count: How many shapes; if None `DEPTH` for each pattern and one for each slow one, `MOST`
-            at most, in threes.
-        slow: See `ritz`.
+        count: How many shapes; if None `DEPTH` for each pattern, `FACE_DEPTH` for each one of faces
+            and one for each slow one, `MOST` at most, in threes.
+        slow: Patterns of forces that vary slowly, whose responses have no followers; none if None.
+        faces: Patterns of forces of joints: see `of_faces`; none if None.
 
     Returns:
         The shapes; fewer than asked for where the forces lead to no more.
@@ -79,14 +82,22 @@ def shapes_of(
     Raises:
         SceneError: On every rank, if it can have no such number of shapes.
     """
-    k, once = F.shape[2], 0 if slow is None else slow.shape[2]
+    none = F[:, :, :0]
+    given = (F, none if faces is None else faces, none if slow is None else slow)
+    loads = [own[:, :, part.bears(own)] for own in given]
+    k, joined, once = (own.shape[2] for own in loads)
     if count is None:
-        wanted = min(-(-(DEPTH * k + once) // BLOCK) * BLOCK, MOST, part.room)
+        wanted = DEPTH * k + FACE_DEPTH * joined + once
+        wanted = min(-(-wanted // BLOCK) * BLOCK, MOST, part.room)
+        most = wanted, FACE_DEPTH, 1
     else:
         wanted = whole("Reduced", "shapes", count, least=1)
-    depth, before, vectors = max(1, (wanted - once) // max(k, 1)), -1, F[:, :, :0]
+        most = wanted, wanted, 1
+    depth, before, vectors = max(1, (wanted - once) // max(k + joined, 1)), -1, none
     shapes = part.shapes(vectors, wanted)
     while len(shapes.force) < wanted and vectors.shape[2] > before:
-        before, vectors = vectors.shape[2], ritz(responses, F, depth, slow)
+        before = vectors.shape[2]
+        depths = (min(depth, own) for own in most)
+        vectors = ritz(responses, *zip(loads, depths, strict=True))
         shapes, depth = part.shapes(vectors, wanted), depth + 1
     return shapes if count is not None else part.shapes(vectors, wanted, BLOCK)

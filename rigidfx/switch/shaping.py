@@ -25,6 +25,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body, RigidBody
 from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.scene import Scene
+from rigidfx.shapes.faces import of_faces
 from rigidfx.shapes.orthonormal import Basis
 from rigidfx.shapes.part import MOST, Part, PartShapes
 from rigidfx.shapes.patterns import of_springs, patterns
@@ -105,17 +106,18 @@ class Shaping:
         responses, count = self._bind(state), effect.shapes
         if self._loads is None:
             self._loads = patterns(responses, state, self._until)
-        part, loads, slow = self._part(body.data), self._loads, of_springs(responses)
-        found = shapes_of(part, responses, loads, count, slow)
+        part, loads = self._part(body.data), self._loads
+        others = count, of_springs(responses), of_faces(responses)
+        found = shapes_of(part, responses, loads, *others)
         if count is not None and len(found.force) < count:
-            found = shapes_of(part, responses, self._with_spins(loads), count, slow)
+            found = shapes_of(part, responses, self._with_spins(loads), *others)
         if count is not None and len(found.force) < count:
             raise SceneError(
                 f"{effect.owner}: shapes={count} are more than can be told apart in it, which are "
                 f"{len(found.force)}. Ask for fewer, or refine its mesh."
             )
         if held and not len(found.force):  # what contacts call for begins from a part that is held
-            found = shapes_of(part, responses, self._with_spins(loads), count, slow)
+            found = shapes_of(part, responses, self._with_spins(loads), *others)
         if not len(found.force):
             return body
         m, nodes = len(found.force), int(self._scene.sum(body.data.nodes.size))
@@ -281,7 +283,7 @@ class Shaping:
             known = PartShapes(old.swapaxes(1, 2), data.shapes.stiffness, data.shapes.force)
             loads = loads[:, :, part.unspanned(known, loads)]
         if loads.shape[2]:
-            vectors = part.unmoved(ritz(responses, loads, GROWN_DEPTH))
+            vectors = part.unmoved(ritz(responses, (loads, GROWN_DEPTH)))
             moved = self._images(data, vectors.swapaxes(1, 2)).swapaxes(1, 2)
             sizes = np.sqrt(np.asarray(scene.sum(np.einsum("nak,nak->k", vectors, moved))))
             basis.grow(vectors, moved, sizes, max(MOST, m))

@@ -92,7 +92,7 @@ class PointMass(OnFace):
             return
         place, n = self.remote.place, scene.owned_nodes
         total = scene.sum(place.nodes.size)
-        for rigid in (effect for effect in scene.effects if effect.is_rigid):
+        for rigid in (effect for effect in scene.effects if effect.is_body):
             held = scene.members(rigid.where, rigid.kind)[:n, 0] if rigid.where else np.ones(n)
             inside = scene.sum(np.count_nonzero(held[place.nodes]))
             if 0 < inside < total:

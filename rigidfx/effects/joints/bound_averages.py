@@ -25,7 +25,7 @@ class BoundAverages:
 
     Attributes:
         own: Weights of nodes that are no body's, shape (averages, places among these nodes).
-        held: Weights of the bodies' [1, V], shape (averages, 4 · bodies).
+        held: Weights of the bodies' a = [1, V, Φ₁, ..., Φ_m], shape (averages, n · bodies).
         at: Places of the nodes of `own` among the rows of the division.
     """
 
@@ -47,7 +47,7 @@ class BoundAverages:
             scene: The problem.
             rows: Rows of the nodes that take part.
             own: For each of these nodes, whether it belongs to no body.
-            bodies: The rigid bodies.
+            bodies: The bodies.
             u: Displacements of all local dofs at the start of a step [m], changed by each step.
         """
         self._comm: MPI.Intracomm = scene.comm
@@ -66,7 +66,7 @@ class BoundAverages:
 
         Args:
             of_nodes: Of the nodes of `own`, shape (nodes, 3).
-            of_bodies: Shape (bodies, 4, 3); zero if None.
+            of_bodies: Shape (bodies, n, 3); zero if None.
         """
         out = np.asarray(self.own @ of_nodes)
         if self._comm.size > 1:

@@ -117,6 +117,29 @@ class FaceSide:
         """Where a direction of the side points."""
         return FaceVector(self, a, False)
 
+    def turns(self, means: Array | None = None) -> tuple[Array, Array]:
+        """The axes r_k by rows, and derivatives of θ by the displacements of the nodes.
+
+        Args:
+            means: Values of the averages; those at the start if None.
+
+        Returns:
+            Shapes (3, 3) and (nodes, 3, 3).
+        """
+        r = self.axes.T if means is None else fitted(means[1:])
+        H = self.moments[:, None] * r if means is None else means[1:]
+        weights = np.stack([average.weights for average in self.averages[1:]], axis=1)
+        return r, np.einsum("nk,akb->nab", weights, turn_map(r, H)[1])
+
+    def unit_loads(self) -> Array:
+        """Forces on the nodes by unit forces and couples along x, y and z, at the start.
+
+        Returns:
+            Shape (nodes, 3, 6) [N].
+        """
+        forces, couples = self.averages[0].slopes(), self.turns()[1]
+        return np.concatenate([forces, couples], axis=1).swapaxes(1, 2)
+
 
 @dataclass(frozen=True, eq=False)
 class FaceVector:
@@ -177,13 +200,9 @@ class FaceVector:
         Args:
             means: Values of its averages; those at the start if None.
         """
-        r = self.face.axes.T if means is None else fitted(means[1:])
-        H = self.face.moments[:, None] * r if means is None else means[1:]
-        middle, *rest = self.averages
-        weights = np.stack([average.weights for average in rest], axis=1)
-        turns = np.einsum("nk,akb->nab", weights, turn_map(r, H)[1])
+        r, turns = self.face.turns(means)
         moved = -skew(self.local @ r) @ turns
-        return moved + middle.slopes() if self.is_place else moved
+        return moved + self.averages[0].slopes() if self.is_place else moved
 
 
 Vector = Average | FaceVector

@@ -1,8 +1,8 @@
 """All joints of a division: where their vectors are, their rows, and the forces of these.
 
 Averages are B = W x over nodes that are no body's, plus those of nodes in bodies, which move as
-[1, V] times the bodies' poses. The vectors p of joints are averages, or turn with a mean face; in a
-step they gain J̄ ΔB exactly (`vectors`). With g at most quadratic in p,
+[1, V, Φ₁, ..., Φ_m] times the bodies' poses. The vectors p of joints are averages, or turn with a
+mean face; in a step they gain J̄ ΔB exactly (`vectors`). With g at most quadratic in p,
 
     g(x₁) = g(x₀) + ∇g(p½) · Δp    exactly,
 
@@ -55,7 +55,7 @@ class Linkage:
         drives: Motors and springs.
         points: Remote points.
         own: Weights of nodes that are no body's, shape (averages, places among these nodes).
-        held: Weights of the bodies' [1, V], shape (averages, 4 · bodies).
+        held: Weights of the bodies' a = [1, V, Φ₁, ..., Φ_m], shape (averages, n · bodies).
         at: Places of the nodes of `own` among the rows of the division.
     """
 
@@ -80,7 +80,7 @@ class Linkage:
             scene: The problem.
             rows: Rows of the nodes that take part.
             own: For each of these nodes, whether it belongs to no body.
-            bodies: The rigid bodies.
+            bodies: The bodies.
             u: Displacements of all local dofs at the start of a step [m], changed by each step.
             notes: Memory of joints from division to division, by their identity.
             static: Whether forces are those at the end of a step, and nothing moves.

@@ -187,7 +187,7 @@ def weights_of(
 
     Returns:
         Weights of owned nodes, shape (averages, nodes), those of faces that a body holds left out,
-        and of the bodies' [1, V], shape (averages, 4 · bodies).
+        and of the bodies' a = [1, V, Φ₁, ..., Φ_m], shape (averages, n · bodies).
     """
     own = [a.nodes[: 0 if k in stiff else None] for k, a in enumerate(averages)]
     number = np.repeat(np.arange(len(own)), [some.size for some in own])
@@ -195,8 +195,11 @@ def weights_of(
     at = number, np.concatenate([np.empty(0, np.int64), *own])
     shape = len(own), scene.owned_nodes
     W = csr_array((np.concatenate([np.empty(0), *values]), at), shape=shape)
-    held = [W[:, body.nodes] @ np.c_[np.ones(body.nodes.size), body.offsets] for body in bodies]
-    every = np.asarray(scene.sum(np.reshape(held, (-1, len(own), 4)).swapaxes(0, 1)))
+    n = 4 + 3 * max((body.deforms_by for body in bodies), default=0)
+    held = np.zeros((len(own), len(bodies), n))
+    for k, body in enumerate(bodies):
+        held[:, k, : 4 + 3 * body.deforms_by] = W[:, body.nodes] @ body.coordinates()
+    every = np.asarray(scene.sum(held))
     for k, row in stiff.items():
-        every[k] = row.row
+        every[k, :, :4] = row.row
     return W, csr_array(every.reshape(len(own), -1))

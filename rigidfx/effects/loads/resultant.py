@@ -181,13 +181,8 @@ class FaceForce(Action):
         W, held = weights_of(scene, bodies, middle, stiff_rows(scene, bodies, middle))
         weights = np.asarray(W.toarray()[0])[structure.rows.nodes]
         self._weights = np.where(structure.own, weights, 0.0)[:, None]
-        moments = np.zeros(structure.bodies.pose.shape[:2])
-        moments[:, :4] = held.toarray().reshape(-1, 4)
-        for k, body in enumerate(bodies):
-            if body.shapes is not None:
-                a = body.coordinates()
-                moments[k, : a.shape[1]] = scene.sum(W[:, body.nodes].toarray()[0] @ a)
-        self._moments = structure.once * moments[:, :, None]
+        moments = held.toarray().reshape(*structure.bodies.pose.shape[:2], 1)
+        self._moments = structure.once * moments
         self._force: Array = np.zeros(3)
 
     def set_time(self, t: float, dt: float) -> None:

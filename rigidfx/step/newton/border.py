@@ -31,8 +31,8 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from rigidfx.base.errors import StepError
-from rigidfx.base.matrices import Matrix, compact, dense
-from rigidfx.mechanics.rotation import nearest_rotations
+from rigidfx.base.matrices import Matrix, Pattern, compact, dense
+from rigidfx.mechanics.rotation import AXES, nearest_rotations
 from rigidfx.step.equations.joined import JoinedEquilibrium
 from rigidfx.step.newton.parted import Shared, parted
 from rigidfx.step.newton.small_system import Factors, small_system
@@ -68,6 +68,12 @@ class Border:
         self._shared: Shared | None = None
         self._entries = 0.0  # of the tangent that it is of, whose pattern only grows
         self._turned: Matrix | None = None  # rotations of the ports, 3×3 each
+        self._vectors = at = ports.vectors[:, None] + AXES
+        shapes = np.setdiff1d(np.arange(self.ports), at)  # which do not turn
+        self._still = shapes.size
+        rows, columns = np.broadcast_arrays(at[:, :, None], at[:, None, :])
+        rows, columns = np.r_[rows.ravel(), shapes], np.r_[columns.ravel(), shapes]
+        self._turning = Pattern(rows, columns, (self.ports, self.ports))
         self._weights: csr_array | None = None  # squares of shares of vectors in ports
         self._factors: Factors | None = None  # of the small system
 
@@ -120,12 +126,11 @@ class Border:
         if Q is None:
             return
         if self._weights is None:
-            self._weights = csr_array(self._E[starts][:, ::3].power(2).T)
+            self._weights = csr_array(self._E[starts][:, self._vectors[:, 0]].power(2).T)
         sums = self._sum(np.asarray(self._weights @ Q.reshape(-1, 9))).reshape(-1, 3, 3)
         sums[np.abs(sums).max(axis=(1, 2)) == 0.0] = np.eye(3)  # nodes that are held in part
-        columns = np.repeat(np.arange(self.ports).reshape(-1, 3), 3, axis=0)
-        ends = 3 * np.arange(self.ports + 1)
-        self._turned = compact(csr_array((nearest_rotations(sums).ravel(), columns.ravel(), ends)))
+        values = np.concatenate([nearest_rotations(sums).ravel(), np.ones(self._still)])
+        self._turned = self._turning.filled(values)
 
     def _factor(self) -> Factors:
         """Factors of the small system at the last iterate. Collective."""

@@ -156,10 +156,10 @@ class JointForces:
             return self._C
         turned = orthonormalized(increments.R_av[self._ports.bodies]) @ self._R.swapaxes(1, 2)
         Q = np.eye(len(self._C))
-        first = 3 * self._ports.averages.size
-        for k, own in enumerate(turned):
-            for at in (first + 6 * k, first + 6 * k + 3):
-                Q[at : at + 3, at : at + 3] = own
+        for own, ports in zip(turned, self._ports.at, strict=True):
+            for at in ports[:6:3]:
+                if at >= 0:  # no support holds the frame
+                    Q[at : at + 3, at : at + 3] = own
         return np.asarray(Q @ self._C @ Q.T)
 
 

@@ -1,0 +1,61 @@
+"""Forces of joints, and of springs and masses at points of faces: those that a face can bear."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.effects import Joint, Resultant, SpringDamper
+from rigidfx.effects.joints.face_motion import FaceSide, FaceVector, Vector
+from rigidfx.effects.joints.on_face import OnFace
+from rigidfx.scene.scene import Scene
+from rigidfx.shapes.responses import Responses
+from rigidfx.shapes.samples import interleaved
+
+__all__ = ["of_faces"]
+
+Array = npt.NDArray[np.float64]
+
+
+def of_faces(responses: Responses) -> Array:
+    """Unit forces on the points that joints and springs hold, and unit couples. Collective.
+
+    A face whose turn matters has three forces and three couples, whatever the joint: parts turn
+    against each other, and motors come and go.
+
+    Args:
+        responses: Of the whole structure.
+
+    Returns:
+        In balance with inertia, of norm 1, those of all points in turn, shape (owned nodes, 3, k).
+    """
+    vectors = list(_vectors(responses.scene))
+    turned = [v.face for v in vectors if isinstance(v, FaceVector) and not v.is_place]
+    faces: dict[int, FaceSide] = {id(face): face for face in turned}
+    known = {id(face.averages[0]) for face in faces.values()}
+    each = [(face.nodes, face.unit_loads()) for face in faces.values()]
+    for v in vectors:
+        own = v.face if isinstance(v, FaceVector) else v
+        if v.is_place and id(own) not in faces and id(own) not in known:
+            known.add(id(own))
+            each.append((v.nodes, v.slopes().swapaxes(1, 2)))
+    return interleaved(responses, [_at(responses, *loads) for loads in each])
+
+
+def _at(responses: Responses, nodes: npt.NDArray[np.int64], loads: Array) -> Array:
+    """Loads on some nodes as loads on all."""
+    out = np.zeros((responses.scene.owned_nodes, 3, loads.shape[2]))
+    out[nodes] = loads
+    return out
+
+
+def _vectors(scene: Scene) -> Iterator[Vector]:
+    """Points and directions that joints, springs and masses at points of faces act on."""
+    for between in (*scene.named(Joint), *scene.named(SpringDamper)):
+        yield from between.averages
+    for effect in (e for e in scene.named(OnFace) if e.face is not None):
+        turning = isinstance(effect, Resultant) and not effect.is_dead
+        if turning or getattr(effect, "is_carried", effect.is_lasting):
+            yield from (effect.remote.place, *effect.remote.directions)
