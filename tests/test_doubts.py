@@ -302,6 +302,27 @@ def test_loads_that_steps_do_not_resolve_are_told(load, dt):
         assert not [text for text in found if "changes faster" in text]
 
 
+@pytest.mark.parametrize(
+    ("by", "given", "words"),
+    [
+        ("torque", lambda t: 100 * np.sin(5e4 * t), "value"),
+        ("speed", lambda t: 0.1 * np.sin(5e4 * t), "velocity"),
+        ("angle", lambda t: 1e-4 * (1 - np.cos(5e4 * t)), "velocity"),
+        ("angle", lambda t: 1e-2 * (1 - np.cos(5e2 * t)), None),
+        ("angle", lambda t: 0.0, None),
+        ("torque", rf.Table((0, 1e-5, 3e-5), (0, 1, 0)), None),
+    ],
+)
+def test_motors_that_steps_do_not_resolve_are_told(by, given, words):
+    pin = rf.Revolute("ground", rf.RigidFace("x0"), (0, 0.05, 0.05), (0, 1, 0), name="pin")
+    found = told(beam(pin, rf.Motor("pin", **{by: given}), load()), t_end=2e-3)
+    found = [text for text in found if "changes faster" in text]
+    assert len(found) == (words is not None), found
+    for text in found:
+        assert text.startswith(f"Motor of 'pin': its {words} changes faster")
+        assert float(text.split("Δt ≤ ")[1].split()[0]) == pytest.approx(1.25e-5, rel=0.1)
+
+
 def test_a_step_control_is_not_told_of_fast_loads():
     control = rf.StepControl(0.1, largest=1e-4)
     found = told(beam(CLAMP, load(value=sine(4))), control, t_end=1e-3)

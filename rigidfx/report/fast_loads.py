@@ -6,7 +6,8 @@ The part that is bent is r = f - f(middle) - s (t - middle), with the slope s th
     Σ Δt mean |r|   of   Σ Δt mean |f|
 
 is (ωΔt)²/24 in a vibration of ω. Means are taken at Gauss's five points, whose distances have no
-common divisor: no vibration looks straight in them. Of the path of a support f is the velocity.
+common divisor: no vibration looks straight in them. Of the path of a support, and of a motor that
+prescribes a motion, f is the velocity.
 """
 
 from __future__ import annotations
@@ -20,11 +21,12 @@ import numpy.typing as npt
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
+from rigidfx.effects import Motor
 from rigidfx.report.brief_contacts import RESOLVED, rounded_down
 from rigidfx.report.look import Look
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
-from rigidfx.step.length.given import SMOOTH, Given, given_loads
+from rigidfx.step.length.given import SMOOTH, Given, given_loads, is_given
 from rigidfx.step.watches.jumps import Jumps
 from rigidfx.step.watches.unresolved import WORTH_A_WARNING as NOTHING
 
@@ -49,7 +51,10 @@ class FastLoads(Look):
             given: Whether Δt is given; else steps are chosen by what loads will be.
         """
         self._comm, self._jumps = scene.comm, jumps
-        self._loads = given_loads(scene) if given else []
+        self._loads: list[Given] = []
+        if given:
+            motors = [Given(motor, scene) for motor in scene.named(Motor) if is_given(motor)]
+            self._loads = [*given_loads(scene), *motors]
         self._waits, self._t = bool(self._loads), 0.0
         self._begin = min((x.start for x in self._loads), default=0.0)  # of the first to act [s]
         self._missed, self._whole = np.zeros((2, len(self._loads)))

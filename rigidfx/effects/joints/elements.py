@@ -126,6 +126,20 @@ class Motor(Windowed):
         q0, q1, q2 = (self.at(t + k * h) for k in range(3))
         return (4 * q1 - 3 * q0 - q2) / (2 * h)
 
+    def drive(self, t: float, dt: float) -> float:
+        """Its torque or force, or the speed that it prescribes, while it acts; else zero.
+
+        Args:
+            t: Time [s].
+            dt: Length of a step [s], as of `speed_at`.
+
+        Raises:
+            SceneError: As of `at`.
+        """
+        if not self.acts(t):
+            return 0.0
+        return self.speed_at(t, dt) if self.prescribes else self.at(t)
+
     def at(self, t: float) -> float:
         """Its value at t [s].
 

@@ -18,11 +18,11 @@ import numpy.typing as npt
 from rigidfx.base.errors import SceneError, by_name
 from rigidfx.base.inputs import is_function
 from rigidfx.base.remembered import Remembered, same
-from rigidfx.effects import Effect, Table, Windowed
+from rigidfx.effects import Effect, Motor, Table, Windowed
 from rigidfx.scene.sample import spread
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Given", "given_loads"]
+__all__ = ["Given", "given_loads", "is_given"]
 
 Array = npt.NDArray[np.float64]
 
@@ -39,7 +39,7 @@ class Given:
     Attributes:
         owner: Its name.
         start: When it begins to act [s].
-        led: Whether it is the velocity of a support's path.
+        led: Whether it is the velocity of a path.
         weights: Of its points.
     """
 
@@ -55,7 +55,7 @@ class Given:
         self._load: Any = load
         self.owner, self.start = load.owner, load.start
         self._X, self.weights = np.zeros((0, 3)), np.ones(1)
-        self.led = load.is_support
+        self.led = load.is_support or load.prescribes
         self._range: tuple[Array, Array] | None = None
         self._asked, self._changed = False, np.zeros(1)
         if load.is_dead and not load.uniform:
@@ -157,16 +157,18 @@ class Given:
         load = self._load
         if load.is_dead and not load.uniform:
             return load.intensities(t, self._X)
+        if isinstance(load, Motor):
+            return np.array([load.drive(t, dt)])
         return load.signal(t, dt)
 
 
 def given_loads(scene: Scene) -> list[Given]:
     """The loads of a scene that are a user's functions, of which not all is known. Collective."""
-    loads = [load for load in scene.named(Windowed) if load.is_load and _is_given(load)]
+    loads = [load for load in scene.named(Windowed) if load.is_load and is_given(load)]
     return [Given(load, scene) for load in loads if type(load).signal is not Effect.signal]
 
 
-def _is_given(load: Windowed) -> bool:
+def is_given(load: Windowed) -> bool:
     """Whether a load has a function of a user's."""
     given = [getattr(load, own.name) for own in fields(load)]
     return any(is_function(value) and not isinstance(value, Table) for value in given)
