@@ -176,9 +176,11 @@ class Run:
         return impact
 
     def accounted(self, report: Report) -> Report:
-        """A report with its ledger, if there is one, and resolved forces. Collective."""
+        """A report with its ledger, if there is one, ν, and resolved forces. Collective."""
         if self.resolved is not None:
             report = self.resolved.of(report)
+        if nu := self.switch.shaping.spent(self.stepper.state):
+            report = replace(report, nu=nu)
         if self.ledgers is None:
             return report
         withheld = np.nan if self.looks is None else self.looks.withheld

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import tempfile
 from pathlib import Path
 
@@ -96,6 +97,41 @@ def test_files_tell_levels_shapes_and_stresses(tmp_path):
     assert twins[-1].bodies == ()
 
 
+LEAF = rf.StVenantKirchhoff(E=2e6, nu=0.3, rho=1000.0)
+
+
+def bent(force, *effects):
+    """A bar on a soft leaf that a load bends slowly; z of its tip and the reports."""
+    domain = rf.box((0, 0, 0), (1.0, 0.1, 0.1), (20, 2, 2))
+    domain = domain.with_cells("leaf", lambda x: (x[0] > 0.349) & (x[0] < 0.501))
+    domain = domain.with_cells("rest", lambda x: (x[0] < 0.351) | (x[0] > 0.499))
+    load = rf.Traction("x1", (0, 0, force), time=lambda t: np.sin(np.pi * t / 0.2) ** 2)
+    effects, materials = [rf.Fixed("x0"), load, *effects], {"leaf": LEAF, "rest": SOFT}
+    scene = rf.Scene(
+        domain, materials, effects, probes={"tip": (1, 0.05, 0.05)}, element="enhanced"
+    )
+    reports = list(rf.simulate(scene, dt=5e-3, t_end=0.1, progress=False))
+    return np.array([r.probes["tip"][2] for r in reports]), reports
+
+
+def test_nu_is_the_error_of_the_deflection():
+    """It grows with the energy, and bounds what the expansion is off by."""
+    (z, reports), (twin, _) = bent(4000.0, rf.Reduced()), bent(4000.0)
+    nu = [r.bodies[0].nu for r in reports]
+    error = np.abs(z - twin).max() / np.abs(twin).max()
+    assert nu == sorted(nu)
+    assert nu[-1] < error < 3 * nu[-1]
+    assert len(set(nu)) < 10
+
+
+def test_a_part_that_bends_far_is_named_once_with_its_cells():
+    with pytest.warns(UserWarning, match="bends too far") as caught:
+        bent(12e3, rf.Reduced())
+    (text,) = (str(w.message) for w in caught if "bends too far" in str(w.message))
+    ends = [float(x) for x in re.findall(r"[(]([-\d.e]+), [^()]*[)]", text)]
+    assert 0.34 < ends[0] < ends[1] < 0.51
+
+
 def _found():
     """What is the same on any number of ranks."""
     with tempfile.TemporaryDirectory() as folder:
@@ -103,7 +139,7 @@ def _found():
         recorded(Path(folder), rf.Reduced("half", shapes=4))
         history = rf.read_history(Path(folder) / "history.csv")
         MPI.COMM_WORLD.barrier()
-    names = ("peak_half", "stress_inside_xx", "stress_border_xx", "shapes")
+    names = ("peak_half", "stress_inside_xx", "stress_border_xx", "shapes", "nu")
     return [history[name].tolist() for name in names]
 
 

@@ -358,9 +358,9 @@ class InternalForces:
         for k in self._acting[1]:
             self._terms[k][1].set_rate(rate)
 
-    def bind_energy(self, cells: Cells) -> fem.Form:
-        """Stored energy at `u0` over the given cells."""
-        return self._energy.bind(cells)
+    def bind_energy(self, cells: Cells, u: fem.Function | None = None) -> fem.Form:
+        """Stored energy at u over the given cells, at `u0` if None."""
+        return self._energy.bind(cells, instead=None if u is None else {self.u0: u})
 
     def bind_taken(self, cells: Cells, driven: Cells | None = None) -> Taken:
         """Energy that terms take out of the motion of cells in a step.

@@ -7,8 +7,9 @@ work_of_supports, work_of_motors at it [J], linear_momentum_error [kg m/s], angu
 number, cells_before, cells_after, stored_before, stored_after of the body [J].
 
 Columns of bodies.csv, a row per body at each time of the fields: t, number, name, cells, shapes,
-mass [kg], centre_x … of mass [m], velocity_x … of it [m/s], angular_velocity_x … [rad/s],
-rotation_x …, the rotation vector since the body became rigid [rad], kinetic, stored, strain [J].
+nu (see `BodyReport`), mass [kg], centre_x … of mass [m], velocity_x … of it [m/s],
+angular_velocity_x … [rad/s], rotation_x …, the rotation vector since the body became rigid [rad],
+kinetic, stored, strain [J].
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ CHANGE = ("name", "number", "cells_before", "cells_after", "stored_before", "sto
 IMPULSES = ("impulse", "angular_impulse")
 EVENT_COLUMNS = (*EVENT, *(f"{name}_{axis}" for name in IMPULSES for axis in "xyz"), *CHANGE)
 
-BODY = ("number", "name", "cells", "shapes", "mass")
+BODY = ("number", "name", "cells", "shapes", "nu", "mass")
 VECTORS = ("centre", "velocity", "angular_velocity", "rotation")
 ENERGIES = ("kinetic", "stored", "strain")
 BODY_COLUMNS = ("t", *BODY, *(f"{v}_{axis}" for v in VECTORS for axis in "xyz"), *ENERGIES)

@@ -13,7 +13,8 @@ Columns, in SI units; a vector has one column for each of x, y, z:
                                              bodies begin or end, and on velocities that alternate
                                              [N s]
     angular_impulse_x …                      its moment about the origin [N m s]
-    bodies, shapes, J_rigid_x …              number of bodies and of their shapes, their part of J
+    bodies, shapes, nu, J_rigid_x …          number of bodies and of their shapes, the largest ν of
+                                             them (`BodyReport`), their part of J
     reaction_NAME_x …                        of each support [N], zero while it does not act
     moment_NAME_x …                          its moment about the origin [N m], likewise
     reaction_NAME_e_x …, moment_NAME_e_x …   the error motion's part of both, not in them
@@ -152,7 +153,7 @@ def history_columns(
     ]
     vectors = ["L", "J", "impulse", "angular_impulse", "J_rigid", *named]
     names = [f"{vector}_{axis}" for vector in vectors for axis in "xyz"]
-    first = [*SCALARS, "dissipated", "impact_energy", "momentum_scale", "bodies", "shapes"]
+    first = [*SCALARS, "dissipated", "impact_energy", "momentum_scale", "bodies", "shapes", "nu"]
     of_contacts = [*(["contact"] if contacts else []), *_of_contacts(contacts, {}, {})]
     of_joints = [*_of_joints(joints, {}), *_of_springs(springs, {})]
     stresses += [f"peak_{name}{at}" for name in peaks for at in ("", "_x", "_y", "_z")]
@@ -191,6 +192,7 @@ def history_row(
     row |= components("angular_impulse", report.angular_impulse)
     row["bodies"] = len(report.bodies)
     row["shapes"] = sum(body.shapes for body in report.bodies)
+    row["nu"] = max((body.nu for body in report.bodies), default=0.0)
     row |= components("J_rigid", sum((b.angular_momentum for b in report.bodies), np.zeros(3)))
     for name in supports:
         row |= components(f"reaction_{name}", report.reactions.get(name, np.zeros(3)))

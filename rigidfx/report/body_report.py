@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +38,8 @@ class BodyReport:
         strain: Strain energy of a body with shapes [J].
         q: Coordinates of its shapes, shape (shapes,) [m].
         q_rate: Their rates, likewise [m/s].
+        nu: ν, by which part of its strain energy that of its cells differed from it, of a body with
+            shapes, when last looked at: the energy is at most ten times as large since.
         inertia_ratio: Largest ratio, about any axis, of its moment of inertia to the exact one of
             its cells: above 1 where masses are lumped.
         kinetic_excess: Kinetic energy that it has for this reason only [J].
@@ -58,6 +61,7 @@ class BodyReport:
     strain: float
     q: Array
     q_rate: Array
+    nu: float
     inertia_ratio: float
     kinetic_excess: float
 
@@ -67,16 +71,24 @@ class BodyReport:
         return len(self.q)
 
 
-def body_reports(bodies: Bodies) -> tuple[BodyReport, ...]:
-    """Reports of the bodies at an instant."""
+def body_reports(bodies: Bodies, nu: Mapping[str, float]) -> tuple[BodyReport, ...]:
+    """Reports of the bodies at an instant.
+
+    Args:
+        bodies: The bodies.
+        nu: ν of bodies with shapes, by their names; zero of others.
+    """
     spins, kinetic = bodies.angular_momentum, bodies.kinetic_of_each
     strain = bodies.strain_of_each
     each = enumerate(bodies)
-    return tuple(_body_report(b, spins[k], float(kinetic[k]), float(strain[k])) for k, b in each)
+    return tuple(
+        _body_report(b, spins[k], float(kinetic[k]), float(strain[k]), nu.get(b.data.name, 0.0))
+        for k, b in each
+    )
 
 
-def _body_report(body: Body, own: Array, kinetic: float, strain: float) -> BodyReport:
-    """Report of a body with angular momentum [kg m²/s], kinetic and strain energy [J]."""
+def _body_report(body: Body, own: Array, kinetic: float, strain: float, nu: float) -> BodyReport:
+    """Report of a body with angular momentum [kg m²/s], kinetic and strain energy [J], and ν."""
     data, motion = body.data, body.motion
     W, momentum = motion.angular_velocity_body, data.mass * motion.velocity
     return BodyReport(
@@ -96,6 +108,7 @@ def _body_report(body: Body, own: Array, kinetic: float, strain: float) -> BodyR
         strain=strain,
         q=motion.q,
         q_rate=motion.q_rate,
+        nu=nu,
         inertia_ratio=data.inertia_ratio,
         kinetic_excess=float(0.5 * W @ data.excess @ W),
     )

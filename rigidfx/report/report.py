@@ -82,7 +82,7 @@ class Report:
             in the report of the initial state.
         alternating_impulse: Impulse of supports besides their reactions, on velocities that
             alternate from step to step, and its moment, shape (2, 3) [N s, N m s].
-        rigid: The rigid bodies at its end, as arrays.
+        rigid: The bodies at its end, rigid or with shapes, as arrays.
         clamped: Names of `Rigid` parts that a support holds: they follow the support, have
             no unknowns, and are not among the bodies.
         events: Freezes and releases since the last report: before the step, and at its end.
@@ -101,6 +101,7 @@ class Report:
         ledger: Errors and energies so far; None in a run with given Δt and without waking by
             forces.
         wall: Wall time of the step [s].
+        nu: How far each body with shapes was from small, by its name: see `BodyReport.nu`.
     """
 
     step: int
@@ -149,6 +150,7 @@ class Report:
     _probes: Probes
     _recovery: Recovery | None = None
     _error: ErrorMotion | None = None
+    nu: Mapping[str, float] = field(default_factory=dict)
     _writers: Writers = field(default_factory=Writers, repr=False, compare=False)
 
     def __repr__(self) -> str:
@@ -196,8 +198,8 @@ class Report:
 
     @cached_property
     def bodies(self) -> tuple[BodyReport, ...]:
-        """The rigid bodies."""
-        return body_reports(self.rigid)
+        """The bodies, rigid or with shapes."""
+        return body_reports(self.rigid, self.nu)
 
     @property
     def current(self) -> bool:

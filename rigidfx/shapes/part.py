@@ -61,6 +61,8 @@ class Part:
 
     Attributes:
         nodes: Its owned nodes on this rank.
+        cells: Its owned cells by subdomain id.
+        rows: Its nodes as rows of vectors.
         room: Number of its free unknowns less its rigid motions.
     """
 
@@ -79,12 +81,12 @@ class Part:
             SceneError: On every rank, if it is a single cell, or supports hold all of it.
         """
         self._scene, self._responses = responses.scene, responses
-        self.nodes, self._name, self._cells = nodes, name, cells
+        self.nodes, self.cells, self._name = nodes, cells, name
         scene, stiffness = responses.scene, responses.stiffness
         self._check(cells)
-        self._rows = Rows(scene.space, nodes)
-        self._mass = mass_operator(scene, self._rows, cells, np.ones(nodes.size, dtype=bool))
-        self._K = assembled(self._rows, stiffness.linear.tangent(cells))
+        self.rows = Rows(scene.space, nodes)
+        self._mass = mass_operator(scene, self.rows, cells, np.ones(nodes.size, dtype=bool))
+        self._K = assembled(self.rows, stiffness.linear.tangent(cells))
         self._internal = stiffness.internal_forces(cells)[nodes]
         self._motions = self._rigid_motions()
         self.room -= self._motions.shape[2]
@@ -125,11 +127,11 @@ class Part:
 
     def times_mass(self, u: Array) -> Array:
         """M u of its own mass, shape (nodes, 3, k). Collective."""
-        return times(self._mass, columns(u), self._rows.vector).reshape(u.shape)
+        return times(self._mass, columns(u), self.rows.vector).reshape(u.shape)
 
     def times_stiffness(self, u: Array) -> Array:
         """K u of its own cells, shape (nodes, 3, k). Collective."""
-        return times(self._K, columns(u), self._rows.vector).reshape(u.shape)
+        return times(self._K, columns(u), self.rows.vector).reshape(u.shape)
 
     def _dot(self, a: Array, b: Array) -> Array:
         return self._responses.dot(a, b)
@@ -226,8 +228,8 @@ class Part:
                 own = shape.x.array[: 3 * scene.owned_nodes].reshape(-1, 3)
                 own += sign * h * psi[:, :, k]
                 shape.x.scatter_forward()
-                K = assembled(self._rows, responses.stiffness.linear.tangent(self._cells))
-                image = times(K, columns(modes), self._rows.vector).reshape(modes.shape)
+                K = assembled(self.rows, responses.stiffness.linear.tangent(self.cells))
+                image = times(K, columns(modes), self.rows.vector).reshape(modes.shape)
                 sides.append(self._dot(modes, image))
                 K.destroy()
             change = (sides[0] - sides[1]) / (2 * h) if h else sides[0] * 0.0

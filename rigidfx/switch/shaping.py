@@ -17,7 +17,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.log import tell
-from rigidfx.base.remembered import ON_DOFS, Remembered
+from rigidfx.base.remembered import ON_DOFS, Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.effects import Contact, PrescribedRotation, Reduced, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
@@ -25,9 +25,10 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body, RigidBody
 from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.scene import Scene
+from rigidfx.shapes.excess import Excess
 from rigidfx.shapes.faces import of_faces
 from rigidfx.shapes.orthonormal import Basis
-from rigidfx.shapes.part import MOST, Part, PartShapes
+from rigidfx.shapes.part import LACKING, MOST, Part, PartShapes
 from rigidfx.shapes.patterns import of_springs, patterns
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.ritz import GROWN_DEPTH, ritz, shapes_of
@@ -50,9 +51,10 @@ class Shaping:
     Attributes:
         start: Displacement of the owned dofs at the start, about which the structure responds [m];
             None before a part has been given shapes.
+        looked: Strain energy of each part when ν was looked at [J], and ν, by its name.
     """
 
-    remembered: ClassVar[Remembered] = {"start": ON_DOFS}
+    remembered: ClassVar[Remembered] = {"start": ON_DOFS} | same("looked", "_large")
 
     def __init__(
         self, scene: Scene, forces: InternalForces, acting: Sequence[Windowed], until: float
@@ -71,6 +73,8 @@ class Shaping:
         self._loads: Array | None = None  # patterns of forces from the start on
         self._parts: dict[str, Part] = {}
         self._full: set[str] = set()  # parts that have been warned of
+        self.looked: dict[str, tuple[float, float]] = {}
+        self._large: frozenset[str] = frozenset()  # parts of whose ν has been warned
         touches = bool(scene.named(Contact))
         self._growing = {e.name for e in scene.named(Reduced) if touches and e.shapes is None}
 
@@ -310,6 +314,52 @@ class Shaping:
         spun = part.spun(every) if spins else None
         return self._with(body, part.projected(every), pressed=pressed, spun=spun)
 
+    # Not small ------------------------------------------------------------------------------------
+
+    def spent(self, state: State) -> dict[str, float]:
+        """ν of each part, looked at where its strain energy is ten times that of the last look.
+
+        As ν grows with that, it is not too large in between. Where it comes near, twice is enough.
+        Motions that rounding makes have none, and parts with less than `LACKING`² of the largest
+        strain energy do not count. Collective.
+
+        Args:
+            state: At the end of a step.
+        """
+        shapes = state.bodies.of.shapes
+        if shapes is None:
+            return {}
+        q, least = state.bodies.q, np.sqrt(np.finfo(np.float64).eps)
+        energies = 0.5 * np.einsum("bk,bkl,bl->b", q, shapes.stiffness, q)
+        most = max([energies.max(), *(energy for energy, _ in self.looked.values())])
+        for body, own, energy in zip(state.bodies, q, energies, strict=True):
+            before, nu = self.looked.get(body.data.name, (0.0, 0.0))
+            grown = 2 if 10 * _off(nu) > LACKING else 10
+            moves = np.abs(own).max() > least * body.data.length
+            if moves and energy > max(grown * before, LACKING**2 * most):
+                self._look(state, body)
+        return {name: nu for name, (_, nu) in self.looked.items()}
+
+    def _look(self, state: State, body: Body) -> None:
+        """Find ν of a part; warn once where it is not small. Collective."""
+        responses, name = self._bind(state), body.data.name
+        d = np.einsum("nka,k->na", _whole(body.data), body.motion.q)
+        found = Excess(responses, self._forces, self._part(body.data), d)
+        self.looked[name] = found.energy, found.nu
+        if _off(found.nu) <= LACKING or name in self._large:
+            return
+        self._large |= {name}
+        count, lower, upper = found.spent()
+        box = " to ".join("(" + ", ".join(f"{x:.4g}" for x in end) + ")" for end in (lower, upper))
+        warn(
+            self._scene.comm,
+            f"Reduced '{name}': at t = {state.t:.4g} s it bends too far for its shapes. The energy "
+            f"of its cells differs by ν = {found.nu:.2%} of the strain energy: amplitudes are off "
+            f"by some {_off(found.nu):.1%}, frequencies by a quarter of that. Most of it is "
+            f"in {count} cells, those within {box} m. Keep these flexible: take them out of the "
+            "set of the Reduced.",
+        )
+
     def destroy(self) -> None:
         """Free factor and matrices. Collective."""
         for item in (*self._parts.values(), self._responses):
@@ -324,3 +374,8 @@ def _whole(data: RigidBody) -> Array:
     if data.shapes is None:
         return np.zeros((data.nodes.size, 0, 3))
     return data.shapes.modes if data.shapes.drift is None else data.shapes.modes + data.shapes.drift
+
+
+def _off(nu: float) -> float:
+    """Bound of the relative error of amplitudes: forces err by 2 ν where V has a fourth order."""
+    return 3 * nu
