@@ -1,0 +1,82 @@
+"""Known problems: numbers that others publish, beside ours.
+
+A row has a quantity of a problem, its source, the published value, ours, the relative error, the
+largest error allowed (None where a number is shown without a bound), and the seconds of the run,
+set-up included; flexible, reduced, rigid or with found parts. The modules in `known/` say all.
+
+    ./fenicsx python3 demos/benchmarks/known_problems.py
+    ./fenicsx mpirun -n 2 python3 demos/benchmarks/known_problems.py --out out/two \\
+        --beside out/known_problems
+
+The second command checks that two ranks give the same numbers. Exudyn is a peer of two mechanisms,
+as `mechanisms.py` says. `summary.json` has the rows, `errors.png` the errors and their bounds.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import asdict
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from bench import Parser, chosen, conclude
+from common import comm, say
+from known import PROBLEMS
+from known.picture import draw_errors
+
+import rigidfx as rf
+
+SAME = 1e-6  # largest difference between runs on different ranks, relative
+
+Row = dict[str, Any]
+
+
+def rows_of(name: str, short: bool) -> list[Row]:
+    """The numbers of a problem."""
+    problem, rows = PROBLEMS[name], []
+    if comm.size > 1 and not problem.ranks:
+        say(f"{name}: left out, it needs one rank")
+        return []
+    began = perf_counter()
+    for found in problem.runs(short):
+        seconds = perf_counter() - began
+        for one in found:
+            row = {"problem": name, "source": problem.source, **asdict(one), "error": one.error}
+            rows.append(row | {"seconds": seconds, "ranks": comm.size})
+            say(f"{name}: {one.quantity}: {one.ours:.6g} for {one.published:.6g}, {one.error:.2e}")
+        began = perf_counter()
+    return rows
+
+
+def beside(rows: list[Row], folder: Path) -> None:
+    """Compare with the numbers of another run."""
+    others = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    known = {(row["problem"], row["quantity"], row["kind"]): row["ours"] for row in others}
+    for row in rows:
+        other = known[row["problem"], row["quantity"], row["kind"]]
+        row["apart"] = abs(row["ours"] - other) / abs(row["scale"] or row["published"])
+    assert all(row["apart"] <= SAME for row in rows), [r for r in rows if r["apart"] > SAME]
+
+
+def main() -> None:
+    """Solve the problems and write their table."""
+    parser = Parser(__file__, __doc__.splitlines()[0], "coarse meshes, few cases")
+    parser.add_only("problems")
+    parser.add_argument("--beside", type=Path, help="folder of a run with the same options")
+    options = parser.read()
+    warnings.simplefilter("ignore", rf.RigidfxWarning)
+    rows = [row for name in chosen(options, PROBLEMS) for row in rows_of(name, options.short)]
+    if options.beside:
+        beside(rows, options.beside)
+    if comm.rank == 0:
+        options.out.mkdir(parents=True, exist_ok=True)
+        draw_errors(rows, options.out / "errors.png")
+    conclude(options.out, rows)
+    missed = [row for row in rows if row["allowed"] is not None and row["error"] > row["allowed"]]
+    assert not missed, missed
+
+
+if __name__ == "__main__":
+    main()
