@@ -163,6 +163,14 @@ def test_warnings_are_lines_that_name_options(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().err.startswith("rigidfx: --load: there are no facets named 'tip'")
 
 
+def test_warnings_of_a_run_are_told_once(tmp_path, monkeypatch, capsys):
+    """Not by the run that finds the tolerance as well, whose times are others."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        called(monkeypatch, tmp_path, "--hold wall --dt 1e-5 --t-end 1e-4")
+    assert capsys.readouterr().err.count("nothing acts") == 1
+
+
 @pytest.mark.parametrize("terminal", [False, True])
 def test_a_switch_is_told_once(monkeypatch, capsys, terminal):
     """By the run in a terminal, else by the command."""

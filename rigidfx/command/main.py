@@ -7,12 +7,14 @@ rate is taken.
 
 from __future__ import annotations
 
+import warnings
 from argparse import Namespace
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
+from rigidfx.base.errors import RigidfxWarning
 from rigidfx.command.acting import supports_and_loads
 from rigidfx.command.at_rest import at_rest, is_at_rest
 from rigidfx.command.files import write_json
@@ -135,9 +137,13 @@ def _largest_rate(scene: Scene, dt: float, options: Namespace) -> float:
     watched = StrainRate(0.0, 2 * options.t_end)
     end = min(options.until, options.t_end)
     say(f"0 … {end:.4g} s are run all flexible first, to find the tolerance (--tol)")
-    for r in simulate(scene, dt, end, rigidify=watched, progress=True):
-        if r.strain_rate is not None:
-            largest = max(largest, float(r.strain_rate.max(initial=0.0)))
+    with warnings.catch_warnings():
+        warnings.simplefilter(
+            "ignore", RigidfxWarning
+        )  # the run itself tells all that this one does
+        for r in simulate(scene, dt, end, rigidify=watched, progress=True):
+            if r.strain_rate is not None:
+                largest = max(largest, float(r.strain_rate.max(initial=0.0)))
     return scene.comm.allreduce(largest, op=MPI.MAX)
 
 
