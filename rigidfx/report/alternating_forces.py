@@ -127,10 +127,13 @@ class AlternatingForces(Look):
     def _tell(self) -> None:
         """Warn of forces of which a twentieth goes back and forth.
 
-        What is next to nothing beside all forces, or beside Σ m|v| in a step, matters nowhere.
+        A hundredth of the largest force matters nowhere, but for motors, which are sized by theirs;
+        neither does what is next to nothing beside that, or beside Σ m|v| in a step.
         """
         largest = (self._means / self._scales).max(initial=0.0)
-        least = max(OF_ALL**2 * largest, NOTHING * self._inertia)
+        driven = np.arange(len(self._names)) < len(self._motors)
+        least = np.where(driven, OF_ALL**2, OF_ALL) * largest
+        least = np.maximum(least, NOTHING * self._inertia)
         found = np.flatnonzero(
             self._swings > np.maximum(WORTH_A_WARNING * self._means, least * self._scales)
         )
