@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from math import nan
 from time import perf_counter
 from typing import Any
@@ -19,12 +20,14 @@ from rigidfx.base.log import heard, tell
 from rigidfx.base.same_input import check_same
 from rigidfx.base.warning import warn
 from rigidfx.effects import (
+    Contact,
     Effect,
     InitialDisplacement,
     InitialVelocity,
     Joint,
     MeanFace,
     Preload,
+    Reduced,
     Rigid,
     RigidFace,
     SpringDamper,
@@ -48,6 +51,7 @@ from rigidfx.step.load_path import LoadPath
 from rigidfx.step.system.rigid_motion import free_to_move
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 from rigidfx.switch.inventory import check_clamps, divide
+from rigidfx.switch.shaping import Shaping
 
 __all__ = ["Compliance", "compliance", "static"]
 
@@ -112,19 +116,21 @@ def static(
 
 @dataclass(frozen=True)
 class Compliance:
-    """Static displacements of probes with and without parts that are named rigid, and rigid faces.
+    """Static displacements of probes with and without rigid and reduced parts, and rigid faces.
 
     Attributes:
-        flexible: Displacement of each probe with no part rigid, shape (3,) [m].
+        flexible: Displacement of each probe with all parts flexible, shape (3,) [m].
         rigid: The same with them, likewise.
+        parts: Kinds of the parts.
     """
 
     flexible: Mapping[str, npt.NDArray[np.float64]]
     rigid: Mapping[str, npt.NDArray[np.float64]]
+    parts: str = "rigid"
 
     @property
     def taken(self) -> Mapping[str, float]:
-        """By which part of its displacement without rigid parts each probe is off; NaN at rest."""
+        """By which part of its displacement without such parts each probe is off; NaN at rest."""
         sizes = {name: float(np.linalg.norm(u)) for name, u in self.flexible.items()}
         return {
             name: float(np.linalg.norm(self.rigid[name] - u)) / sizes[name] if sizes[name] else nan
@@ -133,13 +139,13 @@ class Compliance:
 
     def __str__(self) -> str:
         """In words."""
-        changed = "rigid parts change its displacement by {:.2%}"
+        changed = self.parts + " parts change its displacement by {:.2%}"
         taken = {k: changed.format(v) if v == v else "at rest" for k, v in self.taken.items()}
         return "\n".join(f"{name}: {part}" for name, part in taken.items())
 
 
 def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float = 1.0) -> Compliance:
-    """Change of displacements by parts named `Rigid` and rigid faces, from two static solutions.
+    """Change of displacements by parts named `Rigid` or `Reduced` and rigid faces, from statics.
 
     The error motion of a run does not contain it, since they are rigid in its twin, too. The other
     solution has a `MeanFace` in place of each `RigidFace`.
@@ -162,10 +168,10 @@ def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float =
     check_scene("compliance", scene)
     rigid = bool(scene.named(Rigid) or rigid_faces(scene.effects))
     if not rigid or not scene.probes:
-        lacking = "probe" if rigid else "Rigid part and no RigidFace"
+        lacking = "probe" if rigid else "Rigid or Reduced part and no RigidFace"
         raise SceneError(
             f"compliance: the scene has no {lacking}. It compares displacements of probes with and "
-            "without the parts that are named Rigid, and with mean faces in place of rigid ones."
+            "without the parts that are named so, and with mean faces in place of rigid ones."
         )
 
     def displacements(effects: Iterable[Effect]) -> Mapping[str, npt.NDArray[np.float64]]:
@@ -175,8 +181,10 @@ def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float =
         return last.probes
 
     acting = [e for e in scene.effects if not isinstance(e, (InitialVelocity, Preload))]
-    soft = (_with_mean_faces(e, scene) for e in acting if not e.is_rigid)
-    found = Compliance(displacements(soft), displacements(acting))
+    soft = (_with_mean_faces(e, scene) for e in acting if not isinstance(e, Rigid))
+    kinds = {"reduced" if e.deforms else "rigid" for e in scene.named(Rigid)}
+    parts = " and ".join(sorted(kinds, reverse=True)) or "rigid"
+    found = Compliance(displacements(soft), displacements(acting), parts)
     if not any(u.any() for u in found.flexible.values()):
         raise SceneError(
             f"compliance: no load moves a probe ({', '.join(found.flexible)}) up to t = {t_end:g} "
@@ -207,12 +215,14 @@ def _reports(
     if scene.named(InitialDisplacement):
         state.place((scene.start_places - state.X).reshape(-1))
     forces = InternalForces(ramped, state.u, ())
+    shaping = None if loose else _shaping(ramped, forces, ends)
+    shape = None if shaping is None else partial(shaping.shaped, state)
     path = LoadPath(
         ramped,
         state,
         forces,
         ramped.effects,
-        lambda acting: divide(ramped, forces, state, supports_of(acting)),
+        lambda acting: divide(ramped, forces, state, supports_of(acting), (), shape),
         "static",
         loose=loose,
     )
@@ -223,6 +233,8 @@ def _reports(
             tell_of_crowding(scene.comm)
             check_clamps(scene, Timeline(ends[-1], ends[-1]))
             path.follow(0.5 * ends[0])
+            if shaping is not None:
+                shaping.warn_of_unspanned(state)
             tell(scene.comm, f"Statics of {path.unknowns} unknowns, {len(ends)} load steps.")
             report = report_of(0, path, probes, None, None)
         yield report
@@ -242,10 +254,21 @@ def _reports(
                         look.follow(report)
                 if report.iterations > 0:
                     solver.warn_of_unasked(scene.comm)
-                yield replace(report, wall=perf_counter() - began)
+                nu = {} if shaping is None else shaping.spent(state)
+                yield replace(report, wall=perf_counter() - began, nu=nu)
         looks[1].end()
     finally:
         path.close()
+        if shaping is not None:
+            shaping.destroy()
+
+
+def _shaping(scene: Scene, forces: InternalForces, ends: Sequence[float]) -> Shaping | None:
+    """Shapes of reduced parts; None without any, and with contacts, whose nodes are not known."""
+    if not scene.named(Reduced) or scene.named(Contact):
+        return None
+    acting = [e for e in scene.named(Windowed) if e.acts(0.5 * ends[0])]
+    return Shaping(scene, forces, acting, ends[-1])
 
 
 def _ends(steps: int | Sequence[float], t_end: float) -> list[float]:

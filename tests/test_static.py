@@ -362,7 +362,7 @@ def test_a_rigid_face_takes_what_a_beam_lacks_by_it():
 @pytest.mark.parametrize(
     ("effects", "probes", "lacking"),
     [
-        ((), {"tip": TIP}, "no Rigid part"),
+        ((), {"tip": TIP}, "no Rigid or Reduced part"),
         ((rf.Rigid("end"),), None, "no probe"),
         ((rf.Rigid("end"),), {"tip": TIP}, r"no load moves a probe \(tip\)"),
     ],

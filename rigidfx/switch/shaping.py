@@ -314,6 +314,23 @@ class Shaping:
         spun = part.spun(every) if spins else None
         return self._with(body, part.projected(every), pressed=pressed, spun=spun)
 
+    def warn_of_unspanned(self, state: State) -> None:
+        """Warn of loads whose static responses shapes lack in part. Collective."""
+        for body in state.bodies:
+            if body.data.shapes is None:
+                continue
+            own, loads = body.data.shapes, self._loads
+            part = self._part(body.data)
+            known = PartShapes(_whole(body.data).swapaxes(1, 2), own.stiffness, own.force)
+            assert loads is not None
+            if count := int(part.unspanned(known, loads).sum()):
+                warn(
+                    self._scene.comm,
+                    f"Reduced '{body.data.name}': shapes={len(own)} lack more than {LACKING:.0%} "
+                    f"of the response to {count} of {loads.shape[2]} patterns of loads. Ask for "
+                    "more, or leave shapes= out.",
+                )
+
     # Not small ------------------------------------------------------------------------------------
 
     def spent(self, state: State) -> dict[str, float]:
@@ -350,7 +367,9 @@ class Shaping:
             return
         self._large |= {name}
         count, lower, upper = found.spent()
-        box = " to ".join("(" + ", ".join(f"{x:.4g}" for x in end) + ")" for end in (lower, upper))
+        least = np.sqrt(np.finfo(np.float64).eps) * np.abs(upper - lower).max()
+        ends = [np.where(np.abs(end) < least, 0.0, end) for end in (lower, upper)]
+        box = " to ".join("(" + ", ".join(f"{x:.4g}" for x in end) + ")" for end in ends)
         warn(
             self._scene.comm,
             f"Reduced '{name}': at t = {state.t:.4g} s it bends too far for its shapes. The energy "

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.effects import Support
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.mechanics.bodies import Bodies
 
@@ -36,6 +37,11 @@ class Division:
     driven_nodes: Mapping[int, Indices]
     clamped: Mapping[int, Indices]
     held: Mapping[str, int] = field(default_factory=dict)
+
+    def frames(self, active: Sequence[Support]) -> dict[int, Support]:
+        """The support of each body whose frame is held, by its place, of those that act."""
+        records = enumerate(self.bodies.of.records)
+        return {k: active[self.held[b.name]] for k, b in records if b.name in self.held}
 
     @property
     def nodes_of_held(self) -> Indices:

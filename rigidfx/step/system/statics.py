@@ -39,6 +39,7 @@ from rigidfx.step.newton.first_guess import Guess
 from rigidfx.step.newton.newton import Newton
 from rigidfx.step.newton.solution import Solution
 from rigidfx.step.system.division import Division
+from rigidfx.step.system.held_bodies import HeldBodies
 from rigidfx.step.system.linked import linked
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 
@@ -128,8 +129,10 @@ class StaticSystem:
         )
         self._newton = Newton(self._equations, scene)
         self._searching: Newton | None = None
+        self._held = HeldBodies(scene, division.frames(self.prescribed.active), state.bodies)
         self._last: tuple[Array, Array, float] | None = None  # increments and length of a step
         self._before: Array | None = None  # forces of supports there [N]
+        self._rows = np.zeros_like(state.bodies.rates)  # those on the rows of bodies there [N]
 
     def solve(self, t0: float, t1: float, first: Guess | None = None) -> Solution:
         """Find the equilibrium at t₁ from that at t₀; the state is not changed. Collective.
@@ -147,11 +150,14 @@ class StaticSystem:
         if self._linkage is not None:
             at = (t0, dt) if self._fixed is None else (self._fixed, 0.0)
             together(self._scene.comm, "A motor", partial(self._linkage.set_time, *at))
+        given = None
         if self._fixed is None:
             imposed = self.prescribed.increments(t0, t1, self._state.u.x.array)
+            if len(self._held):
+                given = self._held.given(t0, t1, self._state.bodies)
         else:
             imposed = np.zeros(self._prolongation.prescribed.size)
-        self._equations.begin(dt, None, imposed, self._state.bodies)
+        self._equations.begin(dt, None, imposed, self._state.bodies, given)
         rest, _ = self.at_rest
         guesses: tuple[Guess, ...] = (rest if first is None else first,)
         if self._last is not None and first is None:
@@ -238,6 +244,7 @@ class StaticSystem:
         d, dofs = equations.d.array_r, self._layout.rows.dofs
         self._last = d.copy(), p.increments.unknowns, t1 - t0
         self._before = equations.forces_out_of_balance.array_r[p.prescribed]
+        self._rows = equations.body_rows
         bodies = p.increments.end
         moved = p.displacement(bodies)
         t = t1 if self._fixed is None else self._state.t
@@ -269,7 +276,15 @@ class StaticSystem:
         x = rows.X[at] + u.reshape(-1, 3)[at]
         before = np.zeros(held.size) if self._before is None else self._before
         work = float(self._scene.sum(0.5 * (before + f) @ d[held]))
-        return *self.prescribed.reactions(f, x), work
+        forces, moments = map(dict, self.prescribed.reactions(f, x))
+        if len(self._held):
+            increments, own = self._prolongation.increments, self._equations.body_rows
+            work += increments.work_of_supports(0.5 * (self._rows + own))
+            ends = increments.end.r, self._state.bodies.of.length
+            for where, force, moment in self._held.reactions(own, *ends):
+                forces[where] = forces.get(where, 0.0) + force
+                moments[where] = moments.get(where, 0.0) + moment
+        return forces, moments, work
 
     def dissipated(self) -> dict[str, float]:
         """Energy that friction takes in the last solution, by its kind [J]. Collective."""

@@ -1,0 +1,104 @@
+"""Statics of reduced parts beside their flexible twins: displacements, stresses, reactions."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from parallel import check_the_same, report
+from test_reduced_joints import BOTH, HINGE, bars
+from test_reduced_results import SOFT
+
+import rigidfx as rf
+
+CLAMP, PUSH = rf.Fixed("x0"), rf.Traction("x1", (0, 0, 300.0))
+DOWN = rf.Gravity((0, 0, -1.0))
+TURNED = rf.PrescribedRotation("x0", axis=(0, 0, 1), angle=lambda t: 0.5 * t)
+
+
+def bar(*effects):
+    domain = rf.box((0, 0, 0), (1.0, 0.1, 0.1), (12, 2, 2))
+    domain = domain.with_cells("half", lambda x: x[0] < 0.5 + 1e-9)
+    domain = domain.with_cells("end", lambda x: x[0] > 0.75 - 1e-9)
+    probes = {"tip": (1.0, 0.05, 0.05), "inside": (0.25, 0.05, 0.1)}
+    return rf.Scene(domain, SOFT, effects, probes=probes, element="enhanced")
+
+
+CASES = {
+    "clamped": (bar, [CLAMP, PUSH], ["half"]),
+    "pulled": (bar, [CLAMP, rf.Traction("x1", (1e4, 0, 300.0))], ["end"]),
+    "its weight": (bar, [CLAMP, DOWN], [None]),
+    "on springs": (bar, [rf.Spring("x0", 1e6), rf.Spring("x1", 1e5), DOWN], ["half"]),
+    "turned": (bar, [TURNED, PUSH], ["half"]),
+    "hinged": (
+        partial(bars, thrown=False),
+        [HINGE, rf.Fixed("near"), rf.Spring("far", 1e5), rf.Traction("far", (0, 300.0, 100.0))],
+        ["A", "B"],
+    ),
+}
+
+
+def off(own, twin):
+    return np.abs(np.subtract(own, twin)).max() / np.abs(twin).max()
+
+
+@pytest.mark.filterwarnings("ignore:Scene. first-order")
+@pytest.mark.parametrize("case", CASES)
+def test_equilibria_are_those_of_the_flexible_twin(case):
+    made, effects, parts = CASES[case]
+    *_, own = rf.static(made(*effects, *map(rf.Reduced, parts)), 2)
+    *_, twin = rf.static(made(*effects), 2)
+    assert own.unknowns < 0.75 * twin.unknowns
+    assert all(0 < body.nu < 1e-3 for body in own.bodies)
+    assert off(own.probes["tip"], twin.probes["tip"]) < 1e-3
+    assert own.energy == pytest.approx(twin.energy, rel=1e-3)
+    assert own.work_of_loads == pytest.approx(twin.work_of_loads, rel=2e-3)
+    for name, force in twin.reactions.items():
+        assert off(own.reactions[name], force) < 1e-5
+        assert off(own.reaction_moments[name], twin.reaction_moments[name]) < 1e-5
+    for name, joint in twin.joints.items():
+        assert off(own.joints[name].force, joint.force) < 1e-4
+    if "inside" in twin.probes:
+        stresses = [r.stresses["inside"].stress for r in (own, twin)]
+        assert off(*stresses) < 2e-3
+
+
+def test_compliance_has_what_shapes_lack():
+    found = rf.compliance(bar(CLAMP, PUSH, rf.Reduced("half")))
+    assert 0 < found.taken["tip"] < 1e-3
+    assert "reduced parts change its displacement by 0.0" in str(found)
+
+
+def test_loads_that_shapes_lack_are_told():
+    scene = bar(CLAMP, PUSH, rf.Traction("z1", (0, 300.0, 0)), rf.Reduced("half", shapes=1))
+    with pytest.warns(rf.RigidfxWarning, match=r"lack more than 1% of the response to 1 of 2"):
+        list(rf.static(scene, 1))
+
+
+def test_motion_starts_from_the_equilibrium_of_reduced_parts():
+    """It stays there under the same loads."""
+    scene = bar(CLAMP, PUSH, rf.Reduced("half"))
+    *_, found = rf.static(scene, 2)
+    for r in rf.simulate(scene, dt=1e-3, t_end=0.02, start=found, progress=False):
+        assert off(r.probes["tip"], found.probes["tip"]) < 2e-3
+
+
+def _found():
+    """What is the same on any number of ranks."""
+    *_, one = rf.static(bar(CLAMP, PUSH, rf.Reduced("half")), 1)
+    *_, two = rf.static(bars(*CASES["hinged"][1], *BOTH, thrown=False), 1)
+    return [[*r.probes["tip"], r.energy] for r in (one, two)]
+
+
+@pytest.mark.parallel
+@pytest.mark.filterwarnings("ignore:Scene. first-order")
+def test_statics_are_the_same_on_two_ranks():
+    check_the_same(__file__, 2, _found())
+
+
+if __name__ == "__main__":
+    found = _found()
+    if MPI.COMM_WORLD.rank == 0:
+        report(found)
