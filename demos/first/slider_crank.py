@@ -32,13 +32,13 @@ domain = domain.with_facets("small end", lambda x: (x[0] > 0.459) & (x[0] < 0.5)
 
 z = (0, 0, 1)
 effects = [
-    rf.Rigid("crank"),
-    rf.Rigid("slider"),
+    *(rf.Rigid(part) for part in ("crank", "slider")),
     rf.Revolute("ground", "crank", (0, 0, 0), z, name="bearing"),
     rf.Revolute("crank", rf.MeanFace("big end"), (0.1, 0, 0), z, name="crank pin"),
     rf.Spherical(rf.MeanFace("small end"), "slider", (0.5, 0, 0), name="wrist pin"),
     rf.Prismatic("ground", "slider", (0.5, 0, 0), (1, 0, 0), name="guide"),
     rf.Motor("bearing", speed=lambda t: 20 * min(t / 0.1, 1) ** 2),  # rad/s
+    rf.ResolvedForces(),  # the torque without vibration that Δt does not resolve
 ]
 aluminium = rf.StVenantKirchhoff(rho=2700.0, E=7e10, nu=0.3)
 scene = rf.Scene(domain, aluminium, effects, element="enhanced", mass="consistent")
