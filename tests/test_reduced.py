@@ -359,6 +359,11 @@ BAD = {
     ),
     "held all over": (lambda: run(bar(rf.Reduced("half"), rf.Fixed("half"))), "hold"),
     "one cell": (lambda: run(rf.Scene(ONE, SOFT, [rf.Reduced()])), "1 cell"),
+    "its own mass": (lambda: rf.Reduced("half", mass=3.0), "another rho"),
+    "pushed as a body": (
+        lambda: bar(rf.Reduced("half"), rf.Resultant("half", force=(1.0, 0, 0))),
+        "Resultant at a MeanFace",
+    ),
     "joined": (
         lambda: run(bar(rf.Reduced("half"), rf.Revolute("ground", "x0", (0, 0, 0), (0, 1, 0)))),
         "",

@@ -85,6 +85,36 @@ def test_motion_starts_from_the_equilibrium_of_reduced_parts():
         assert off(r.probes["tip"], found.probes["tip"]) < 2e-3
 
 
+PULLED = rf.Traction("x1", (0, 0, 300.0), time=lambda t: np.sin(50 * t))
+FORCES = {
+    "a force at a face": [rf.Resultant(rf.MeanFace("x1"), force=(0, 0, 3.0))],
+    "a torque at a face": [rf.Resultant(rf.MeanFace("x1"), torque=(0, 3.0, 0))],
+    "a pressure that follows": [rf.Pressure("z1", 300.0)],
+    "let go from a preload": [rf.Preload((rf.Traction("x1", (0, 0, 300.0)),))],
+}
+
+
+@pytest.mark.parametrize("case", FORCES)
+def test_motions_under_other_forces_are_those_of_the_flexible_twin(case):
+    tips = [
+        [r.probes["tip"] for r in rf.simulate(bar(CLAMP, *FORCES[case], *more), 2e-3, 0.04)]
+        for more in ([rf.Reduced("end")], [])
+    ]
+    assert off(*tips) < 2e-3
+
+
+def test_step_control_counts_the_error_of_reduced_parts():
+    """It keeps its promise with fewer steps, as shapes are slower than cells."""
+    runs = []
+    for more in ([rf.Reduced("half")], []):
+        control = rf.StepControl(0.01, "tip", largest=5e-3)
+        runs.append(list(rf.simulate(bar(CLAMP, PULLED, *more), control, 0.05)))
+    own, twin = (run[-1] for run in runs)
+    assert 0.5 * len(runs[1]) < len(runs[0]) <= len(runs[1])
+    assert 0 < own.ledger.time.relative < 0.01
+    assert off(own.probes["tip"], twin.probes["tip"]) < 0.01
+
+
 def _found():
     """What is the same on any number of ranks."""
     *_, one = rf.static(bar(CLAMP, PUSH, rf.Reduced("half")), 1)

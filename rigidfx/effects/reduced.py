@@ -31,16 +31,19 @@ class Reduced(Rigid):
     is_rigid: ClassVar[bool] = False
     deforms: ClassVar[bool] = True
 
-    mass: None = field(default=None, init=False)
-    inertia: None = field(default=None, init=False)
     shapes: int | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check the number of shapes.
 
         Raises:
-            SceneError: If it is no whole number ≥ 1.
+            SceneError: If it is no whole number ≥ 1, or mass or inertia are given.
         """
+        if self.given:
+            raise SceneError(
+                f"{self.owner}: mass and inertia cannot be given, as its shapes have those of its "
+                f"cells. Give its material another rho, or take Rigid({self.where!r})."
+            )
         super().__post_init__()
         whole = isinstance(self.shapes, (int, np.integer)) and not isinstance(self.shapes, bool)
         if self.shapes is not None and not (whole and self.shapes >= 1):

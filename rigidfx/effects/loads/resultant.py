@@ -111,9 +111,11 @@ class Resultant(OnFace, Windowed):
         if self.face is None and self.where not in bodies:
             pieces = scene.pieces.get(self.body, 0)
             instead = f"its {pieces} pieces are a body each" if pieces else "there are"
+            deforms = any(e.deforms and e.where == self.where for e in scene.effects if e.is_body)
+            at = " A Reduced part takes a Traction, or a Resultant at a MeanFace of it."
             raise SceneError(
                 f"Resultant: '{self.where}' is not the name of a Rigid body; {instead} "
-                f"{bodies or 'none'}."
+                f"{bodies or 'none'}.{at * deforms}"
             )
         for function in (self.force_at, self.torque_at):
             check_vector(scene, self.owner, self.start, partial(function, self.start))
