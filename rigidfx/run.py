@@ -94,7 +94,7 @@ class Run:
         """
         stepper, policy, looks = self.stepper, self.policy, self.looks
         attempt = stepper.attempt(target)
-        while self.switch.grow():
+        while self.switch.grow(attempt.dt):
             attempt = stepper.attempt(attempt.end, again=True)
         if policy is None:
             return stepper.accept(attempt), []

@@ -253,13 +253,14 @@ def test_reactions_of_a_frame_that_is_held_are_those_of_the_twin():
     assert np.abs(moments[0] - moments[1]).max() < 0.01 * weight
 
 
-def fall(*effects, fast=0.5, path=None):
-    """A block that falls on a corner, or rests."""
+def fall(*effects, fast=0.5, path=None, friction=None):
+    """A block that falls on a corner, or rests; with friction it slides."""
     block = rf.box((0, 0, 0), (0.1, 0.1, 0.1), (3, 3, 3))
     plane = rf.Plane((0, 0, -5e-4), (0.3, 0.2, 1.0), path=path)
-    floor = rf.Contact("skin", against=plane, stiffness=1e11, title="floor")
+    rubs = {"friction": friction, "creep": 1e-3} if friction else {}
+    floor = rf.Contact("skin", against=plane, stiffness=1e11, title="floor", **rubs)
     block = block.with_facets("skin", lambda x: x[2] < 1e-9)
-    thrown = rf.InitialVelocity(linear=(0, 0, -fast))
+    thrown = rf.InitialVelocity(linear=(0.3 if friction else 0, 0, -fast))
     return rf.Scene(block, SOFT, [floor, thrown, *effects], probes={"tip": (0.1, 0.1, 0.1)})
 
 
@@ -297,13 +298,14 @@ def test_a_part_that_nothing_loads_yet_stays_held():
 @pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
 def test_a_restart_goes_on_with_the_same_digits(tmp_path):
     """It is cut before the block touches, so that its shapes grow afterwards."""
-    whole = hit(fall(rf.Reduced()))
+    whole = hit(fall(rf.Reduced(), friction=0.4))
     checkpoint = rf.Checkpoint(tmp_path, steps=1)
-    first = rf.simulate(fall(rf.Reduced()), dt=1e-4, t_end=6e-3, checkpoint=checkpoint)
+    scene = fall(rf.Reduced(), friction=0.4)
+    first = rf.simulate(scene, dt=1e-4, t_end=6e-3, checkpoint=checkpoint)
     for _ in range(4):
         next(first)
     first.close()
-    more = list(rf.resume(tmp_path, fall(rf.Reduced())))
+    more = list(rf.resume(tmp_path, fall(rf.Reduced(), friction=0.4)))
     assert more[0].unknowns == 6
     assert more[-1].unknowns == whole[-1].unknowns > 6
     assert np.array_equal(more[-1].probes["tip"], whole[-1].probes["tip"])
@@ -386,7 +388,7 @@ def _found():
     """What is the same on any number of ranks."""
     found = [tips(run(bar(rf.Reduced("half"), PUSH, rf.Fixed("x0"))))[-1]]
     found.append(tips(run(bar(rf.Reduced("half"), PUSH, THROWN, mass="consistent")))[-1])
-    found.append(hit(fall(rf.Reduced()))[-1].probes["tip"])
+    found.append(hit(fall(rf.Reduced(), friction=0.4))[-1].probes["tip"])
     return np.array(found).ravel().tolist()
 
 

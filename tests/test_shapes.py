@@ -166,7 +166,7 @@ def test_shapes_of_a_part():
     vectors = ritz(r, (F, 2))
     full = part.shapes(vectors)
     assert full.modes.shape[2] == 6
-    assert not part.unspanned(full, F).any()
+    assert part.unspanned(full, F)[0].shape[2] == 0
     R = made.motions()[part.nodes]
     M = np.concatenate([part.times_mass(R[:, :, k : k + 1]) for k in range(6)], axis=2)
     sizes = np.sqrt(np.outer(np.diag(r.dot(R, M)), np.diag(full.stiffness)))
@@ -185,11 +185,13 @@ def test_a_force_is_spanned_or_not():
     other = unit_loads(r, np.array([0]))
     few = shapes_of(made.part, r, F)
     assert few.modes.shape[2] == 30
-    assert not made.part.unspanned(few, F).any()
-    assert made.part.unspanned(few, other).any()
+    assert made.part.unspanned(few, F)[0].shape[2] == 0
+    lacking, every = made.part.unspanned(few, other)
+    assert lacking.shape[2] > 0
+    assert every
     both = shapes_of(made.part, r, np.concatenate([F, other], axis=2))
     assert both.modes.shape[2] == 36
-    assert not made.part.unspanned(both, other).any()
+    assert made.part.unspanned(both, other)[0].shape[2] == 0
     assert shapes_of(made.part, r, F, 5).modes.shape[2] == 5
     assert shapes_of(made.part, r, F[:, :, :1], 7).modes.shape[2] == 7
     made.destroy()

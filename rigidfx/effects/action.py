@@ -261,8 +261,13 @@ class ContactAction(Action):
         return np.inf
 
     def pressing(self) -> tuple[npt.NDArray[np.int64], Array]:
-        """Owned nodes of bodies that are pressed, and the forces on them, (nodes, 3) [N]."""
-        return np.empty(0, np.int64), np.empty((0, 3))
+        """Owned nodes of bodies that are pressed, deeper than rounding, and how.
+
+        Returns:
+            The nodes, and up to three directions of forces on each, the main one first and zero
+            ones for none, shape (nodes, 3, 3).
+        """
+        return np.empty(0, np.int64), np.empty((0, 3, 3))
 
     def creep_for(self, time: float, began: Instant) -> None:
         """Have friction be that of a longer motion, until a time is set again.

@@ -135,10 +135,10 @@ class Nodes:
         """Add forces on them, shape (nodes, 3) [N]."""
         forces.add(self, force)
 
-    def on_bodies(self, force: Array) -> tuple[Ints, Array]:
-        """Numbers of those in bodies that have a force, and these forces, (nodes, 3) [N]."""
-        some = (self.bodies >= 0) & force.any(axis=1)
-        return self.nodes[some].astype(np.int64), force[some]
+    def on_bodies(self, ways: Array) -> tuple[Ints, Array]:
+        """Numbers of those in bodies that are not zero in an array, and their part of it."""
+        some = (self.bodies >= 0) & ways.any(axis=(1, 2))
+        return self.nodes[some].astype(np.int64), ways[some]
 
     def stiffen(self, blocks: Array, tangent: Tangent, which: Ints | None = None) -> None:
         """Add the stiffness of each by itself. Collective.
@@ -246,10 +246,10 @@ class SharedNodes(Nodes):
         """Add forces on them, which are equal on all ranks, shape (size, 3) [N]."""
         forces.add(self, force[self._numbers])
 
-    def on_bodies(self, force: Array) -> tuple[Ints, Array]:
-        """See `Nodes`: those of this rank, by forces on all, shape (size, 3)."""
-        own = force[self._numbers]
-        some = (self.bodies[self._numbers] >= 0) & own.any(axis=1)
+    def on_bodies(self, ways: Array) -> tuple[Ints, Array]:
+        """See `Nodes`: those of this rank, by an array of all."""
+        own = ways[self._numbers]
+        some = (self.bodies[self._numbers] >= 0) & own.any(axis=(1, 2))
         return self.nodes[some].astype(np.int64), own[some]
 
     def couple(self, nodes: Ints, G: Array, stiffness: Array, tangent: Tangent) -> None:

@@ -6,8 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
-__all__ = ["INDEPENDENT", "Basis", "columns", "normalised"]
+__all__ = ["INDEPENDENT", "Basis", "columns", "normalised", "slowest", "whole_groups"]
 
 Array = npt.NDArray[np.float64]
 
@@ -15,6 +16,8 @@ Array = npt.NDArray[np.float64]
 # 3e-6 of the deformation where soft springs let a plate move by 3e4 times as much, 1e-9 in others;
 # a load's response may lack 0.01.
 INDEPENDENT = 1e-5
+# Relative distance of eigenvalues that may be one, as of the two bending modes of a square bar.
+APART = 1e-6
 
 
 class Basis:
@@ -81,3 +84,29 @@ def normalised(u: Array, gram: Array) -> Array:
         gram: Their products, shape (k, k).
     """
     return np.linalg.solve(np.linalg.cholesky(gram), columns(u).T).T.reshape(u.shape)
+
+
+def slowest(comm: MPI.Intracomm, flexibility: Array) -> tuple[Array, Array]:
+    """Eigenvalues of a symmetric matrix, the largest first, and its eigenvectors. Collective.
+
+    Args:
+        comm: Ranks that have the same matrix but for rounding.
+        flexibility: Shape (k, k).
+    """
+    values, vectors = comm.bcast(np.linalg.eigh(0.5 * (flexibility + flexibility.T)))
+    return values[::-1], vectors[:, ::-1]
+
+
+def whole_groups(values: Array, most: int) -> int:
+    """How many of some eigenvalues, at most, without parting any that may be one.
+
+    Vectors of such a group are any that span the same, as rounding has it.
+
+    Args:
+        values: The largest first.
+        most: Upper limit.
+    """
+    count = min(values.size, most)
+    while 0 < count < values.size and values[count] > (1 - APART) * values[count - 1]:
+        count -= 1
+    return count

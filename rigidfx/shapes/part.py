@@ -20,7 +20,14 @@ from rigidfx.error.linear_motion import assembled
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.mechanics.rigid_motions import free_motions, rigid_motions
-from rigidfx.shapes.orthonormal import Basis, columns, normalised
+from rigidfx.shapes.orthonormal import (
+    INDEPENDENT,
+    Basis,
+    columns,
+    normalised,
+    slowest,
+    whole_groups,
+)
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.stiffness import times
 
@@ -193,6 +200,21 @@ class Part:
         force = np.asarray(scene.sum(np.einsum("nak,na->k", Y, self._internal)))
         return PartShapes(Y, np.diag(squares / largest**2), force)
 
+    def extend(self, basis: Basis, vectors: Array, loads: int) -> None:
+        """Add vectors of the whole to a basis of vectors at its nodes. Collective.
+
+        Args:
+            basis: The basis.
+            vectors: Those of loads first, which count as far as they are independent, and then
+                their followers, of which `LACKING` may be left out, shape (owned nodes, 3, k).
+            loads: How many are those of loads.
+        """
+        own = self.unmoved(vectors)
+        images = self.times_mass(own)
+        sizes = np.sqrt(np.asarray(self._scene.sum(np.einsum("nak,nak->k", own, images))))
+        sizes[loads:] *= LACKING / INDEPENDENT
+        basis.grow(own, images, sizes, MOST)
+
     def projected(self, modes: Array) -> PartShapes:
         """Shapes with Ω = ΦᵀKΦ and f₀ = Φᵀ f_int. Collective.
 
@@ -237,8 +259,8 @@ class Part:
         shape.x.array[:] = before
         return N
 
-    def unspanned(self, shapes: PartShapes, F: Array) -> npt.NDArray[np.bool_]:
-        """Which forces strain it by more than `LACKING` otherwise than its shapes can. Collective.
+    def unspanned(self, shapes: PartShapes, F: Array, most: int = MOST) -> tuple[Array, bool]:
+        """Forces that strain it by more than `LACKING` otherwise than its shapes can. Collective.
 
         With δ the response less its rigid motion, ½ δ·Kδ is its strain energy and ½ h·Ω⁻¹h that
         of shapes, h = ΦᵀKδ. In a part that is the whole these are f·K⁻¹f and g·Ω⁻¹g, g = Φᵀf.
@@ -246,18 +268,24 @@ class Part:
         Args:
             shapes: Its shapes.
             F: Forces on the whole, shape (owned nodes, 3, k) [N].
+            most: How many forces at most.
 
         Returns:
-            Shape (k,).
+            Combinations of the forces, those first which shapes lack most, shape (owned nodes, 3,
+            n); and whether these are all.
         """
-        scene, u = self._scene, self._responses.solve(F)
+        u = self._responses.solve(F)
         deformed = self.unmoved(u)
         forces = self.times_stiffness(deformed)
-        own, whole = np.einsum("nak,nak->k", deformed, forces), np.einsum("nak,nak->k", F, u)
-        own, whole = scene.sum(np.stack([own, whole]))
+        own, whole = self._dot(deformed, forces), self._dot(F, u)
         h = self._dot(shapes.modes, forces)
-        held = (h * np.linalg.solve(shapes.stiffness, h)).sum(axis=0)
-        return np.asarray(own - held > LACKING**2 * np.maximum(own, LACKING**2 * whole))
+        lack = own - h.T @ np.linalg.solve(shapes.stiffness, h)
+        values, T = slowest(self._scene.comm, lack)
+        own, whole = (np.einsum("ki,kl,li->i", T, A, T) for A in (own, whole))
+        bound = np.maximum(own, LACKING**2 * whole)
+        some = values > np.maximum(LACKING**2 * bound, INDEPENDENT**2 * bound.max(initial=0.0))
+        count = whole_groups(values[some], most)
+        return np.asarray((F @ T[:, some])[:, :, :count]), count == np.count_nonzero(some)
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

@@ -10,19 +10,19 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.inputs import whole
-from rigidfx.shapes.orthonormal import Basis, columns
+from rigidfx.shapes.orthonormal import Basis, columns, slowest, whole_groups
 from rigidfx.shapes.part import BLOCK, MOST, Part, PartShapes
 from rigidfx.shapes.responses import Responses
 
-__all__ = ["GROWN_DEPTH", "ritz", "shapes_of"]
+__all__ = ["grown", "ritz", "shapes_of"]
 
 Array = npt.NDArray[np.float64]
 
-# Vectors from each load that is known at the start, and from a node that begins to press. A plate
-# of 6534 unknowns that is struck twice errs by 9.2e-4, 4.3e-4, 1.9e-4, 5.4e-5 of its way with 12,
-# 18, 24, 36 shapes, and its steps take 1.3 times as long with 36 as with 12 (`reduced.py`); a
-# device that falls on a corner errs by 0.3 % of the peak force with 4.
-DEPTH, GROWN_DEPTH = 10, 4
+# Vectors from each load, at most. A plate of 6534 unknowns that is struck twice errs by 9.2e-4,
+# 4.3e-4, 1.9e-4, 5.4e-5 of its way with 12, 18, 24, 36 shapes, and its steps take 1.3 times as long
+# with 36 as with 12 (`reduced.py`); a bar that falls on one end errs by 29, 15, 1 % of the peak
+# force with 4, 6, 10.
+DEPTH = 10
 FACE_DEPTH = 2  # from each load of a face that a joint holds
 
 
@@ -48,13 +48,43 @@ def ritz(responses: Responses, *loads: tuple[Array, int]) -> Array:
     return basis.vectors
 
 
+def grown(responses: Responses, F: Array, most: int, resolved: float) -> Array:
+    """Ritz vectors of nodes that begin to press: as of `ritz`, but the slowest first. Collective.
+
+    What Δt does not resolve follows forces at once: its responses to inertia are left out.
+
+    Args:
+        responses: Of the whole structure.
+        F: Patterns of forces, `most` at most, shape (owned nodes, 3, k) [N].
+        most: Number of vectors, at most.
+        resolved: Time step [s]; periods below 2π times this are not resolved.
+
+    Returns:
+        As of `ritz`, the k responses to the patterns first, of which none may be dependent.
+    """
+    basis, before = Basis(len(F), responses.scene.sum), 0
+    _respond(responses, basis, F)
+    for _ in range(DEPTH - 1 if resolved < np.inf else 0):
+        F, before = basis.images[:, :, before:], len(basis)
+        Y = responses.solve(F)
+        squares, T = slowest(responses.scene.comm, responses.dot(F, Y))  # 1/ω²
+        squares = squares[squares > resolved**2]
+        _add(responses, basis, Y @ T[:, : whole_groups(squares, most - before)])
+    return basis.vectors
+
+
 def _respond(responses: Responses, basis: Basis, F: Array) -> None:
     """Add responses to forces to a basis. Collective."""
     if F.shape[2]:
-        Y = responses.solve(F)
+        _add(responses, basis, responses.solve(F))
+
+
+def _add(responses: Responses, basis: Basis, Y: Array) -> None:
+    """Add displacements to a basis. Collective."""
+    if Y.shape[2]:
         MY = responses.inertia(Y)
         sizes = np.sqrt(responses.scene.sum((columns(Y) * columns(MY)).sum(axis=0)))
-        basis.grow(Y, MY, sizes, len(basis) + F.shape[2])
+        basis.grow(Y, MY, sizes, len(basis) + Y.shape[2])
 
 
 def shapes_of(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -24,6 +25,7 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body, RigidBody
 from rigidfx.mechanics.shapes import Shapes
+from rigidfx.scene.mesh_order import mesh_order
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.excess import Excess
 from rigidfx.shapes.faces import of_faces
@@ -31,7 +33,7 @@ from rigidfx.shapes.orthonormal import Basis
 from rigidfx.shapes.part import LACKING, MOST, Part, PartShapes
 from rigidfx.shapes.patterns import of_springs, patterns
 from rigidfx.shapes.responses import Responses
-from rigidfx.shapes.ritz import GROWN_DEPTH, ritz, shapes_of
+from rigidfx.shapes.ritz import grown, shapes_of
 from rigidfx.state import State
 
 __all__ = ["Shaping"]
@@ -222,15 +224,16 @@ class Shaping:
         """Whether parts may get more shapes as the run goes on."""
         return bool(self._growing)
 
-    def grown(self, state: State, pressing: tuple[Ints, Array]) -> Bodies | None:
+    def grown(self, state: State, pressing: tuple[Ints, Array], dt: float) -> Bodies | None:
         """The bodies with shapes for nodes that press for the first time; None if none do.
 
         Collective.
 
         Args:
             state: Its bodies are those at the start of the step.
-            pressing: Owned nodes of bodies that contacts press, and the forces on them, shape
-                (nodes, 3) [N].
+            pressing: Owned nodes of bodies that contacts press, and directions of forces on each,
+                shape (nodes, 3, 3): see `ContactAction`.
+            dt: Length of the step, whose frequencies shapes follow [s].
         """
         out, any_grown = list(state.bodies), False
         for k, body in enumerate(out):
@@ -239,14 +242,24 @@ class Shaping:
             loads, at = self._new_loads(body, *pressing)
             if loads is None:
                 continue
-            out[k] = self._with_more(self._bind(state), body, loads, at)
+            pressed = np.zeros(body.data.nodes.size, dtype=bool)
+            if body.data.shapes is not None:
+                pressed |= body.data.shapes.pressed
+            pressed[at] = True
+            out[k] = self._with_more(self._bind(state), body, loads, pressed, dt)
             any_grown = True
         return Bodies.of_each(out) if any_grown else None
 
-    def _new_loads(self, body: Body, nodes: Ints, forces: Array) -> tuple[Array | None, Ints]:
+    def _new_loads(
+        self, body: Body, nodes: Ints, ways: Array
+    ) -> tuple[tuple[Array, Array] | None, Ints]:
         """Unit forces on nodes that press for the first time, and their places in the body.
 
-        Collective.
+        Nodes have the order of the mesh file, so that shapes are the same on any ranks. Collective.
+
+        Returns:
+            Forces along the main direction of each node, and along the others, shapes (owned
+            nodes, 3, k), None if no node is new; and the places.
         """
         scene, data = self._scene, body.data
         known = np.zeros(data.nodes.size, bool) if data.shapes is None else data.shapes.pressed
@@ -254,65 +267,85 @@ class Shaping:
         at[at == data.nodes.size] = 0
         mine = data.nodes[at] == nodes if data.nodes.size else np.zeros(nodes.size, bool)
         mine[mine] = ~known[at[mine]]
-        every = scene.comm.allgather(int(np.count_nonzero(mine)))
-        count, first = sum(every), sum(every[: scene.comm.rank])
-        if not count:
+        every = scene.comm.allgather(np.count_nonzero(mine))
+        if not sum(every):
             return None, at[:0]
-        F = np.zeros((scene.owned_nodes, 3, count))
-        f = forces[mine] @ body.motion.R
-        numbers = first + np.arange(len(f))
-        F[nodes[mine], :, numbers] = f / np.linalg.norm(f, axis=1)[:, None]
-        return F, at[mine]
+        numbers = np.concatenate(scene.comm.allgather(self._numbers[nodes[mine]]))
+        place = np.argsort(np.argsort(numbers, kind="stable"), kind="stable")
+        first = sum(every[: scene.comm.rank])
+        F = np.zeros((scene.owned_nodes, 3, 3, numbers.size))
+        f = ways[mine] @ body.motion.R
+        size = np.linalg.norm(f, axis=2, keepdims=True)
+        f = np.divide(f, size, where=size > 0, out=np.zeros_like(f))
+        F[nodes[mine], :, :, place[first : first + len(f)]] = f.swapaxes(1, 2)
+        sideways = F[:, :, 1:].reshape(scene.owned_nodes, 3, -1)
+        some = np.asarray(scene.sum((sideways**2).sum(axis=(0, 1)))) > 0.0
+        return (F[:, :, 0], sideways[:, :, some]), at[mine]
 
-    def _with_more(self, responses: Responses, body: Body, loads: Array, at: Ints) -> Body:
+    @cached_property
+    def _numbers(self) -> Ints:
+        """Number of each node of this rank in the mesh file. Collective."""
+        return mesh_order(self._scene).nodes
+
+    def _with_more(
+        self,
+        responses: Responses,
+        body: Body,
+        loads: tuple[Array, Array],
+        pressed: npt.NDArray[np.bool_],
+        dt: float,
+    ) -> Body:
         """A body with shapes for loads, as far as those that it has do not span them. Collective.
 
         Args:
             responses: Of the whole structure.
             body: The body.
-            loads: Patterns of forces in its frame, shape (owned nodes, 3, k).
-            at: Places of the nodes that press for the first time among its nodes.
+            loads: See `_new_loads`.
+            pressed: Its nodes that have pressed.
+            dt: See `grown`.
         """
         scene, data = self._scene, body.data
         part = self._part(data)
-        old = _whole(data)
-        images = self._images(data, old)
-        sizes = np.sqrt(np.asarray(scene.sum(np.einsum("nka,nka->k", old, images))))
-        basis = Basis(data.nodes.size, scene.sum)
-        basis.vectors, basis.images = ((a / sizes[:, None]).swapaxes(1, 2) for a in (old, images))
-        loads = responses.balanced(loads)
-        m = 0
+        old: Array = _whole(data).swapaxes(1, 2)
+        m = old.shape[2]
+        stiffness: Array = np.zeros((0, 0))
         if data.shapes is not None:
-            m = len(data.shapes)
-            known = PartShapes(old.swapaxes(1, 2), data.shapes.stiffness, data.shapes.force)
-            loads = loads[:, :, part.unspanned(known, loads)]
-        if loads.shape[2]:
-            vectors = part.unmoved(ritz(responses, (loads, GROWN_DEPTH)))
-            moved = self._images(data, vectors.swapaxes(1, 2)).swapaxes(1, 2)
-            sizes = np.sqrt(np.asarray(scene.sum(np.einsum("nak,nak->k", vectors, moved))))
-            basis.grow(vectors, moved, sizes, max(MOST, m))
+            stiffness = data.shapes.stiffness
+        known = PartShapes(old, stiffness, np.zeros(m))
+        images: Array = part.times_mass(old)
+        sizes: Array = np.sqrt(np.asarray(scene.sum(np.einsum("nak,nak->k", old, images))))
+        basis = Basis(data.nodes.size, scene.sum)
+        basis.vectors, basis.images = np.asarray(old / sizes), np.asarray(images / sizes)
+        fits = []
+        for F, follow in zip(loads, (True, False), strict=True):
+            room = max(MOST - len(basis), 0)
+            main, fit = part.unspanned(known, responses.balanced(F), room)
+            fits.append(fit)
+            if main.shape[2]:
+                vectors = grown(responses, main, room, dt if follow else np.inf)
+                part.extend(basis, vectors, main.shape[2])
         new = basis.vectors[:, :, m:]
         largest = np.linalg.norm(new, axis=1).max(axis=0, initial=0.0)
         scene.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-        new = new / largest
-        if loads.shape[2]:
-            text = f"{new.shape[2]} shapes more, {m + new.shape[2]} in all, as nodes begin to press"
-            tell(scene.comm, f"Reduced '{data.name}': {text}")
-        if loads.shape[2] and m + new.shape[2] >= MOST and data.name not in self._full:
-            self._full.add(data.name)
-            warn(
-                scene.comm,
-                f"Reduced '{data.name}': more of its nodes press than {MOST} shapes follow, and "
-                "its contact forces are too large. Leave a layer of flexible cells where it "
-                "meets an obstacle.",
-            )
-        every = np.concatenate([old.swapaxes(1, 2), new], axis=2)
-        none = np.zeros(data.nodes.size, dtype=bool)
-        pressed = none if data.shapes is None else data.shapes.pressed.copy()
-        pressed[at] = True
+        every = np.concatenate([old, new / largest], axis=2)
+        self._tell_more(data.name, m, len(basis), all(fits))
         spins = data.shapes is not None and data.shapes.spun is not None
         spun = part.spun(every) if spins else None
         return self._with(body, part.projected(every), pressed=pressed, spun=spun)
+
+    def _tell_more(self, name: str, before: int, now: int, all_of_them: bool) -> None:
+        """Log new shapes; warn once of forces for which there is no room. Collective."""
+        if now > before:
+            text = f"{now - before} shapes more, {now} in all, as nodes begin to press"
+            tell(self._scene.comm, f"Reduced '{name}': {text}")
+        if not all_of_them and name not in self._full:
+            self._full.add(name)
+            warn(
+                self._scene.comm,
+                f"Reduced '{name}': more of its nodes press than {MOST} shapes follow, and "
+                "its contact forces are too large. Leave a layer of flexible cells where it "
+                "meets an obstacle.",
+            )
 
     def warn_of_unspanned(self, state: State) -> None:
         """Warn of loads whose static responses shapes lack in part. Collective."""
@@ -323,7 +356,7 @@ class Shaping:
             part = self._part(body.data)
             known = PartShapes(_whole(body.data).swapaxes(1, 2), own.stiffness, own.force)
             assert loads is not None
-            if count := int(part.unspanned(known, loads).sum()):
+            if count := part.unspanned(known, loads)[0].shape[2]:
                 warn(
                     self._scene.comm,
                     f"Reduced '{body.data.name}': shapes={len(own)} lack more than {LACKING:.0%} "

@@ -276,16 +276,19 @@ class Switch:
             )
         return own if impact is None else impact + own
 
-    def grow(self) -> bool:
+    def grow(self, dt: float) -> bool:
         """Give bodies the shapes that the last attempt calls for; whether any. Collective.
 
         The attempt is to be made again then: a node that presses does so on shapes that yield.
+
+        Args:
+            dt: Length of the attempt [s].
         """
         if not self.shaping.grows:
             return False
         stepper = self._stepper
         pressing = stepper.system.actions.pressing()
-        grown = self.shaping.grown(stepper.state, pressing)
+        grown = self.shaping.grown(stepper.state, pressing, dt)
         if grown is None:
             return False
         stepper.state.group(grown)

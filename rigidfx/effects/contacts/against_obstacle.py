@@ -14,7 +14,7 @@ from rigidfx.effects.base import vector_at
 from rigidfx.effects.contacts.asked import AskedObstacle
 from rigidfx.effects.contacts.obstacles import Obstacle
 from rigidfx.effects.contacts.penalty import stored
-from rigidfx.effects.contacts.pressing import Points, Pressed
+from rigidfx.effects.contacts.pressing import CLOSED, IDENTITY, Points, Pressed
 from rigidfx.effects.contacts.surface import ContactSurface
 from rigidfx.effects.motion import Instant, Motion, Tangent
 from rigidfx.effects.nodes import Nodes
@@ -135,11 +135,17 @@ class ObstacleForces(ContactAction):
         return 0.0 if self._pressed is None else self._pressed.dissipated
 
     def pressing(self) -> tuple[npt.NDArray[np.int64], Array]:
-        """See `ContactAction`."""
-        force, p = np.zeros((len(self.nodes), 3)), self._pressed
-        if p is not None:
-            force[p.at] = -p.force
-        return self.nodes.on_bodies(force)
+        """See `ContactAction`: along the normal, with friction along two tangents, too."""
+        ways, p, points = np.zeros((len(self.nodes), 3, 3)), self._pressed, self._points
+        if p is not None and p.at.size:
+            y = points.y0[p.at] + p.moved
+            gap = np.minimum(points.g0[p.at], self._asked.gap(y))
+            deep = p.at[gap < -CLOSED * np.abs(y).max(axis=1)]
+            ways[deep, 0] = n = self._asked.outward(points.y0[deep])
+            if self._friction is not None:
+                ways[deep, 1] = np.cross(n, IDENTITY[np.abs(n).round(6).argmin(axis=1)])
+                ways[deep, 2] = np.cross(n, ways[deep, 1])
+        return self.nodes.on_bodies(ways)
 
     def touch(self) -> Touch:
         """See `ContactAction`."""

@@ -28,6 +28,7 @@ from rigidfx.effects.action import ContactAction, Structure, Touch
 from rigidfx.effects.contacts.pair_memory import PairMemory, memory_of
 from rigidfx.effects.contacts.pair_surface import PairSurface, projected
 from rigidfx.effects.contacts.penalty import outdated, secant, stored
+from rigidfx.effects.contacts.pressing import CLOSED
 from rigidfx.effects.motion import Instant, Motion, Tangent
 from rigidfx.effects.nodes import SharedNodes
 
@@ -71,7 +72,6 @@ class PairForces(ContactAction):
         self._normals: Array = np.empty((0, 3))
         self._weights: Array = np.empty((0, 3))
         self._slope: Array = np.empty(0)
-        self._force: Array = np.zeros((self._surface.size, 3))
         self._next = replace(
             self._memory, gap=self._memory.gap.copy(), mate=self._memory.mate.copy()
         )
@@ -107,7 +107,6 @@ class PairForces(ContactAction):
         force = np.zeros_like(self._x0)
         np.add.at(force, slaves, pressure)
         np.add.at(force, self._corners, -N[:, :, None] * pressure[:, None])
-        self._force = force
         self._nodes.add(force, forces)
 
     def _meet(self, x0: Array, x: Array) -> None:
@@ -165,8 +164,16 @@ class PairForces(ContactAction):
         return float(stored(self._surface.stiffness, g).sum())
 
     def pressing(self) -> tuple[Ints, Array]:
-        """See `ContactAction`."""
-        return self._nodes.on_bodies(-self._force)
+        """See `ContactAction`: along the normals, for corners that bear a share of a node."""
+        surface, ways = self._surface, np.zeros((self._surface.size, 3, 3))
+        slaves = surface.slaves[self._active]
+        deepest = np.minimum(*self._gaps)
+        deep = deepest < -CLOSED * np.abs(self._half[slaves]).max(axis=1, initial=0.0)
+        push = (surface.stiffness[self._active] * deepest)[deep, None] * self._normals[deep]
+        share = np.where(self._weights > CLOSED, self._weights, 0.0)[deep]
+        np.add.at(ways[:, 0], slaves[deep], -push)
+        np.add.at(ways[:, 0], self._corners[deep], share[:, :, None] * push[:, None])
+        return self._nodes.on_bodies(ways)
 
     def touch(self) -> Touch:
         """See `Action`; a node pressed within one body has no force, but keeps its energy."""

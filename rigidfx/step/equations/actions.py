@@ -219,10 +219,10 @@ class Actions:
         return self._touches
 
     def pressing(self) -> tuple[npt.NDArray[np.int64], Array]:
-        """Owned nodes of bodies that contacts press, and the forces on them, (nodes, 3) [N]."""
+        """Owned nodes of bodies that contacts press, and how: see `ContactAction`."""
         each = [contact.pressing() for contact in self._contacts]
         nodes = np.concatenate([np.empty(0, np.int64), *(own for own, _ in each)])
-        return nodes, np.concatenate([np.empty((0, 3)), *(force for _, force in each)])
+        return nodes, np.concatenate([np.empty((0, 3, 3)), *(how for _, how in each)])
 
     def closing(self, v: Array, dt: float, at: Instant) -> dict[str, float]:
         """Time until each contact closes at constant velocities, by titles [s]. Collective.
