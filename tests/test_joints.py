@@ -795,3 +795,13 @@ if __name__ == "__main__":
     rows = history(sys.argv[1])
     if MPI.COMM_WORLD.rank == 0:
         parallel.report(rows)
+
+
+def test_a_motor_that_throws_a_rigid_body_is_told_without_a_node():
+    """30 degrees given as radians; no node has a residual, and the message named one at NaN."""
+    with (
+        pytest.warns(rf.RigidfxWarning, match="with angle 30 rad.* it is thrown there"),
+        pytest.raises(rf.StepError, match="look at loads, motors, supports") as error,
+    ):
+        list(rf.simulate(bar(HINGE, rf.Motor("joint", angle=30.0)), 1e-3, 2e-3))
+    assert "nan" not in str(error.value)

@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from rigidfx.base.errors import InversionError, StepError
 from rigidfx.flexible.inversion import Inversion
 from rigidfx.mechanics.body_step import Increments
@@ -79,14 +77,17 @@ class Judge:
         solution = attempt.solution
         if solution.converged:
             return None
-        x, y, z = solution.place if solution.place is not None else (np.nan,) * 3
+        place, near = "", ""  # where nothing but bodies moves, no node has a residual
+        if solution.place is not None:
+            x, y, z = solution.place
+            place = f" The largest residual is at the node X = ({x:.6g}, {y:.6g}, {z:.6g}) m."
+            near = " near that place"
         return StepError(
             f"The step from t = {attempt.t:.9g} s did not converge, not even with "
             f"Δt = {attempt.dt:.3g} s ({solution.reason}: {course(solution)}; residuals "
-            f"{', '.join(f'{r:.2e}' for r in solution.residuals[:6]) or 'not finite'} N). "
-            f"The largest residual is at the node X = ({x:.6g}, {y:.6g}, {z:.6g}) m.",
+            f"{', '.join(f'{r:.2e}' for r in solution.residuals[:6]) or 'not finite'} N).{place}",
             overload(self._scene, attempt.t + attempt.dt)
-            or "Try a smaller Δt, look at loads, supports, contacts and stops near that place, or "
+            or f"Try a smaller Δt, look at loads, motors, supports, contacts and stops{near}, or "
             "add NumericalDamping.",
         )
 
