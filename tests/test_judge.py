@@ -106,7 +106,7 @@ def test_residuals_that_are_not_finite():
     judge = Look([np.eye(3)] * 2).judge
     text = str(judge.objection(attempt(converged=False, residuals=())))
     assert "not finite N" in text
-    assert "X = (nan, nan, nan) m" in text
+    assert "X = " not in text
 
 
 def test_judge_remembers_nothing():
