@@ -10,12 +10,13 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
-from scipy.sparse import coo_array, csr_array, hstack
+from scipy.sparse import csr_array, hstack
 
 from rigidfx.base.matrices import Matrix, Pattern, dense
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rotation import AXES
 
 __all__ = ["Ports", "far_apart"]
 
@@ -79,16 +80,21 @@ class Ports:
         self.at = np.full(unknowns.shape, -1)
         self.at[self._known] = 3 * len(self.averages) + np.arange(column.size)
         self._linkage, self._p = linkage, p
-        taken = linkage.held.tocoo()
-        at = linkage.used[taken.coords[0]]
-        kept = coo_array((taken.data[at], (taken.coords[0][at], taken.coords[1][at])), taken.shape)
-        of, arm = np.divmod(kept.coords[1], n)
-        self._held = kept.data, of, arm
+        used = linkage.held.tocoo()
+        at = linkage.used[used.coords[0]]
+        row, (of, arm) = used.coords[0][at], np.divmod(used.coords[1][at], n)
+        pairs, which = np.unique(row * len(p.body_columns) + of, return_inverse=True)
+        row, of = np.divmod(pairs, len(p.body_columns))  # averages and their bodies
+        body, counts = np.searchsorted(self.bodies, of), np.bincount(of)[self.bodies]
+        place = np.empty(pairs.size, dtype=np.int64)  # of a pair among those of its body
+        place[np.argsort(body, kind="stable")] = np.concatenate([AXES[:0], *map(np.arange, counts)])
+        self._pairs = body, place
+        self._held = np.zeros((len(self.bodies), counts.max(initial=0), n))
+        np.add.at(self._held, (body[which], place[which], arm), used.data[at])
         self._free: Matrix | None = None
         rows = (3 * self.averages[:, None] + np.arange(3)).ravel()
-        place = np.searchsorted(self.bodies, of)
-        row = 3 * kept.coords[0][:, None, None] + np.arange(3)[:, None]
-        row, column = np.broadcast_arrays(row, self.at[place][:, None])
+        column = self.at[body][:, None]
+        row, column = np.broadcast_arrays(3 * row[:, None, None] + np.arange(3)[:, None], column)
         self._there = column >= 0
         row, column = row[self._there], column[self._there]
         self._places = np.r_[rows, row], np.r_[np.arange(rows.size), column]
@@ -183,8 +189,8 @@ class Ports:
         """
         if self._free is not None:
             return self._free
-        data, of, arm = self._held
-        values = data[:, None, None] * L.reshape(len(L), L.shape[1] // 3, 3, L.shape[2])[of, arm]
+        of_arms = L.reshape(len(L), L.shape[1] // 3, 3 * L.shape[2])[self.bodies]
+        values = (self._held @ of_arms)[self._pairs].reshape(self._there.shape)
         every = np.concatenate([np.ones(3 * self.averages.size), values[self._there]])
         out = self._pattern.filled(every)
         if not self.bodies.size:  # then it is always the same
