@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -88,7 +89,7 @@ def unit_loads(responses: Responses, nodes: Ints) -> Array:
 
 def _of_loads(responses: Responses, span: tuple[float, float]) -> Iterator[Array]:
     """Forces of each load at its instants, shape (owned nodes, 3, instants). Collective."""
-    for effect in responses.scene.effects:
+    for effect in map(_steady, responses.scene.effects):
         times = instants([effect], span)
         if not times.size:
             continue
@@ -101,6 +102,13 @@ def _of_loads(responses: Responses, span: tuple[float, float]) -> Iterator[Array
             yield _couples(responses, effect, times)
         elif effect.is_dead:
             yield _dead(responses, effect, times)
+
+
+def _steady(effect: Any) -> Any:
+    """A load without its factor of time, which alters no pattern; any other effect as it is."""
+    if effect.grows != "time" or effect.time is None or effect.face is not None:
+        return effect
+    return replace(effect, time=None)
 
 
 def _bound(responses: Responses, effect: Effect) -> Actions:

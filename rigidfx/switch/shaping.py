@@ -364,6 +364,30 @@ class Shaping:
                     "more, or leave shapes= out.",
                 )
 
+    def lacking(self, bodies: Bodies, squares: Array, fields: Array) -> Array:
+        """By which part of its frequency each mode is off, as shapes lack it. Collective.
+
+        With what is out of balance on nodes of reduced parts, ρ = K φ - ω² M φ, and φᵀMφ = 1, ω² is
+        too large by ρᵀ K⁺ρ, but for the inertia of the response (J. H. Wilkinson, The Algebraic
+        Eigenvalue Problem, 1965, Section 2.8). Springs and joints are not in K.
+
+        Args:
+            bodies: The bodies.
+            squares: ω² of each, shape (n,) [1/s²].
+            fields: φ at the owned nodes, shape (owned nodes, 3, n) [1/√kg].
+        """
+        assert self._responses is not None
+        responses, nodes = self._responses, np.arange(self._scene.owned_nodes, dtype=np.int32)
+        whole = Part(responses, responses.stiffness.cells, nodes)
+        rho = whole.times_stiffness(fields) - squares * whole.times_mass(fields)
+        whole.destroy()
+        free = np.zeros((nodes.size, 3), dtype=bool)
+        for body in bodies.of.records:
+            free[body.nodes] |= body.shapes is not None
+        rho *= (free & ~responses.stiffness.held.reshape(-1, 3))[:, :, None]
+        gained = np.asarray(self._scene.sum(np.einsum("nak,nak->k", rho, responses.solve(rho))))
+        return 0.5 * gained / squares
+
     # Not small ------------------------------------------------------------------------------------
 
     def spent(self, state: State) -> dict[str, float]:

@@ -26,6 +26,7 @@ from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.summary import FURTHER
 from rigidfx.scene.weights import inertial_masses
+from rigidfx.shapes.part import LACKING
 from rigidfx.step.linear.eigenpairs import clusters, lowest
 from rigidfx.vibration.problem import Problem
 from rigidfx.vibration.series import draw_modes, write_modes
@@ -135,10 +136,11 @@ def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes
     """The lowest modes of small free vibrations of a scene. Collective.
 
     Supports and springs act as at t = 0, or at the time of the report; parts named `Rigid` are
-    rigid, joints hold and their springs act. A state that turns as a whole vibrates in the frame
-    that turns with it, with the centrifugal softening and without Coriolis forces. Contacts,
-    damping and the stiffness of follower pressure are left out. A second-order error of the mesh
-    stiffens them: see docs/modes.md.
+    rigid, `Reduced` ones move by their shapes about that state, joints hold and their springs act.
+    A state that turns as a whole vibrates in the frame that turns with it, with the centrifugal
+    softening and without Coriolis forces; `Reduced` parts are flexible there. Contacts, damping and
+    the stiffness of follower pressure are left out. A second-order error of the mesh stiffens them:
+    see docs/modes.md.
 
     Args:
         scene: The problem.
@@ -181,6 +183,7 @@ def _found(scene: Scene, about: Report | None, count: int, turns: bool = True) -
     problem = Problem(scene, about, turns)
     try:
         found = _modes(scene, problem, count)
+        _warn_of_lacking(scene, problem.lacking(found.squares, found.shapes))
         spin, moves = problem.spin, bool(problem.motions)
     finally:
         problem.destroy()
@@ -219,6 +222,18 @@ def _modes(scene: Scene, problem: Problem, count: int) -> Modes:
     shapes = np.einsum("ij,jnk->ink", turn, shapes)
     mass = scene.sum(inertial_masses(scene).sum())
     return Modes(scene, squares, shapes, turn @ gamma, pairs.rigid, float(mass))
+
+
+def _warn_of_lacking(scene: Scene, off: Array) -> None:
+    """Warn of modes that the shapes of reduced parts do not span."""
+    if (some := np.flatnonzero(off > LACKING)).size:
+        numbers = ", ".join(str(k + 1) for k in some)
+        warn(
+            scene.comm,
+            f"modes: shapes of reduced parts do not span modes {numbers}, whose frequencies are "
+            f"some {off[some].max():.1%} too high. Loads that excite them give shapes for them; or "
+            "leave the Reduced out.",
+        )
 
 
 def _aligned(scene: Scene, values: Array, shapes: Array) -> Array:
@@ -278,12 +293,17 @@ def periods(scene: Scene, count: int = 3) -> Array:
     check_scene("periods", scene)
     count = whole("periods", "count", count, least=1)
     check_same(scene.comm, "periods", {"count": count})
+    return _periods(scene, count)[0]
+
+
+def _periods(scene: Scene, count: int) -> tuple[Array, bool]:
+    """See `periods`; and whether they are those of a model with reduced parts. Collective."""
     problem = Problem(scene)
     pairs = lowest(problem.K, problem.M, count, problem.motions, scale=problem.of_loads)
-    squares = pairs.values
+    squares, reduced = pairs.values, problem.shaping is not None
     pairs.destroy()
     problem.destroy()
-    return np.asarray(2 * pi / np.sqrt(squares[squares > 0][:count]))
+    return np.asarray(2 * pi / np.sqrt(squares[squares > 0][:count])), reduced
 
 
 def periods_in_words(scene: Scene, dt: float | None, count: int | None) -> list[str]:
@@ -299,7 +319,7 @@ def periods_in_words(scene: Scene, dt: float | None, count: int | None) -> list[
     if count is None and 3 * scene.space.dofmap.index_map.size_global > CHEAP:
         return ["Periods of small vibrations: describe(periods=3) finds them, in some seconds"]
     try:
-        found = periods(scene, 3 if count is None else count)
+        found, reduced = _periods(scene, 3 if count is None else count)
     except SceneError:
         if count is not None:
             raise
@@ -308,7 +328,8 @@ def periods_in_words(scene: Scene, dt: float | None, count: int | None) -> list[
         return ["Periods: none, as nothing can vibrate"]
     text = ", ".join(f"{T:.4g}" for T in found)
     steps = "" if dt is None else f"; the first is {found[0] / dt:.3g} steps of Δt = {dt:g} s"
-    return [f"Periods of small vibrations as it begins, without loads: {text} s{steps}"]
+    of = " of the reduced model" if reduced else ""
+    return [f"Periods of small vibrations{of} as it begins, without loads: {text} s{steps}"]
 
 
 FURTHER.append(periods_in_words)

@@ -20,7 +20,17 @@ from rigidfx.base.failures import Failures
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import DeadLoad, Joint, PointMass, Resultant, Rigid, Windowed
+from rigidfx.effects import (
+    DeadLoad,
+    Joint,
+    PointMass,
+    Reduced,
+    Resultant,
+    Rigid,
+    Spring,
+    SpringDamper,
+    Windowed,
+)
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.static_forces import static_forces
 from rigidfx.mechanics.bodies import Bodies
@@ -31,10 +41,12 @@ from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.equations.structure import BoundStructure
+from rigidfx.step.system.division import Division
 from rigidfx.step.system.linked import linked
 from rigidfx.step.system.rigid_motion import free_to_move
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 from rigidfx.switch.inventory import divide
+from rigidfx.switch.shaping import Shaping
 from rigidfx.vibration.joined import FreeMotions, HeldState
 from rigidfx.vibration.spin import Spin, softening, spin_of
 
@@ -53,6 +65,7 @@ class Problem:
         K: Stiffness [N/m].
         M: Mass [kg].
         motions: Rigid motions of the connected parts, where some may take no energy.
+        shaping: Gave reduced parts their shapes; None where all is flexible or rigid.
         of_loads: Loads and forces of joints over mass and extent: ω² whose rounding may be all of
             that of a motion without energy [1/s²].
     """
@@ -69,10 +82,13 @@ class Problem:
             SceneError: If a support holds a part named rigid other than by clamping it.
         """
         state = self._state = _state(scene, about)
+        self.shaping: Shaping | None = None
         t = 0.0 if about is None else about.t
         acting = scene.acting(t)
         forces = InternalForces(scene, state.u, ())
-        division = divide(scene, forces, state, supports_of(acting))
+        rest = Spin(np.zeros(3), np.zeros(3), 0.0)
+        self.spin = rest if about is None or not turns else spin_of(scene, about.state)
+        division = self._divided(scene, forces, acting, t)
         state.group(division.bodies)
         known = division.driven_nodes, None, division.nodes_of_held
         held = PrescribedDofs(scene, supports_of(acting), *known)
@@ -80,8 +96,6 @@ class Problem:
         layout = dof_layout(scene, cells, state.bodies.of, held.mask, driven)
         own = layout.massive[layout.rows.nodes]
         self._mass = mass_operator(scene, layout.rows, cells, own, driven)
-        rest = Spin(np.zeros(3), np.zeros(3), 0.0)
-        self.spin = rest if about is None or not turns else spin_of(scene, about.state)
         self._structure = BoundStructure(
             scene=scene,
             rows=layout.rows,
@@ -109,6 +123,26 @@ class Problem:
             self._free = FreeMotions(statics.held, self._prolongation)
         self.K, self.M = self._in_q(self._stiffness()), self._in_q(masses)
         self.motions = self._rigid_motions() if loose else []
+
+    def _divided(
+        self, scene: Scene, forces: InternalForces, acting: Sequence[Windowed], t: float
+    ) -> Division:
+        """The division of the cells; reduced parts are flexible in a state that turns. Collective.
+
+        They are so, too, where no load gives them shapes.
+        """
+        active, state = supports_of(acting), self._state
+        named = {effect.name for effect in scene.named(Reduced)}
+        if named and not self.spin.turns:
+            until = max([t, *(b for b in scene.breakpoints if np.isfinite(b))]) + 1.0
+            shaping = Shaping(scene, forces, acting, until)
+            found = divide(scene, forces, state, active, (), partial(shaping.shaped, state))
+            shapes = [b.shapes for b in found.bodies.of.records if b.name in named]
+            if all(own is not None for own in shapes):
+                self.shaping = shaping
+                return found
+            shaping.destroy()
+        return divide(scene, forces, state, active)
 
     def _bind(self, acting: Sequence[Windowed], t: float, loaded: bool, masses: PETSc.Mat) -> float:
         """Evaluate all forces at the state, those of joints too. Collective.
@@ -192,7 +226,7 @@ class Problem:
         """PᵀMP with the bodies' own. Collective."""
         M = self._mass.matrix()
         out = self._prolongation.condense(M)
-        self._prolongation.add_blocks(out, self._state.bodies.mass_blocks)
+        self._prolongation.add_blocks(out, _mass_blocks(self._state.bodies))
         M.destroy()
         return out
 
@@ -207,7 +241,7 @@ class Problem:
         """
         p = self._prolongation
         d, f, out = self._layout.rows.vector(), self._layout.rows.vector(), []
-        blocks = self._state.bodies.mass_blocks
+        blocks = _mass_blocks(self._state.bodies)
         for moved, six in self._moved(centre):
             d.array[:] = moved.reshape(-1)
             self._mass.mult(d, f)
@@ -278,13 +312,43 @@ class Problem:
         out.x.scatter_forward()
         return np.array(u)
 
+    def lacking(self, squares: Array, shapes: Array) -> Array:
+        """By which part of its frequency each mode is off, as shapes lack it; zero if unknown.
+
+        Collective.
+
+        Args:
+            squares: ω² of each, shape (n,) [1/s²].
+            shapes: φ at the local nodes, shape (n, nodes, 3) [1/√kg].
+        """
+        scene = self._scene
+        attached = (SpringDamper, Joint, Spring, Rigid)
+        others = [e for kind in attached for e in scene.named(kind) if not getattr(e, "deforms", 0)]
+        if self.shaping is None or others or not squares.size or squares.min() <= 0:
+            return np.zeros(squares.size)
+        fields = shapes[:, : scene.owned_nodes].transpose(1, 2, 0)
+        return self.shaping.lacking(self._state.bodies, squares, fields)
+
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
         if self._free is not None:
             self._free.destroy()
+        if self.shaping is not None:
+            self.shaping.destroy()
         self._unbind()
         for item in (*self.motions, self.K, self.M, self._mass):
             item.destroy()
+
+
+def _mass_blocks(bodies: Bodies) -> Array:
+    """Those of bodies; centres of mass in frames that supports hold follow the shapes."""
+    blocks, shapes = bodies.mass_blocks, bodies.of.shapes
+    if shapes is not None:
+        drift, mass = shapes.drift @ bodies.R.swapaxes(1, 2), bodies.of.mass[:, None, None]
+        blocks[:, 6:, :3] += mass * drift
+        blocks[:, :3, 6:] += mass * drift.swapaxes(1, 2)
+        blocks[:, 6:, 6:] += mass * drift @ drift.swapaxes(1, 2)
+    return blocks
 
 
 def _state(scene: Scene, about: Report | None) -> State:
@@ -295,7 +359,7 @@ def _state(scene: Scene, about: Report | None) -> State:
     given = about.state
     given.rebuild()
     state.place(given.u.x.array)
-    named = {effect.name for effect in scene.named(Rigid)}
+    named = {effect.name for effect in scene.named(Rigid) if effect.is_rigid}
     bodies = Bodies.of_each(body for body in given.bodies if body.data.name in named)
     rest = np.zeros((len(bodies), 3))
     state.group(bodies.moving(rest, rest))

@@ -1,0 +1,79 @@
+"""Modes of reduced parts beside those of their flexible twins."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from parallel import check_the_same, report
+from test_reduced_joints import bars
+from test_reduced_statics import CASES, CLAMP, bar
+
+import rigidfx as rf
+
+ALONG = rf.Traction("x1", (1e5, 200.0, 300.0))
+PULSE = rf.Traction("x1", (100.0, 200.0, 300.0), time=lambda t: 1.0 if 0.3 < t < 0.301 else 0.0)
+CASES = {
+    "free end": (bar, [CLAMP, PULSE], ["end"], False),
+    "held half": (bar, [CLAMP, PULSE], ["half"], False),
+    "all of it": (bar, [CLAMP, PULSE], [None], False),
+    "nothing acts": (bar, [CLAMP], ["half"], False),
+    "pulled": (bar, [CLAMP, ALONG], ["half"], True),
+    "hinged": (partial(bars, thrown=False), CASES["hinged"][1], ["A", "B"], False),
+}
+
+
+def found(case, parts, count=3):
+    made, effects, _, loaded = CASES[case]
+    scene = made(*effects, *map(rf.Reduced, parts))
+    return rf.modes(scene, count, about=[*rf.static(scene, 2)][-1] if loaded else None)
+
+
+@pytest.mark.filterwarnings("ignore:Scene. first-order")
+@pytest.mark.parametrize("case", CASES)
+def test_modes_are_those_of_the_flexible_twin(case):
+    """Within 0.1 %; the masses that take part, too, of modes of one frequency together."""
+    own, twin = (found(case, parts) for parts in (CASES[case][2], []))
+    assert len(own) >= 3
+    assert own.rigid == twin.rigid == 0
+    np.testing.assert_allclose(own.frequencies[:3], twin.frequencies[:3], rtol=1e-3)
+    assert own.effective_mass[:2].sum(axis=0) == pytest.approx(
+        twin.effective_mass[:2].sum(axis=0), abs=1e-3 * twin.mass
+    )
+
+
+def test_modes_that_shapes_do_not_span_are_told():
+    """The estimate is the error, up to the inertia of the response."""
+    with pytest.warns(rf.RigidfxWarning, match="do not span modes 4, ") as caught:
+        own = rf.modes(bar(PULSE, rf.Reduced("half")), 4)
+    assert own.rigid == 6
+    twin = rf.modes(bar(PULSE), 4)
+    np.testing.assert_allclose(own.frequencies[:3], twin.frequencies[:3], rtol=1e-3)
+    error = 100 * (own.frequencies[3] / twin.frequencies[3] - 1)
+    (text,) = (str(w.message) for w in caught if "do not span" in str(w.message))
+    assert float(text.split("some ")[1].split("%")[0]) == pytest.approx(error, rel=0.3)
+
+
+def test_a_description_says_which_model_has_the_periods():
+    scene = bar(CLAMP, PULSE, rf.Reduced("half"))
+    assert "of the reduced model as it begins" in scene.describe()
+    assert "of the reduced model" not in bar(CLAMP, PULSE).describe()
+    np.testing.assert_allclose(rf.periods(scene), rf.periods(bar(CLAMP, PULSE)), rtol=1e-3)
+
+
+def _found():
+    """What is the same on any number of ranks."""
+    return [found(case, ["half"]).frequencies[:3].tolist() for case in ("held half", "pulled")]
+
+
+@pytest.mark.parallel
+def test_modes_are_the_same_on_two_ranks():
+    check_the_same(__file__, 2, _found())
+
+
+if __name__ == "__main__":
+    numbers = _found()
+    if MPI.COMM_WORLD.rank == 0:
+        report(numbers)
