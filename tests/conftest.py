@@ -38,7 +38,12 @@ os.environ.setdefault(
 )
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path += [str(ROOT), str(ROOT / "meshes"), str(ROOT / "demos")]
+sys.path += [
+    str(ROOT),
+    str(ROOT / "meshes"),
+    str(ROOT / "demos"),
+    str(ROOT / "demos" / "benchmarks"),
+]
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # DOLFINx warns about packages it could use and does not find

@@ -8,8 +8,9 @@ set-up included; flexible, reduced, rigid or with found parts. The modules in `k
     ./fenicsx mpirun -n 2 python3 demos/benchmarks/known_problems.py --out out/two \\
         --beside out/known_problems
 
-The second command checks that two ranks give the same numbers. Exudyn is a peer of two mechanisms,
-as `mechanisms.py` says. `summary.json` has the rows, `errors.png` the errors and their bounds.
+The second command checks that two ranks give the same numbers, to 1e-6 or, of reduced parts, 1e-4.
+Exudyn is a peer of two mechanisms, as `mechanisms.py` says. `summary.json` has the rows,
+`errors.png` the errors and their bounds.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from known.picture import draw_errors
 import rigidfx as rf
 
 SAME = 1e-6  # largest difference between runs on different ranks, relative
+SAME_SHAPES = 1e-4  # that of reduced parts: which shapes of a symmetric part are kept, ranks decide
 
 Row = dict[str, Any]
 
@@ -57,7 +59,9 @@ def beside(rows: list[Row], folder: Path) -> None:
     for row in rows:
         other = known[row["problem"], row["quantity"], row["kind"]]
         row["apart"] = abs(row["ours"] - other) / abs(row["scale"] or row["published"])
-    assert all(row["apart"] <= SAME for row in rows), [r for r in rows if r["apart"] > SAME]
+    most = {"reduced": SAME_SHAPES}
+    other = [row for row in rows if row["apart"] > most.get(row["kind"], SAME)]
+    assert not other, other
 
 
 def main() -> None:
@@ -68,6 +72,7 @@ def main() -> None:
     options = parser.read()
     warnings.simplefilter("ignore", rf.RigidfxWarning)
     rows = [row for name in chosen(options, PROBLEMS) for row in rows_of(name, options.short)]
+    rows = comm.bcast(rows)
     if options.beside:
         beside(rows, options.beside)
     if comm.rank == 0:

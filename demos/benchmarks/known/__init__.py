@@ -1,7 +1,12 @@
 """Problems that others publish: cases of the benchmark `known_problems.py`."""
 
+from .contacts import BARS, CAPSTAN
+from .machines import ANDREWS, BRICARD, FOUR_BARS, HEAVY_TOP, SLIDER_CRANK
+from .motions import EL_CENTRO, PENDULUM, TURNING_BAR
+from .nafems import BEND, DEEP_BEAM, PLATE, THICK_PLATE
 from .princeton import PRINCETON
 from .row import Found, Problem
+from .slender import CHAIN, PRESTRESSED, SOFT_CANTILEVER
 from .spin_up import SPIN_UP
 
 __all__ = ["PROBLEMS", "Found", "Problem"]
@@ -9,4 +14,21 @@ __all__ = ["PROBLEMS", "Found", "Problem"]
 PROBLEMS: dict[str, Problem] = {
     "Princeton beam": PRINCETON,
     "spin-up beam": SPIN_UP,
+    "turning bar": TURNING_BAR,
+    "heavy top": HEAVY_TOP,
+    "four-bar linkages": FOUR_BARS,
+    "Bricard": BRICARD,
+    "Andrews' squeezer": ANDREWS,
+    "slider-crank": SLIDER_CRANK,
+    "pendulum": PENDULUM,
+    "NAFEMS FV52": PLATE,
+    "NAFEMS 5T": DEEP_BEAM,
+    "NAFEMS LE10": THICK_PLATE,
+    "NAFEMS 3DNLG-5": BEND,
+    "prestressed beam": PRESTRESSED,
+    "soft cantilever": SOFT_CANTILEVER,
+    "hanging chain": CHAIN,
+    "two bars": BARS,
+    "capstan": CAPSTAN,
+    "El Centro": EL_CENTRO,
 }
