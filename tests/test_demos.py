@@ -401,6 +401,15 @@ def test_benchmark(tmp_path, benchmark):
     assert all(BENCHMARK_SUMMARY.get(benchmark.stem, set()) <= set(row) for row in rows)
 
 
+@pytest.mark.parallel
+@pytest.mark.parametrize("some", ["NAFEMS", "turning bar"])
+def test_known_problems_are_the_same_on_two_ranks(tmp_path, some):
+    script = ROOT / "demos" / "benchmarks" / "known_problems.py"
+    on_ranks(script, 1, "--short", "--only", some, "--out", tmp_path / "one")
+    beside = "--beside", tmp_path / "one"
+    on_ranks(script, 2, "--short", "--only", some, "--out", tmp_path / "two", *beside)
+
+
 @pytest.mark.parametrize("demo", DEMOS, ids=lambda demo: demo.stem)
 def test_demo_fails_without_a_folder(tmp_path, monkeypatch, capfd, demo):
     """By the error itself, or by telling it and leaving with status 1."""
