@@ -125,9 +125,9 @@ def test_nu_is_the_error_of_the_deflection():
 
 
 def test_a_part_that_bends_far_is_named_once_with_its_cells():
-    with pytest.warns(UserWarning, match="bends too far") as caught:
+    with pytest.warns(UserWarning, match="deforms too far") as caught:
         bent(12e3, rf.Reduced())
-    (text,) = (str(w.message) for w in caught if "bends too far" in str(w.message))
+    (text,) = (str(w.message) for w in caught if "deforms too far" in str(w.message))
     ends = [float(x) for x in re.findall(r"[(]([-\d.e]+), [^()]*[)]", text)]
     assert 0.34 < ends[0] < ends[1] < 0.51
 

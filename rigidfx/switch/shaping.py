@@ -429,10 +429,10 @@ class Shaping:
         box = " to ".join("(" + ", ".join(f"{x:.4g}" for x in end) + ")" for end in ends)
         warn(
             self._scene.comm,
-            f"Reduced '{name}': at t = {state.t:.4g} s it bends too far for its shapes. The energy "
-            f"of its cells differs by ν = {found.nu:.2%} of the strain energy: amplitudes are off "
-            f"by some {_off(found.nu):.1%}, frequencies by a quarter of that. Most of it is "
-            f"in {count} cells, those within {box} m. Keep these flexible: take them out of the "
+            f"Reduced '{name}': at t = {state.t:.4g} s it deforms too far for its shapes. The "
+            f"energy of its cells differs by ν = {found.nu:.2%} of the strain energy: amplitudes are "
+            f"off by some {_off(found.nu):.1%}, frequencies by a quarter of that. Most of it is in "
+            f"{count} cells, those within {box} m. Keep these flexible: take them out of the "
             "set of the Reduced.",
         )
 
