@@ -430,8 +430,8 @@ class Shaping:
         warn(
             self._scene.comm,
             f"Reduced '{name}': at t = {state.t:.4g} s it deforms too far for its shapes. The "
-            f"energy of its cells differs by ν = {found.nu:.2%} of the strain energy: amplitudes are "
-            f"off by some {_off(found.nu):.1%}, frequencies by a quarter of that. Most of it is in "
+            f"energy of its cells differs by ν = {found.nu:.2%} of the strain energy: amplitudes "
+            f"err by some {_off(found.nu):.1%}, frequencies by a quarter of that. Most of it is in "
             f"{count} cells, those within {box} m. Keep these flexible: take them out of the "
             "set of the Reduced.",
         )
