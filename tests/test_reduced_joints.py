@@ -154,6 +154,38 @@ def test_a_four_bar_linkage_bends_as_its_twin():
     assert np.abs(tips(own[0]) - tips(twin[0])).max() < 2e-6
 
 
+def spun(ratio, *parts):
+    """Lag of the tip of a beam that a motor spins up to a part of its first frequency [m]."""
+    first = 3.516 * 0.04 * np.sqrt(7e10 / 12 / 2700.0)  # rad/s, clamped
+    end = 6 * np.pi / first
+
+    def speed(t):
+        s = min(t / end, 1.0)
+        return ratio * first * (s - np.sin(2 * np.pi * s) / (2 * np.pi))
+
+    beam = rf.box((0, 0, 0), (1.0, 0.04, 0.04), (6, 1, 1))
+    beam = beam.with_facets("root", lambda x: x[0] < 0.17)
+    metal = rf.StVenantKirchhoff(E=7e10, nu=0.0, rho=2700.0)
+    hinge = rf.Revolute("ground", rf.MeanFace("root"), (0, 0, 0.02), Z, name="hinge")
+    effects, tip = [hinge, rf.Motor("hinge", speed=speed), *parts], {"tip": (1.0, 0, 0)}
+    scene = rf.Scene(beam, metal, effects, element="enhanced", probes=tip)
+    lags = []
+    for r in rf.simulate(scene, end / 60, 1.1 * end):
+        angle = r.joints["hinge"].angle if r.step else 0.0
+        x, y, _ = r.probes["tip"] + (1.0, 0, 0)
+        lags.append(y * np.cos(angle) - x * np.sin(angle))
+    return np.array(lags)
+
+
+@pytest.mark.filterwarnings("ignore:Reduced 'all cells'. at t = .* it deforms too far")
+def test_a_beam_that_a_motor_spins_up_lags_as_its_twin():
+    """At a tenth of its first frequency to 0.5 %; faster ones are refused, with the limit."""
+    twin, own = spun(0.1), spun(0.1, rf.Reduced())
+    assert np.abs(own - twin).max() < 0.005 * np.abs(twin).max()
+    with pytest.raises(rf.SceneError, match="hold up to 7"):
+        spun(0.5, rf.Reduced())
+
+
 def test_a_restart_goes_on_with_the_same_digits(tmp_path):
     scene = partial(bars, HINGE, PUSH, rf.Motor("hinge", speed=2.0), *BOTH)
     whole = list(rf.simulate(scene(), DT, 8 * DT))

@@ -12,6 +12,8 @@ flexible, and the same with parts named `Reduced`.
 * `spin`: a bar spins freely by a turn and is struck at its end.
 * `sine`: a block is driven by a lasting sine load below its first frequency; both halves reduced
   are one body, and one half is reduced beside the driven one.
+* `crank`: the slider-crank of `demos/mechanism.py` for half a turn and its brake, three reduced
+  parts between joints, a motor and a stop; also stress at the rod's fillet and the joints' gap.
 * `tumbling`: a body of twelve shapes, with energy and momenta over ten thousand steps.
 
     ./fenicsx python3 demos/benchmarks/reduced.py
@@ -35,6 +37,7 @@ from common import say
 import rigidfx as rf
 from meshes.device import device
 from meshes.gong import MALLET, SIDE, gong
+from meshes.mechanism import FILLET, LENGTH, RADIUS, slider_crank
 from meshes.robot_arm import HEIGHT, TIP, robot_arm
 
 SOFT = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)  # Pa, 1, kg/m³
@@ -251,6 +254,46 @@ def sine(which: str) -> Case:
     return Case(scene, halves[which], 5e-3, 1.5, probes, of_way)
 
 
+def crank(size: float) -> Case:
+    """The slider-crank of `demos/mechanism.py`, brought to speed, turned and stopped."""
+    speed, ramp = 100.0, 0.02  # rad/s, s
+    brake = ramp / 2 + np.pi / speed  # s
+    face, z, wrist = rf.MeanFace, (0.0, 0.0, 1.0), (RADIUS + LENGTH, 0.0, 0.0)
+
+    def smooth(t: float) -> float:
+        s = min(max(t / ramp, 0.0), 1.0)
+        return s * s * (3 - 2 * s)
+
+    effects = [
+        rf.Revolute("ground", face("journals"), (0, 0, 0), z, name="bearing"),
+        rf.Cylindrical(face("pin"), face("big eye"), (RADIUS, 0, 0), z, name="crank pin"),
+        rf.Spherical(face("small eye"), face("wrist"), wrist, name="wrist pin"),
+        rf.Prismatic("ground", face("slides"), wrist, (1, 0, 0), name="guide"),
+        rf.Motor("bearing", speed=lambda t: speed * (smooth(t) - smooth(t - brake))),
+        rf.Stop("guide", low=-2 * RADIUS + 5e-4, stiffness=2e7),
+        rf.NumericalDamping(0.1),
+    ]
+    points = {"fillet": FILLET, "block": (RADIUS + LENGTH + 0.069, 0.0, 0.03)}
+
+    def scene(*parts: rf.Reduced) -> rf.Scene:
+        steel = rf.StVenantKirchhoff(E=2.1e11, nu=0.3, rho=7800.0)
+        body, given = slider_crank(size, size / 2), [*effects, *parts]
+        return rf.Scene(body, steel, given, order=2, mass="consistent", probes=points)
+
+    def seen(report: rf.Report) -> np.ndarray:
+        looked = report.step and report.step % 5 == 0
+        stress = report.stresses["fillet"].von_mises if looked else 0.0
+        gap = max((joint.gap for joint in report.joints.values()), default=0.0)
+        return np.array([*probes(report).ravel(), stress, gap])
+
+    def errors(own: np.ndarray, twin: np.ndarray) -> dict[str, float]:
+        stress = np.abs(own[:, 6] - twin[:, 6]).max() / twin[:, 6].max()
+        return of_way(own[:, 3:6], twin[:, 3:6]) | {"stress": stress, "gap": own[:, 7].max()}
+
+    parts = tuple(rf.Reduced(name) for name in ("crank", "rod", "block"))
+    return Case(scene, parts, 2e-4, brake + ramp + 0.01, seen, errors)
+
+
 def tumbling(steps: int) -> dict[str, object]:
     """Drifts of a body of twelve shapes, with both masses."""
     worst = {"energy": 0.0, "momentum": 0.0, "angular_momentum": 0.0, "stretch": 0.0}
@@ -289,6 +332,7 @@ SIZES: dict[str, dict[int, Callable[[], Case]]] = {
     "arm": {10_503: partial(arm, 0.016), 20_997: partial(arm, 0.009)},
     "spin": {1053: partial(spin, 38), 8427: partial(spin, 80)},
     "sine": {7056: partial(sine, "both"), 7057: partial(sine, "one")},
+    "crank": {12_951: partial(crank, 0.03), 40_989: partial(crank, 0.012)},
 }
 SHORT = {"plate": partial(plate, 16), "drop": partial(drop, 0.02), "spin": partial(spin, 20)}
 

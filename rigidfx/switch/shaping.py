@@ -35,6 +35,7 @@ from rigidfx.shapes.patterns import of_springs, patterns
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.ritz import grown, shapes_of
 from rigidfx.state import State
+from rigidfx.switch.spun_joints import SpinLimits, off_by
 
 __all__ = ["Shaping"]
 
@@ -76,6 +77,7 @@ class Shaping:
         self._parts: dict[str, Part] = {}
         self._full: set[str] = set()  # parts that have been warned of
         self.looked: dict[str, tuple[float, float]] = {}
+        self._limits = SpinLimits(scene)
         self._large: frozenset[str] = frozenset()  # parts of whose ν has been warned
         touches = bool(scene.named(Contact))
         self._growing = {e.name for e in scene.named(Reduced) if touches and e.shapes is None}
@@ -399,16 +401,20 @@ class Shaping:
 
         Args:
             state: At the end of a step.
+
+        Raises:
+            SceneError: On every rank, if a part spins too fast between joints.
         """
         shapes = state.bodies.of.shapes
         if shapes is None:
             return {}
+        self._limits.check(state)
         q, least = state.bodies.q, np.sqrt(np.finfo(np.float64).eps)
         energies = 0.5 * np.einsum("bk,bkl,bl->b", q, shapes.stiffness, q)
         most = max([energies.max(), *(energy for energy, _ in self.looked.values())])
         for body, own, energy in zip(state.bodies, q, energies, strict=True):
             before, nu = self.looked.get(body.data.name, (0.0, 0.0))
-            grown = 2 if 10 * _off(nu) > LACKING else 10
+            grown = 2 if 10 * off_by(nu) > LACKING else 10
             moves = np.abs(own).max() > least * body.data.length
             if moves and energy > max(grown * before, LACKING**2 * most):
                 self._look(state, body)
@@ -420,7 +426,7 @@ class Shaping:
         d = np.einsum("nka,k->na", _whole(body.data), body.motion.q)
         found = Excess(responses, self._forces, self._part(body.data), d)
         self.looked[name] = found.energy, found.nu
-        if _off(found.nu) <= LACKING or name in self._large:
+        if off_by(found.nu) <= LACKING or name in self._large:
             return
         self._large |= {name}
         count, lower, upper = found.spent()
@@ -431,7 +437,7 @@ class Shaping:
             self._scene.comm,
             f"Reduced '{name}': at t = {state.t:.4g} s it deforms too far for its shapes. The "
             f"energy of its cells differs by ν = {found.nu:.2%} of the strain energy: amplitudes "
-            f"err by some {_off(found.nu):.1%}, frequencies by a quarter of that. Most of it is in "
+            f"err by some {off_by(found.nu):.1%}, frequencies by a quarter of that. Most of it is in "
             f"{count} cells, those within {box} m. Keep these flexible: take them out of the "
             "set of the Reduced.",
         )
@@ -450,8 +456,3 @@ def _whole(data: RigidBody) -> Array:
     if data.shapes is None:
         return np.zeros((data.nodes.size, 0, 3))
     return data.shapes.modes if data.shapes.drift is None else data.shapes.modes + data.shapes.drift
-
-
-def _off(nu: float) -> float:
-    """Bound of the relative error of amplitudes: forces err by 2 ν where V has a fourth order."""
-    return 3 * nu
