@@ -352,6 +352,16 @@ def test_parts_that_cannot_have_shapes():
     made.destroy()
 
 
+def test_a_slender_part_is_stable():
+    """Rounding of K u exceeds 1e-6 of the forces: the Princeton beam is reduced as it is."""
+    beam = rf.box((0, 0, 0), (0.508, 0.0124, 0.0032), (10, 1, 1))
+    metal = rf.StVenantKirchhoff(E=71.7e9, nu=0.31, rho=2700.0)
+    given = [rf.Fixed("x0"), rf.Traction("x1", (0.0, 1e3, 1e3)), rf.Reduced()]
+    scene = rf.Scene(beam, metal, given, order=2, mass="consistent")
+    *_, report = rf.simulate(scene, 1e-3, 2e-3, progress=False)
+    assert 6 < report.unknowns < 30
+
+
 @pytest.mark.parametrize("factored", [0, 10**6])
 def test_a_state_that_buckles(factored, monkeypatch):
     """A slender column that is compressed by a hundredth."""

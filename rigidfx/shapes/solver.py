@@ -17,7 +17,9 @@ __all__ = ["Solver"]
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-SOLVED = 1e-6  # part of forces that a solve may leave: more is left where K is singular
+# Part of forces that a solve may leave. More is left where K is singular, or slender parts make
+# rounding of K u large; then a correction by the rest is below √SOLVED where K is not singular.
+SOLVED = 1e-6
 # Unknowns: factors of a block of so many take some 3 GB.
 FACTORED_UP_TO = 150_000
 UNSTABLE = (
@@ -88,8 +90,8 @@ class Solver:
         E[self._pins, first + np.arange(self._pins.size)] = 1.0
         self._pinning, self._rows = E, np.c_[self._times(E), self._momenta]
         self._by = np.c_[E, np.zeros_like(E)] - self._solved(self._rows)
-        self._small = np.asarray(total(self._rows.T @ self._by))
-        self._small[: E.shape[1], E.shape[1] :] += total(E.T @ self._momenta)
+        self._bordered = np.asarray(total(self._rows.T @ self._by))
+        self._bordered[: E.shape[1], E.shape[1] :] += total(E.T @ self._momenta)
 
     def solve(self, F: Array) -> Array:
         """Displacements by forces on nodes, orthogonal to the motions by mass. Collective.
@@ -105,21 +107,33 @@ class Solver:
         Raises:
             SceneError: On every rank, if there are no such displacements.
         """
-        right, total, n = self._of.on_unknowns(F), self._of.scene.sum, self._motions.shape[1]
+        right = self._of.on_unknowns(F)
+        found, left = self._once(right)
+        if not self._small(left, right, SOLVED):
+            more, _ = self._once(left)
+            if not self._small(more, found, np.sqrt(SOLVED)):
+                raise SceneError(UNSTABLE)
+            found += more
+        return self._of.at_nodes(found)
+
+    def _small(self, part: Array, whole: Array, ratio: float) -> bool:
+        """Whether each column is at most so large beside that of the whole. Collective."""
+        sizes = self._of.scene.sum(np.stack([(of**2).sum(axis=0) for of in (part, whole)]))
+        return bool((sizes[0] <= ratio**2 * sizes[1]).all())
+
+    def _once(self, right: Array) -> tuple[Array, Array]:
+        """Unknowns by forces on them, and the forces that are left. Collective."""
+        total, n = self._of.scene.sum, self._motions.shape[1]
         found, left = self._solved(right), right
         if self._stressed:
             wanted = -self._rows.T @ found
             wanted[:n] += self._pinning.T @ right
-            small = np.linalg.solve(self._small, total(wanted))
+            small = np.linalg.solve(self._bordered, total(wanted))
             found += self._by @ small
             left = left - self._momenta @ small[n:]
         else:
             found -= self._motions @ total(self._momenta.T @ found)
-        left = left - self._times(found)
-        sizes = total(np.stack([(left**2).sum(axis=0), (right**2).sum(axis=0)]))
-        if not (sizes[0] <= SOLVED**2 * sizes[1]).all():
-            raise SceneError(UNSTABLE)
-        return self._of.at_nodes(found)
+        return found, left - self._times(found)
 
     def _times(self, y: Array) -> Array:
         return times(self._K, y, self._of.prolongation.unknowns)
