@@ -437,8 +437,8 @@ class Shaping:
             self._scene.comm,
             f"Reduced '{name}': at t = {state.t:.4g} s it deforms too far for its shapes. The "
             f"energy of its cells differs by ν = {found.nu:.2%} of the strain energy: amplitudes "
-            f"err by some {off_by(found.nu):.1%}, frequencies by a quarter of that. Most of it is in "
-            f"{count} cells, those within {box} m. Keep these flexible: take them out of the "
+            f"err by some {off_by(found.nu):.1%}, frequencies by a quarter of that. Most of it is "
+            f"in {count} cells, those within {box} m. Keep these flexible: take them out of the "
             "set of the Reduced.",
         )
 
