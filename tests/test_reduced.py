@@ -35,6 +35,7 @@ def bar(*effects, n=(12, 2, 2), **more):
     domain = rf.box((0, 0, 0), (1.0, 0.1, 0.1), n)
     domain = domain.with_cells("half", lambda x: x[0] < 0.5 + 1e-9)
     domain = domain.with_cells("end", lambda x: x[0] > 0.75 - 1e-9)
+    domain = domain.with_cells("low", lambda x: x[0] < 0.25 + 1e-9)
     domain = domain.with_cells("next", lambda x: (x[0] > 0.5 - 1e-9) & (x[0] < 0.75 + 1e-9))
     return rf.Scene(domain, SOFT, effects, probes={"tip": (1.0, 0.05, 0.05)}, **more)
 
@@ -335,7 +336,27 @@ def test_sets_that_share_nodes_are_one_body():
     assert [body.name for body in reports[-1].bodies] == ["half + next"]
 
 
+@pytest.mark.parametrize("held", [None, "x0", "x1"])
+def test_rigid_parts_stay_rigid_in_it(held):
+    """Reduced on both sides of a hub, or on one where a support holds the hub."""
+    support = [] if held is None else [rf.Fixed(held)]
+    hub = "end" if held == "x1" else "next"
+    sets = sorted({"half", "next", "end"} - {hub})
+    push = rf.Traction("x1" if held == "x0" else "x0", (0, 0, 300.0), time=pushed)
+    twin, reports = (
+        run(bar(rf.Rigid(hub), *parts, *support, push))
+        for parts in ((), [rf.Reduced(name) for name in sets])
+    )
+    assert [body.name for body in reports[-1].bodies] == [" + ".join([*sets, hub])]
+    for last in (twin[-1], reports[-1]):
+        last.state.rebuild()
+    u, expected = (r[-1].state.u.x.array for r in (reports, twin))
+    assert np.abs(u - expected).max() < 1e-3 * np.abs(expected).max()
+    assert balance(reports) < EXACT
+
+
 ONE = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1))
+SQUASH = rf.Traction("x1", (-4e5, 0, 0))  # twice Euler's load
 BAD = {
     "no shapes": (lambda: rf.Reduced("half", shapes=0), "whole number ≥ 1"),
     "half a shape": (lambda: rf.Reduced("half", shapes=2.5), "whole number ≥ 1"),
@@ -347,8 +368,8 @@ BAD = {
     ),
     "all and some": (lambda: bar(rf.Reduced(), rf.Reduced("half")), "hold the same"),
     "beside rigid": (
-        lambda: bar(rf.Reduced("half"), rf.Rigid("next")),
-        "shares nodes with another body, Reduced 'half'|Rigid 'next'",
+        lambda: bar(rf.Reduced("half"), rf.Rigid("next", mass=1.0)),
+        "Rigid 'next' shares nodes .* Reduced 'half'.* Merge the two sets",
     ),
     "half held": (lambda: run(bar(rf.Reduced("half"), rf.Fixed("x0", "x"))), "Reduced 'half' has"),
     "held for a time": (
@@ -361,6 +382,16 @@ BAD = {
     ),
     "held all over": (lambda: run(bar(rf.Reduced("half"), rf.Fixed("half"))), "hold"),
     "one cell": (lambda: run(rf.Scene(ONE, SOFT, [rf.Reduced()])), "1 cell"),
+    "some twice": (
+        lambda: bar(rf.Reduced("half"), rf.Rigid("low")),
+        "Rigid 'low' shares nodes .* Reduced 'half'.* Merge the two sets",
+    ),
+    "face": (
+        lambda: bar(
+            rf.Reduced("half"), rf.Revolute("ground", rf.RigidFace("x0"), (0, 0, 0), (0, 1, 0))
+        ),
+        "Reduced on 'half'.* Take MeanFace",
+    ),
     "its own mass": (lambda: rf.Reduced("half", mass=3.0), "another rho"),
     "pushed as a body": (
         lambda: bar(rf.Reduced("half"), rf.Resultant("half", force=(1.0, 0, 0))),
@@ -368,7 +399,11 @@ BAD = {
     ),
     "joined": (
         lambda: run(bar(rf.Reduced("half"), rf.Revolute("ground", "x0", (0, 0, 0), (0, 1, 0)))),
-        "",
+        "joined by MeanFace",
+    ),
+    "buckles": (
+        lambda: run(bar(rf.Reduced("half"), rf.Fixed("x0"), rf.Preload(SQUASH), SQUASH)),
+        "buckles.* before the limit load",
     ),
     "waking": (
         lambda: run(bar(rf.Reduced("half")), rigidify=rf.StrainRate(0.1, 0.02)),
@@ -400,5 +435,7 @@ def test_it_is_the_same_on_several_ranks(ranks):
 
 if __name__ == "__main__":
     found = _found()
+    for case in BAD:
+        test_bad_input_says_what_to_do(case)
     if MPI.COMM_WORLD.rank == 0:
         report(found)

@@ -26,12 +26,15 @@ class Reduced(Rigid):
         each: If False, all disconnected pieces of the set are one body; each is one otherwise.
         shapes: Number of shapes. If None, the static responses of the structure to the forces that
             act on it anywhere, and what follows from these by inertia, as many as they need.
+        stiff: Sets of its cells that move rigidly in each shape. A scene puts the `Rigid` parts
+            here that share nodes with it.
     """
 
     is_rigid: ClassVar[bool] = False
     deforms: ClassVar[bool] = True
 
     shapes: int | None = field(default=None, kw_only=True)
+    stiff: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         """Check the number of shapes.

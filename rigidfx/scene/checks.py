@@ -198,7 +198,7 @@ def _check_faces(scene: Any) -> None:
             if scene.sum(np.count_nonzero(inside[nodes])) > 0:
                 raise SceneError(
                     f"{face.name}: it shares nodes with {part.owner}, whose shapes would deform "
-                    "it. Name the part Rigid, or leave a layer of flexible cells between the two."
+                    f"it. Take MeanFace('{face.where}'), or name the cells behind the face Rigid."
                 )
         parts = {k for some in scene.comm.allgather(np.unique(taken[nodes])) for k in some.tolist()}
         if parts == {0}:

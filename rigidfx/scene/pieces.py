@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from rigidfx import effects as fx
 from rigidfx.base.errors import SceneError
@@ -63,11 +64,20 @@ def divide(
 def _merged(domain: Domain, effects: list[fx.Effect]) -> tuple[Domain, list[fx.Effect]]:
     """Effects with one `Reduced` for each group of sets that share nodes. Collective.
 
-    The set of a group is named by its sets, such as "link + head".
+    The set of a group is named by its sets, such as "plate + hub". Those of `Rigid` parts stay
+    rigid in it.
     """
-    bodies: list[Any] = [effect for effect in effects if effect.is_body]
-    parts = [e for e in bodies if not e.is_rigid and e.where is not None]
+    every: list[Any] = [effect for effect in effects if effect.is_body]
+    bodies = [e for e in every if e.where is not None and not e.given]
+    parts = [e for e in bodies if e.deforms]
     cells = [domain.find(part.name, (3,), part.kind).entities for part in parts]
+    if not parts:
+        return domain, effects
+    for part in (e for e in bodies if not e.deforms):
+        own = domain.find(part.name, (3,), part.kind).entities
+        twice = any(np.intersect1d(own, some).size for some in cells)
+        if not domain.comm.allreduce(twice, op=MPI.LOR):  # else it is refused
+            parts, cells = [*parts, part], [*cells, own]
     if len(parts) < 2:
         return domain, effects
     map_ = domain.mesh.topology.index_map(3)
@@ -83,13 +93,17 @@ def _merged(domain: Domain, effects: list[fx.Effect]) -> tuple[Domain, list[fx.E
             pieces, members = pieces | group[0], group[1] + members
         groups.append((pieces, members))
     for members in (sorted(group[1]) for group in groups if len(group[1]) > 1):
+        deform = [parts[k] for k in members if parts[k].deforms]
+        if not deform:
+            continue
         name = " + ".join(parts[k].name for k in members)
-        every = EntitySet(name, 3, np.unique(np.concatenate([cells[k] for k in members])))
-        domain = replace_sets(domain, {**domain.sets, (name, 3): every})
-        asked = [parts[k].shapes for k in members]
+        union = EntitySet(name, 3, np.unique(np.concatenate([cells[k] for k in members])))
+        domain = replace_sets(domain, {**domain.sets, (name, 3): union})
+        asked = [part.shapes for part in deform]
+        stiff = tuple(parts[k].name for k in members if not parts[k].deforms)
         count = None if None in asked else sum(n for n in asked if n is not None)
         effects = [e for e in effects if not any(e is parts[k] for k in members)]
-        effects.append(fx.Reduced(name, shapes=count))
+        effects.append(fx.Reduced(name, shapes=count, stiff=stiff))
     return domain, effects
 
 

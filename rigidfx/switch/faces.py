@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.decide.decision import PlannedBody
-from rigidfx.effects import PointMass, Rigid, RigidFace, rigid_faces
+from rigidfx.effects import PointMass, Reduced, Rigid, RigidFace, rigid_faces
 from rigidfx.effects.joints.carried import body_of
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
@@ -104,7 +104,8 @@ def with_faces(scene: Scene, forces: InternalForces, state: State) -> set[int]:
         nodes = scene.nodes(part.where, part.kind, (3,)) if part.where else np.arange(held.size)
         held[nodes[nodes < held.size]] = True
     there = {body.data.number for body in state.bodies}
-    faces = face_bodies(scene, forces, state, held, len(named) + 1, others)
+    first = len(named) + sum(len(part.stiff) for part in scene.named(Reduced)) + 1
+    faces = face_bodies(scene, forces, state, held, first, others)
     state.group(Bodies.of_each([*others, *faces]))
     return {face.data.number for face in faces} - there
 

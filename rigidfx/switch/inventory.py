@@ -95,7 +95,7 @@ def divide(
         active: Supports that act now.
         found: Further bodies. Those that hold named sets stand for these.
         shape: Gives a body of a `Reduced` part its shapes, and is told whether a support holds its
-            frame; such parts are flexible if None, as in statics and modes.
+            frame; such parts are flexible if None, as in modes, but for `stiff` cells.
 
     Raises:
         SceneError: If two bodies share a node, or a support holds a body other than by clamping
@@ -109,7 +109,7 @@ def divide(
     held: dict[str, int] = {}
     taken = np.zeros(scene.owned_nodes, dtype=bool)
     known = {body.data.name: body for body in state.bodies}
-    for number, effect in enumerate(scene.named(Rigid), start=1):
+    for number, effect in enumerate(_named(scene, shape is None), start=1):
         if effect.deforms and shape is None:
             continue
         cells, nodes = _cells_and_nodes(scene, effect)
@@ -128,13 +128,13 @@ def divide(
         elif name not in inside_found:
             what = PlannedBody(cells, nodes, name, number, (name,))
             body = _freeze_named(scene, forces, state, effect, what)
-            if not effect.is_rigid and shape is not None:
+            if isinstance(effect, Reduced) and shape is not None:
                 body = shape(effect, body, support is not None)
             bodies.append(body)
     bodies += found
     for body in found:
         taken[body.data.nodes] = True
-    bodies += face_bodies(scene, forces, state, taken, len(scene.named(Rigid)) + 1, bodies)
+    bodies += face_bodies(scene, forces, state, taken, len(_named(scene, True)) + 1, bodies)
     if not rigid:
         return Division(forces.cells(), Bodies.of_each(bodies), None, {}, {})
     every = scene.owned_cells(None, "")
@@ -150,6 +150,13 @@ def divide(
         clamped,
         held,
     )
+
+
+def _named(scene: Scene, flexible: bool) -> list[Rigid]:
+    """Parts that are bodies by name, with `stiff` cells of those that are flexible, if they are."""
+    named = scene.named(Rigid)
+    inside = [name for part in scene.named(Reduced) for name in part.stiff if flexible]
+    return [*named, *map(Rigid, inside)]
 
 
 def _check_hinge(scene: Scene, name: str, shared: bool) -> None:

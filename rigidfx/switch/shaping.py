@@ -35,6 +35,8 @@ from rigidfx.shapes.patterns import of_springs, patterns
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.ritz import grown, shapes_of
 from rigidfx.state import State
+from rigidfx.step.system.supports import supports_of
+from rigidfx.switch.inventory import divide
 from rigidfx.switch.spun_joints import SpinLimits, off_by
 
 __all__ = ["Shaping"]
@@ -83,16 +85,21 @@ class Shaping:
         self._growing = {e.name for e in scene.named(Reduced) if touches and e.shapes is None}
 
     def _bind(self, state: State) -> Responses:
-        """Responses of the structure about its start, with one factor for a run. Collective."""
+        """Responses of the structure about its start, with one factor for a run. Collective.
+
+        Its rigid parts and faces stay rigid.
+        """
         if self.start is None:
             self.start = state.u.x.array[: 3 * self._scene.owned_nodes].copy()
         if self._responses is None:
             at_start = State(self._scene)
             at_start.u.x.array[: self.start.size] = self.start
             at_start.u.x.scatter_forward()
-            at_start.clamp(state.clamped)
-            known = self._scene, self._forces, at_start, self._acting
-            self._responses = Responses(*known)
+            known = self._scene, self._forces, at_start
+            rigid = divide(*known, supports_of(self._acting))
+            at_start.clamp(rigid.clamped)
+            bodies = [b for b in rigid.bodies if self._scene.sum(b.data.nodes.size)]
+            self._responses = Responses(*known, self._acting, Bodies.of_each(bodies))
         return self._responses
 
     def shaped(self, state: State, effect: Reduced, body: Body, held: bool) -> Body:
