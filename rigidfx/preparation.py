@@ -13,7 +13,7 @@ from rigidfx.base.failures import Failures
 from rigidfx.decide.criteria.heeded import heeded_indicator
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.policy import Policy
-from rigidfx.effects import Contact, Reduced
+from rigidfx.effects import Contact, Joint, Reduced, Resultant, rigid_faces
 from rigidfx.error.ending import Promise
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.forces.body_forces import BodyForces
@@ -35,6 +35,7 @@ from rigidfx.step.first_touch import FirstTouch
 from rigidfx.step.length.time_control import TimeControl
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import Impact
+from rigidfx.switch.growth import Growth
 from rigidfx.switch.switch import Switch
 
 __all__ = ["prepare"]
@@ -90,11 +91,13 @@ def prepare(
             impact = switch.begin()
         else:
             bring_back(state, switch)
-        policy = recovery = error = looks = None
+        policy = recovery = error = looks = growth = None
         if rigidify is not None:
             policy = Policy(scene, rigidify, timeline, failures)
-            if rigidify.wake == "local":
-                measures = partial(heeded_indicator, rigidify, scene, forces, failures)
+            measures = partial(heeded_indicator, rigidify, scene, forces, failures)
+            if rigidify.grow:
+                growth = _growing(stepper, switch, policy, measures(), timeline.dt, rigidify)
+            elif rigidify.wake == "local":
                 promise = Promise(rigidify.allowed, policy.rule.length)
                 pieces = policy.named.in_pieces
                 error, looks, borne = _followed(stepper, pieces, measures, probes, promise)
@@ -104,10 +107,36 @@ def prepare(
         ledgers = None if looks is None and control is None else Ledgers(stepper)
         stack.pop_all()
     touch, contacts = FirstTouch(stepper), ResolvedForces(scene) if scene.named(Contact) else None
-    run = Run(
-        timeline, stepper, switch, policy, probes, recovery, touch, contacts, ledgers, error, looks
-    )
-    return run, impact
+    known = policy, probes, recovery, touch, contacts, ledgers, error, looks
+    return Run(timeline, stepper, switch, *known, growth=growth), impact
+
+
+def _growing(
+    stepper: Stepper,
+    switch: Switch,
+    policy: Policy,
+    indicator: Indicator,
+    dt: float,
+    criterion: Criterion,
+) -> Growth:
+    """The shapes of bodies that are found. Collective.
+
+    Raises:
+        SceneError: On every rank, if something acts that does not act on shapes yet.
+    """
+    scene = stepper.scene
+    refused = [e for e in scene.effects if e.keeps_apart or isinstance(e, (Joint, Resultant))]
+    if refused or rigid_faces(scene.effects):
+        what = refused[0].owner if refused else "A RigidFace"
+        raise SceneError(
+            f"{what}: bodies that grow shapes do not work with it yet. Take StrainRate without "
+            "grow=True."
+        )
+    forces = BodyForces(stepper, policy.named.in_pieces)
+    growth = Growth(stepper, forces, indicator, dt, float(criterion.kappa))
+    stepper.watches += [forces, growth]
+    switch.shape_found(growth.shaped)
+    return growth
 
 
 def _followed(

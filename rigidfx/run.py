@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+import numpy.typing as npt
 
 from rigidfx.base.errors import RigidfxError
 from rigidfx.base.remembered import PART, Remembered
@@ -29,9 +30,12 @@ from rigidfx.step.step_result import StepResult
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import Impact
 from rigidfx.step.watches.judge import Attempt
+from rigidfx.switch.growth import Growth
 from rigidfx.switch.switch import Switch
 
 __all__ = ["Run"]
+
+Bools = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,7 @@ class Run:
         resolved: Averages forces of contacts over the time that the mesh resolves; None without.
         ledgers: Spent accuracy; None if nothing estimates it.
         error: The motion by which the run is off its flexible twin; None if it is not followed.
+        growth: Gives bodies that were found shapes; None if they stay rigid.
         corrected: Whether the error motion is added to displacements that are shown.
         looks: Tells, by e, which cells wake; None if forces wake none.
         idle: Error of the motion by rigid parts where nothing may become rigid, if that is told.
@@ -66,10 +71,11 @@ class Run:
     error: ErrorMotion | None
     looks: Looks | None = None
     idle: Rigidity | None = None
+    growth: Growth | None = None
     corrected: bool = True
 
     remembered: ClassVar[Remembered] = dict.fromkeys(
-        ("stepper", "policy", "touch", "resolved", "ledgers"), PART
+        ("stepper", "policy", "touch", "resolved", "ledgers", "growth"), PART
     )
 
     @property
@@ -98,19 +104,38 @@ class Run:
             attempt = stepper.attempt(attempt.end, again=True)
         if policy is None:
             return stepper.accept(attempt), []
+        attempt, outgrown = self._grown(attempt, policy)
         seen = Observation(stepper, attempt.dt, motion=self.error)
         strained = None if looks is None else looks.look(attempt, policy.rule.limits)
         decision = policy.struck(seen, stepper.touches)
         if decision is None and strained is not None:
             decision = policy.woken(seen, strained)
+        if decision is None and outgrown is not None:
+            decision = policy.outgrown(seen, outgrown)
         events = self._switched(policy, decision, seen)
         if not events and policy.releases.repeat and len(stepper.state.bodies):
             events = self._asked(policy, attempt, number)
         if events:
             attempt = stepper.attempt(attempt.end, again=True)
-            if looks is not None:
-                looks.look(attempt)
+            for look in (looks, self.growth):
+                if look is not None:
+                    look.look(attempt)
         return stepper.accept(attempt), events
+
+    def _grown(self, attempt: Attempt, policy: Policy) -> tuple[Attempt, Bools | None]:
+        """A step made again until bodies have the shapes that it calls for. Collective.
+
+        Returns:
+            The step, and owned cells that wake; None where none does.
+        """
+        if self.growth is None:
+            return attempt, None
+        found = self.growth.look(attempt, policy.rule.limits)
+        while found.bodies is not None:
+            self.switch.regroup(found.bodies)
+            attempt = self.stepper.attempt(attempt.end, again=True)
+            found = self.growth.look(attempt, policy.rule.limits)
+        return attempt, found.woken
 
     def _asked(self, policy: Policy, attempt: Attempt, number: int) -> list[Event]:
         """Apply releases on a user's conditions before the step is solved again. Collective."""
@@ -137,7 +162,7 @@ class Run:
                 whole = kind in (None, GeneratorExit)
                 (self.recovery.remember if whole else self.recovery.forget)()
             self.stepper.close()
-            for item in (self.recovery, self.error, self.switch.shaping):
+            for item in (self.recovery, self.error, self.switch.shaping, self.growth):
                 if item is not None:
                     item.destroy()
 

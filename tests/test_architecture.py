@@ -417,7 +417,7 @@ CEILINGS = {
     "recovery": 6,
     "report": 30,
     "scene": 24,
-    "shapes": 18,
+    "shapes": 21,
     "step": 15,
     "step/equations": 4,
     "step/length": 33,
@@ -425,7 +425,7 @@ CEILINGS = {
     "step/newton": 42,
     "step/system": 3,
     "step/watches": 29,
-    "switch": 7,
+    "switch": 17,
     "vibration": 14,
 }
 

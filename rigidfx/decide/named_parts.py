@@ -29,12 +29,13 @@ class NamedParts:
             that move a `PointMass` at a face.
     """
 
-    def __init__(self, scene: Scene, graph: CellGraph) -> None:
+    def __init__(self, scene: Scene, graph: CellGraph, alone: bool = False) -> None:
         """Look their cells up. Collective.
 
         Args:
             scene: The problem.
             graph: Its cells.
+            alone: Whether no cell may join any of their bodies.
         """
         self._graph = graph
         loaded = {resultant.body for resultant in scene.named(Resultant)}
@@ -44,7 +45,9 @@ class NamedParts:
         carried = [effect for effect in scene.named(PointMass) if effect.is_carried]
         self.count = len(parts) + len(faces) + len(carried)
         self.apart = frozenset(
-            part.name for part in parts if part.given or part.deforms or part.name in loaded
+            part.name
+            for part in parts
+            if alone or part.given or part.deforms or part.name in loaded
         )
         self.cells: dict[str, npt.NDArray[np.int32]] = {
             part.name: scene.owned_cells(part.where, "Rigid")

@@ -35,7 +35,7 @@ from rigidfx.decide.memory.window import Window
 from rigidfx.decide.named_parts import NamedParts
 from rigidfx.decide.paying import Paying
 from rigidfx.decide.planner import Planner
-from rigidfx.decide.reasons import ASKED, CHECKED, FAILED
+from rigidfx.decide.reasons import ASKED, CHECKED, FAILED, OUTGROWN
 from rigidfx.decide.releases import PLANNED, Releases
 from rigidfx.effects import Contact, Touch
 from rigidfx.error.strained import Strained
@@ -90,7 +90,7 @@ class Policy:
         for name in criterion.never:
             self._never[scene.owned_cells(name, f"{type(criterion).__name__} (never)")] = True
         self.releases = Releases(scene, criterion.releases, timeline)
-        self.named = NamedParts(scene, self._graph)
+        self.named = NamedParts(scene, self._graph, alone=criterion.grow)
         self._easing = Easing(part_of_window(type(criterion).__name__, criterion.easing))
         self._springs: Array | None = None  # of the present bodies, at the last look
         self._planner = Planner(self._graph, self.named, criterion.least_cells(scene))
@@ -219,6 +219,18 @@ class Policy:
         leaving = self._graph.touching(self._graph.largest_at_nodes(above.astype(np.float64)) > 0)
         leaving |= self._planner.whole_bodies(seen, leaving & (strained.spring > 1))
         decision = self._let_down(seen, CHECKED, leaving, strained.window)
+        return replace(decision, woken=np.flatnonzero(above).astype(np.int32))
+
+    def outgrown(self, seen: Observation, cells: Bools) -> Decision:
+        """The release of cells of bodies that shapes do not follow, and their ring. Collective.
+
+        Args:
+            seen: The state before the step.
+            cells: Owned cells that wake.
+        """
+        above = cells & self._planner.free(seen)
+        leaving = self._graph.touching(self._graph.largest_at_nodes(above.astype(np.float64)) > 0)
+        decision = self._release(seen, OUTGROWN, leaving)
         return replace(decision, woken=np.flatnonzero(above).astype(np.int32))
 
     def _let_down(self, seen: Observation, reason: str, cells: Bools, window: float) -> Decision:

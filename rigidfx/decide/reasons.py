@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-__all__ = ["ASKED", "CHECKED", "FAILED"]
+__all__ = ["ASKED", "CHECKED", "FAILED", "OUTGROWN"]
 
 CHECKED = "checked: forces would strain them"  # the step is solved again
 ASKED = "checked: a condition"
 FAILED = "the error motion failed"
+OUTGROWN = "forces strain them otherwise than their shapes can"

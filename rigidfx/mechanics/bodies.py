@@ -42,7 +42,7 @@ class Ensemble:
         length: ℓ, shape (bodies,) [m].
         square_length: ℓ², shape (bodies, 1, 1) [m²].
         frames: The part of `Increments.L` that does not turn, shape (bodies, 3 n, 6 + m).
-        stored: Energy that those that are rigid keep for their release [J].
+        stored: Energy that bodies keep for their release, but for U₀ of those that deform [J].
         strained: U₀, the strain energy at the freeze of those that deform [J].
         frozen: The pose at the freeze, shape (bodies, n, 3) [m, 1].
         shapes: Those of the bodies; None if all are rigid.
@@ -61,7 +61,8 @@ class Ensemble:
         self.excess = np.reshape([body.excess for body in records], (-1, 3, 3))
         self.excessive = bool(self.excess.any())
         self._holding: tuple[npt.NDArray[np.int32], Array, Array] | None = None
-        self.stored = float(sum(b.frozen.energy for b in records if b.shapes is None))
+        kept = (b.frozen.energy if b.shapes is None else b.frozen.vibration for b in records)
+        self.stored = float(sum(kept))
         self.strained = np.array([b.frozen.strain if b.shapes else 0.0 for b in records])
         deform = any(body.shapes is not None for body in records)
         self.shapes = ShapesOfBodies([body.shapes for body in records]) if deform else None
@@ -372,7 +373,10 @@ class _Bodies(Kind):
     def __init__(self) -> None:
         """Describe their data."""
         frozen = Record(Frozen, "nodes", ["velocities"])
-        inner = {"frozen": frozen, "shapes": Maybe(Record(Shapes, "nodes", ["modes", "pressed"]))}
+        inner = {
+            "frozen": frozen,
+            "shapes": Maybe(Record(Shapes, "nodes", ["modes", "pressed", "images"])),
+        }
         arrays = "offsets", "displacement"
         self._data = Each(Record(RigidBody, "nodes", arrays, ["cells"], inner))
 

@@ -32,7 +32,7 @@ what a body lacks up to the largest number is zero.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -58,6 +58,7 @@ class Shapes:
             inertia of the body.
         stiffness: Ω, shape (m, m) [N/m].
         force: f₀, shape (m,) [N].
+        images: K Φ at the nodes, of a body that may get more shapes, shape (nodes, m, 3) [N/m].
         spun: N, by which spin stiffens, shape (m, m, 3, 3) [kg]: J gains Σ N_kl q_k q_l; None where
             spin is too slow to count.
         drift: Of a body whose frame is held, by how much its centre of mass moves in the frame per
@@ -72,9 +73,12 @@ class Shapes:
     force: Array
     drift: Array | None = None
     spun: Array | None = None
+    images: Array = field(default_factory=lambda: np.array([]))
 
     def __post_init__(self) -> None:
         """Let nobody change the arrays: reports show them."""
+        if self.images.ndim < self.modes.ndim:  # of a body that gets no more
+            object.__setattr__(self, "images", np.zeros((len(self.nodes), 0, 3)))
         seal(self)
 
     def __len__(self) -> int:

@@ -21,7 +21,7 @@ closed: otherwise a freeze would give their two sides different velocities.
 
 from __future__ import annotations
 
-from collections.abc import Set
+from collections.abc import Callable, Set
 from dataclasses import replace
 
 import numpy as np
@@ -70,6 +70,7 @@ class ConsistentExchange:
         """
         self._scene, self._forces = scene, forces
         self._mass = WholeMass(scene, forces)
+        self.shape: Callable[[Body], Body] | None = None
         self.motors: tuple[Motor, ...] = ()
         self.dt = 0.0
 
@@ -92,8 +93,8 @@ class ConsistentExchange:
         pairs = [(k, row[body.number]) for k, body in records if body.number in row]
         now, was = np.reshape(pairs, (-1, 2)).astype(int).T
         none = np.zeros_like(state.bodies.rates)
-        of_staying, rigid_bodies = none.copy(), none.copy()
-        of_staying[now] = of_given[was]
+        of_staying, rigid_bodies, wide = none.copy(), none.copy(), none.shape[1]
+        of_staying[now] = of_given[was, :wide]
         held = present.nodal[prescribed]
         merged = after.project(present.momenta, of_staying, held)
         # The kept field, rotated with its bodies, and the difference of the two velocities that the
@@ -106,9 +107,9 @@ class ConsistentExchange:
         at_rest = np.zeros_like(held)
         possible = after.project(after.momenta(kept.reshape(-1)), none, at_rest, False)
         own = np.zeros_like(of_given)
-        own[was] = after.given_momenta(possible.bodies)[now]
+        own[was, :wide] = after.given_momenta(possible.bodies)[now]
         rigid = before.project(before.momenta(possible.nodal), own, at_rest, False)
-        rigid_bodies[now] = rigid.bodies[was]
+        rigid_bodies[now] = rigid.bodies[was, :wide]
         mode = possible.plus(-1.0, Field(rigid.nodal, rigid_bodies))
         work = Works(
             self._work(present, prescribed, after.momenta(merged.nodal) - present.momenta),
@@ -137,6 +138,8 @@ class ConsistentExchange:
         """See `rigidfx.switch.exchange.Exchange`."""
         faces = faces_within(self._scene, state, what.nodes)
         body = freeze(self._scene, self._forces, state, what)
+        if body is not None and self.shape is not None:
+            body = self.shape(body)
         return None if body is None else self._include(state, body, prescribed, faces=faces)
 
     def settle(self, state: State, division: Division, prescribed: Bools) -> None:
@@ -216,7 +219,7 @@ class ConsistentExchange:
         energy = present.energy + work.whole - 0.5 * fields.product(new, new)
         energy += sum(own.data.frozen.vibration for own in taken)
         frozen = Frozen(nodes, lost[nodes], body.data.frozen.strain, energy)
-        if body.data.shapes is not None:  # shapes have what they can of it, and it is not released
+        if named and body.data.shapes is not None:  # it is never released
             frozen = body.data.frozen
         body = replace(body, data=replace(body.data, frozen=frozen))
         state.group(Bodies.of_each([*others, body]))

@@ -17,7 +17,7 @@ by the mass, see `consistent_exchange`.
 
 from __future__ import annotations
 
-from collections.abc import Set
+from collections.abc import Callable, Set
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -54,7 +54,13 @@ class Works(NamedTuple):
 
 
 class Exchange(Protocol):
-    """Moves energy and momenta between nodes and bodies; both ways change the state only."""
+    """Moves energy and momenta between nodes and bodies; both ways change the state only.
+
+    Attributes:
+        shape: Gives a body that was found its shapes; None if it stays rigid.
+    """
+
+    shape: Callable[[Body], Body] | None
 
     def release(self, state: State, numbers: Set[int], prescribed: npt.NDArray[np.bool_]) -> Works:
         """Make the bodies of these numbers flexible. Collective.
@@ -176,6 +182,7 @@ class LumpedExchange:
             forces: Internal forces.
         """
         self._scene, self._forces = scene, forces
+        self.shape: Callable[[Body], Body] | None = None
 
     def release(self, state: State, numbers: Set[int], prescribed: npt.NDArray[np.bool_]) -> Works:
         """See `Exchange`."""
@@ -187,7 +194,7 @@ class LumpedExchange:
         for body in gone:
             frozen = body.data.frozen
             v[body.data.nodes] = body.velocities
-            v[frozen.nodes] += frozen.velocities @ body.motion.R.T
+            v[frozen.nodes] += self._still(body) @ body.motion.R.T
         state.move(velocity)
         return Works(0.0, 0.0)
 
@@ -199,8 +206,26 @@ class LumpedExchange:
         body = freeze(self._scene, self._forces, state, what)
         if body is None:
             return None
+        if self.shape is not None:
+            body = self.shape(body)
         state.group(Bodies.of_each([*state.bodies, body]))
         return Works(0.0, 0.0)
+
+    def _still(self, body: Body) -> npt.NDArray[np.float64]:
+        """Kept velocities without angular momentum about the body as it is deformed. Collective."""
+        frozen = body.data.frozen
+        if body.data.shapes is None or not body.motion.q.any():
+            return frozen.velocities
+        at = np.searchsorted(body.data.nodes, frozen.nodes)
+        y, m = body.offsets, self._scene.nodal_mass[body.data.nodes]
+        own = np.r_[
+            (m[at, None] * np.cross(y[at], frozen.velocities)).sum(axis=0),
+            np.einsum("n,na,nb->ab", m, y, y).reshape(-1),
+        ]
+        sums = np.asarray(self._scene.sum(own))
+        second = sums[3:].reshape(3, 3)
+        W = np.linalg.solve(np.trace(second) * np.eye(3) - second, sums[:3])
+        return np.asarray(frozen.velocities - np.cross(W, y[at]))
 
     def settle(self, state: State, division: Division, prescribed: npt.NDArray[np.bool_]) -> None:
         """See `Exchange`."""

@@ -422,7 +422,7 @@ class Shaping:
         for body, own, energy in zip(state.bodies, q, energies, strict=True):
             before, nu = self.looked.get(body.data.name, (0.0, 0.0))
             grown = 2 if 10 * off_by(nu) > LACKING else 10
-            moves = np.abs(own).max() > least * body.data.length
+            moves = body.data.named and np.abs(own).max() > least * body.data.length
             if moves and energy > max(grown * before, LACKING**2 * most):
                 self._look(state, body)
         return {name: nu for name, (_, nu) in self.looked.items()}

@@ -5,7 +5,7 @@ Decision → exchange of momenta and energy → inventory of bodies → stepper 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar
@@ -27,6 +27,7 @@ from rigidfx.effects import (
     rigid_faces,
 )
 from rigidfx.effects.joints.carried import body_of
+from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.eased import Eased
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.report.events import BodyChange, Event
@@ -291,9 +292,17 @@ class Switch:
         grown = self.shaping.grown(stepper.state, pressing, dt)
         if grown is None:
             return False
-        stepper.state.group(grown)
-        self._bind(list(grown))
+        self.regroup(grown)
         return True
+
+    def regroup(self, bodies: Bodies) -> None:
+        """Have bodies with more shapes in place of those that there are. Collective."""
+        self._stepper.state.group(bodies)
+        self._bind(list(bodies))
+
+    def shape_found(self, shape: Callable[[Body], Body]) -> None:
+        """Have bodies that are found get shapes."""
+        self._exchange.shape = shape
 
     def apply(self, decision: Decision, eased: Eased | None = None) -> Event | None:
         """Release and freeze, so that the bodies are those of a decision. Collective.

@@ -74,6 +74,8 @@ class StrainRate(Criterion):
             stress of released cells fades, so that they do not vibrate about their new shape.
             Its work is `dissipated["Easing"]`. With 0 all energy is given back at once, and cells
             vibrate. 0.25 if None.
+        grow: For wake="local" only. If True, bodies that are found get shapes as forces call for
+            them, in place of the error motion (docs/rigid_parts.md).
         since: Time [s] at which observation begins.
         until: Time [s] from which on no more bodies are formed.
     """
@@ -90,6 +92,7 @@ class StrainRate(Criterion):
     kappa: float = field(default=3.0, kw_only=True)
     patience: float = field(default=2.0, kw_only=True)
     easing: float | None = field(default=None, kw_only=True)  # type: ignore[assignment]
+    grow: bool = field(default=False, kw_only=True)
     since: float = field(default=0.0, kw_only=True)
     until: float = field(default=inf, kw_only=True)
 
@@ -147,6 +150,7 @@ class StrainRate(Criterion):
             if not number(owner, name, value := getattr(self, name)) >= 1:
                 raise SceneError(f"StrainRate: {name} must be ≥ 1, got {shown(value)}.")
         object.__setattr__(self, "easing", _easing(self.easing, self.wake))
+        _check_growth(self.grow, self.wake)
         since = number(owner, "since", self.since)
         if not max(since, 0.0) < number(owner, "until", self.until, infinite=True):
             raise SceneError(
@@ -208,3 +212,13 @@ def _easing(given: float | None, wake: str | None) -> float:
             f"wake='{wake}' none are. Take wake='local', or leave it out."
         )
     return part_of_window("StrainRate", given)
+
+
+def _check_growth(grow: object, wake: str | None) -> None:
+    """Refuse bodies that grow where forces wake no cells."""
+    if not isinstance(grow, bool) or (grow and wake != "local"):
+        raise SceneError(
+            f"StrainRate: grow must be True or False, got {shown(grow)} with wake='{wake}'. Bodies "
+            "grow shapes with wake='local' only: with 'all' and 'none' they have six unknowns. "
+            "Take wake='local', or leave grow out."
+        )

@@ -40,6 +40,8 @@ class Criterion:
     easing: float = EASING
     since: float = 0.0
     until: float = inf
+    grow: bool = False
+    kappa: float = inf
 
     @property
     def releases(self) -> tuple[Release, ...]:

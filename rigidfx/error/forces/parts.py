@@ -67,8 +67,11 @@ class Parts:
         self._weights = m = scene.averaging_mass[nodes]
         light = np.divide(1.0, m, out=np.zeros_like(m), where=m > 0)
         self._lightness: Array = np.repeat(light[:, None], 3, axis=1)
-        self._places: Array = np.column_stack([np.ones(nodes.size), self.V])
-        self._masses: Array = m[:, None] * self._places
+        most = max((body.deforms_by for body in bodies), default=0)
+        self._places: Array = np.zeros((nodes.size, 4 + 3 * most))
+        for body, at in zip(bodies, self.at, strict=True):
+            self._places[at, : 4 + 3 * body.deforms_by] = body.coordinates()
+        self._masses: Array = m[:, None] * self._places[:, :4]
         self._spans = tuple(map(_span, self.at))
         self._lengths = np.array([body.length for body in bodies])[:, None]
         self._inertia = self._inertia_of_each()
@@ -83,17 +86,18 @@ class Parts:
         return np.asarray(self._scene.sum(local))
 
     def linear(self, numbers: Array) -> Array:
-        """What is linear in a node's place in its body: [1, V] times numbers of that.
+        """What is linear in a node's place in its body: [1, V, Φ₁, ...] times numbers of that.
 
         Args:
-            numbers: Of each body, shape (bodies, 4, 3).
+            numbers: Of each body, shape (bodies, n, 3); those that are missing are zero.
 
         Returns:
             Vectors at the nodes of the rows, shape (nodes, 3).
         """
         out = np.empty_like(self.V)
         for own, of_body in zip(self._spans, numbers, strict=True):
-            out[own] = self._places[own] @ of_body
+            n = min(len(of_body), self._places.shape[1])
+            out[own] = self._places[own, :n] @ of_body[:n]
         return out
 
     def of_each(self, vectors: Iterable[Array]) -> Array:
@@ -121,7 +125,7 @@ class Parts:
         Args:
             force: On the nodes of the rows, in the bodies' frames, shape (nodes, 3) [N].
         """
-        moving = self._rigid_motion(self._places, force)
+        moving = self._rigid_motion(self._places[:, :4], force)
         for own, of_body in zip(self._spans, moving, strict=True):
             force[own] -= self._masses[own] @ of_body
 

@@ -6,8 +6,9 @@ In the frame of a body they are
 
 the forces of loads and flexible cells, minus the inertia of the body's motion, minus the internal
 forces f⁰ of the shape that the body keeps, in the form that the Energy–Momentum Method gives them
-for a rotating shape. R̄ is the rotation halfway through the step. The mean of both rotations is
-shorter: with it f⁰ would be 1 - cos(ωΔt/2) too large in a steady spin by ωΔt per step.
+for a rotating shape, with K Φ q½ of bodies that have shapes. R̄ is the rotation halfway through the
+step. The mean of both rotations is shorter: with it f⁰ would be 1 - cos(ωΔt/2) too large in a
+steady spin by ωΔt per step.
 """
 
 from __future__ import annotations
@@ -27,7 +28,6 @@ from rigidfx.error.forces.parts import Parts
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments, Step
-from rigidfx.mechanics.rotation import cross
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.stepper import Stepper
@@ -42,7 +42,7 @@ class _Turning:
     """How bodies turn in a step: numbers of each, by which forces of inertia are linear in places.
 
     Attributes:
-        gained: Gain of their velocities [m/s², 1/s²], shape (bodies, 4, 3), as of `_momentary`.
+        gained: Gain of `pose_rate` over Δt [m/s², 1/s²], shape (bodies, n, 3).
         R: Rotations halfway, shape (bodies, 3, 3).
         shorter: Of their means in these frames, likewise.
     """
@@ -107,14 +107,6 @@ class Withheld:
         u.x.array[self._parts.rows.dofs] = x.reshape(-1)
         u.x.scatter_forward()
 
-    def _momentary(self, bodies: Bodies) -> Array:
-        """Of each body here its velocity, and ω × R of its frame, shape (bodies, 4, 3) [m/s, 1/s].
-
-        A node at V in the frame has the velocity [1, V] times that.
-        """
-        turning = cross(bodies.angular_velocity[self._of][:, None], bodies.R[self._of].mT)
-        return np.concatenate([bodies.velocity[self._of][:, None], turning], axis=1)
-
     def force(self, t: float, dt: float) -> Array:
         """ρ of the step that has been solved last, in the bodies' frames. Collective.
 
@@ -134,12 +126,16 @@ class Withheld:
         if self._loads is not None:
             self._place(self._u1, end)
         given = self._loads_of(t, dt, system.acting)
-        gained = self._momentary(end)
-        gained -= self._momentary(start)
-        gained /= dt
+        gained = (end.pose_rate[self._of] - start.pose_rate[self._of]) / dt
         W, shorter, Vt = np.linalg.svd(increments.R_av[self._of])
         turning = _Turning(gained, W @ Vt, Vt.mT * shorter[:, None] @ Vt)
-        return self._resisted(turning, increments.displacement[self._of], dt, given)
+        out = self._resisted(turning, increments.displacement[self._of], dt, given)
+        for k, (body, at) in enumerate(zip(self._parts.bodies, self._parts.at, strict=True)):
+            if body.shapes is not None:
+                half = 0.5 * (start.q + end.q)[self._of[k], : body.deforms_by]
+                out[at] -= np.einsum("nka,k->na", body.shapes.images, half)
+        self._parts.balance(out)
+        return out
 
     def _resisted(self, turning: _Turning, moved: Array, dt: float, given: Array) -> Array:
         """ρ of bodies that turn so, and are displaced by `moved` in a step. Collective."""
@@ -160,7 +156,6 @@ class Withheld:
                 residual[own] += of_flexible[active]
         out = parts.turned(residual, -turning.R)
         out -= parts.turned(self._frozen, turning.shorter)
-        parts.balance(out)
         return out
 
     def _loads_of(self, t: float, dt: float, acting: Sequence[Windowed]) -> Array:

@@ -1,0 +1,358 @@
+"""Bodies that were found and get shapes as forces call for them.
+
+ρ⊥, the forces on a body's nodes less what it and its shapes do, is what the body still withholds.
+In each step its response in that step, b = (2 M/Δt² + K/2)⁻¹ ρ⊥ of the whole structure, is compared
+with the tolerance: where 2 ε(b)/Δt > tol in a cell, the static response K⁺ρ⊥ becomes a shape of the
+body, and the step is made again. A body begins with the modes that Δt resolves, as a resonance that
+builds up cannot be seen in the forces of one step. Cells wake where a body goes on calling for
+shapes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from mpi4py import MPI
+
+from rigidfx.base.log import tell
+from rigidfx.base.remembered import ON_DOFS, ON_NODES, Remembered, same
+from rigidfx.error.cell_strains import CellStrains
+from rigidfx.error.forces.body_forces import BodyForces
+from rigidfx.error.frames import Frames
+from rigidfx.error.strained import Limits, part_of
+from rigidfx.flexible.indicator import Indicator
+from rigidfx.flexible.linear_forms import LinearForms
+from rigidfx.mechanics.bodies import Bodies, Ensemble
+from rigidfx.mechanics.rigid_body import Body, RigidBody
+from rigidfx.shapes.found import Found
+from rigidfx.shapes.linear import Linear
+from rigidfx.shapes.responses import Responses
+from rigidfx.state import State
+from rigidfx.step.stepper import Stepper
+from rigidfx.step.watches.judge import Attempt
+from rigidfx.step.watches.watch import Watch
+
+__all__ = ["Growth", "GrowthControl", "Looked"]
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+
+# Part of a body's length below which ν of its motion is that of rounding.
+ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))
+
+
+@dataclass(frozen=True)
+class GrowthControl:
+    """Numbers of the loop, from runs of demos/benchmarks/waking.py beside flexible twins.
+
+    Attributes:
+        gate: Part of the tolerance up to which no response is solved for, by the last ratio of
+            response to forces.
+        every: Steps after which one is solved for in any case.
+        wakes: Tolerances above which a second shape in one step does not suffice, and cells wake.
+        most: Shapes in one step, at most.
+        grown: Shapes beside the modes with which a body is full.
+        woken: Tolerances above which a cell wakes then.
+        nonlinear: Part of ½ q·Ωq by which the energy of a body may differ from its expansion. A
+            frequency is off by ¾ of it: 0.003 is one swing of an arm at 1 %.
+        doubled: Factor of ½ q·Ωq after which that is looked at again.
+        least: Part of the largest ½ q·Ωq so far below which it is not.
+        share: Part of the largest miss of any node, by mass, above which cells wake.
+    """
+
+    gate: float = 0.5
+    every: int = 20
+    wakes: float = 3.0
+    most: int = 4
+    grown: int = 24
+    woken: float = 0.5
+    nonlinear: float = 0.003
+    doubled: float = 2.0
+    least: float = 1e-6
+    share: float = 0.3
+
+
+@dataclass(frozen=True)
+class Looked:
+    """What an attempt calls for.
+
+    Attributes:
+        bodies: All bodies, some with more shapes, with which the step is to be made again.
+        woken: Owned cells that wake; None where none does.
+    """
+
+    bodies: Bodies | None = None
+    woken: Bools | None = None
+
+
+class Growth(Watch):
+    """The shapes of bodies that were found; `destroy` frees its PETSc objects."""
+
+    remembered: ClassVar[Remembered] = same("_ratio", "_since", "_known", "_energies", "_modes") | {
+        "_start": ON_DOFS,
+        "_before": ON_NODES,
+        "_neglected": ON_NODES,
+        "_vectors": ON_NODES,
+    }
+
+    def __init__(
+        self, stepper: Stepper, forces: BodyForces, indicator: Indicator, dt: float, kappa: float
+    ) -> None:
+        """Nothing has grown.
+
+        Args:
+            stepper: Solves the steps; its state is the start, about which the structure responds.
+            forces: Knows ρ.
+            indicator: A measure of its own for strains.
+            dt: Nominal Δt [s].
+            kappa: Rates that wake cells over their tolerances.
+        """
+        self._stepper, self._forces, self._dt, self._kappa = stepper, forces, dt, kappa
+        scene, self.control = stepper.scene, GrowthControl()
+        self._scene = scene
+        self._strains = CellStrains(scene, stepper.forces, indicator)
+        self._forms: LinearForms | None = None
+        self._start: Array = stepper.state.u.x.array[: 3 * scene.owned_nodes].copy()
+        self._linear: Linear | None = None
+        self._frames: Frames | None = None
+        self._found: dict[int, tuple[RigidBody, Found, Array]] = {}  # by number
+        self._modes = 0
+        self._vectors: Array = np.zeros((scene.owned_nodes, 3, 0))  # modes, and what has grown
+        self._before: Array = np.zeros((scene.owned_nodes, 3))  # ρ⊥ of the last step, at the start
+        self._now: Array = self._before
+        self._neglected: Array = self._before.copy()  # lasting forces that shapes do not follow
+        self._known: tuple[int, ...] = ()  # bodies of which that is known
+        self._ratio, self._since = np.inf, 0
+        self._added: dict[int, int] = {}
+        self._energies: dict[
+            int, float
+        ] = {}  # ½ q·Ωq of each body at the last look; 0: the largest
+
+    # The whole ------------------------------------------------------------------------------------
+
+    def _bound(self) -> Linear:
+        """Equations of the whole about its start. Collective."""
+        if self._linear is None:
+            stepper, scene = self._stepper, self._scene
+            at_start, state = State(scene), stepper.state
+            at_start.u.x.array[: self._start.size] = self._start
+            at_start.u.x.scatter_forward()
+            at_start.clamp(state.clamped)
+            named = [data for data in state.bodies.of.records if not self._grows(data)]
+            rigid = Ensemble(named).at_rest
+            acting = stepper.system.acting
+            responses = Responses(scene, stepper.forces, at_start, acting, rigid)
+            self._linear = Linear(responses)
+            self._frames = Frames(scene, responses.stiffness.places)
+            if not self._vectors.shape[2]:
+                self._vectors = self._linear.modes(self._dt)
+                self._modes = self._vectors.shape[2]
+                tell(scene.comm, f"bodies begin with {self._modes} modes of the whole")
+        return self._linear
+
+    @staticmethod
+    def _grows(data: RigidBody) -> bool:
+        """Whether a body is one that was found, not named."""
+        return not data.named and not data.is_face and not data.given
+
+    def _of(self, data: RigidBody) -> tuple[Found, Array]:
+        """A body's matrices, and its rotation from the start to the freeze. Collective."""
+        known = self._found.get(data.number)
+        if known is None or not np.array_equal(known[0].origin, data.origin):
+            if known is not None:
+                known[1].destroy()
+            self._bound()
+            if self._forms is None:
+                self._forms = LinearForms(self._scene, self._stepper.forces)
+            found = Found(self._scene, self._stepper.forces, self._forms, data)
+            assert self._frames is not None
+            x = self._stepper.state.X[: self._scene.owned_nodes].copy()
+            x[data.nodes] += data.displacement
+            Q = self._frames.of_sets([data.nodes], x)[0]
+            self._found[data.number] = known = data, found, Q
+        return known[1], known[2]
+
+    def shaped(self, body: Body) -> Body:
+        """A body that was frozen just now with its shapes. Collective."""
+        if not self._grows(body.data):
+            return body
+        found, Q = self._of(body.data)
+        vectors = np.einsum("ab,nbk->nak", Q, self._vectors[body.data.nodes])
+        made = found.with_shapes(body, vectors)
+        return body if made is None else found.moving(made)
+
+    # A step ---------------------------------------------------------------------------------------
+
+    def look(self, attempt: Attempt, limits: Callable[[], Limits] | None = None) -> Looked:
+        """What an attempt calls for. Collective.
+
+        Args:
+            attempt: A step that has been solved.
+            limits: Gives the strain rates that wake cells; None where nothing may change any more.
+        """
+        self._forces.bear(attempt.t, attempt.dt)
+        if self._forces.borne is None:
+            return Looked()
+        if limits is not None and (bent := self._bent(attempt)) is not None:
+            return Looked(woken=bent)
+        parts, rho = self._forces.borne
+        F, bodies = np.zeros_like(self._before), self._growing()
+        self._now = np.zeros_like(F)
+        for data, at in zip(parts.bodies, parts.at, strict=True):
+            if not self._grows(data):
+                rho[at] = 0.0
+                continue
+            (found, Q), n = self._of(data), data.nodes
+            self._now[n] = rho[at] @ Q
+            if data.number not in self._known:  # as it was frozen
+                self._neglected[n] = self._now[n]
+            elif data.number in self._added:
+                self._neglected[n] = self._before[n]
+            rho[at] = found.outside(data, rho[at] - self._neglected[n] @ Q.T)
+            F[n] = rho[at] @ Q
+        size, regular = parts.size(rho), self._since + 1 >= self.control.every
+        quiet = size * self._ratio < self.control.gate and not regular and not self._added
+        if limits is None or not size > 0 or quiet or not bodies:
+            return Looked()
+        return self._judged(attempt.dt, F, size, limits(), regular)
+
+    def _bent(self, attempt: Attempt) -> Bools | None:
+        """Cells in which the energy is not that of second order; None if none are. Collective."""
+        known, control, comm = self._energies, self.control, self._scene.comm
+        for body in attempt.increments.end:
+            shapes, q, number = body.data.shapes, body.motion.q, body.data.number
+            if shapes is None or not self._grows(body.data):
+                continue
+            energy = 0.5 * float(q @ shapes.stiffness @ q)
+            known[0] = largest = max(known.get(0, 0.0), energy, body.data.frozen.strain)
+            if np.abs(q).max() <= ROUNDING * body.data.length:
+                continue
+            before = known.get(number, 0.0)
+            if energy <= max(control.least * largest, control.doubled * before):
+                continue
+            known[number] = energy
+            found, Q = self._of(body.data)
+
+            def respond(
+                f: Array, nodes: npt.NDArray[np.int32] = body.data.nodes, Q: Array = Q
+            ) -> Array:
+                F = np.zeros((*self._before.shape, 1))
+                F[nodes, :, 0] = f @ Q
+                return np.asarray(self._bound().responses.solve(F)[nodes, :, 0] @ Q.T)
+
+            missed = found.missed(shapes, q, respond)
+            nu = abs(float(self._scene.sum(missed.sum())))
+            if nu <= control.nonlinear:
+                continue
+            dense = np.abs(missed) / self._scene.averaging_mass[body.data.nodes]
+            most = comm.allreduce(float(dense.max(initial=0.0)), op=MPI.MAX)
+            marks = np.zeros(self._scene.owned_nodes, dtype=bool)
+            marks[body.data.nodes] = dense > control.share * most
+            tell(comm, f"{body.data.name} bends by more than its shapes follow: ν = {nu:.3g}")
+            return self._with_nodes(marks, body.data.cells)
+        return None
+
+    def _with_nodes(self, marks: Bools, cells: npt.NDArray[np.int32]) -> Bools:
+        """Those of some owned cells that have a marked node. Collective."""
+        field = fem.Function(self._scene.space)
+        field.x.array.reshape(-1, 3)[: marks.size] = marks[:, None]
+        field.x.scatter_forward()
+        at = field.x.array.reshape(-1, 3)[:, 0][self._scene.space.dofmap.list[cells]]
+        owned = self._scene.mesh.topology.index_map(3).size_local
+        out: Bools = np.zeros(owned, dtype=bool)
+        out[cells] = at.any(axis=1)
+        return out
+
+    def _growing(self) -> list[Body]:
+        return [body for body in self._stepper.state.bodies if self._grows(body.data)]
+
+    def _judged(self, dt: float, F: Array, size: float, limits: Limits, regular: bool) -> Looked:
+        """Compare responses with limits. Collective."""
+        linear, comm, control = self._bound(), self._scene.comm, self.control
+        cells = np.concatenate([body.data.cells for body in self._growing()])
+        assert limits.rates is not None
+        tol = limits.rates / self._kappa
+        rates = self._part(linear.step(F[:, :, None], dt)[:, :, 0], dt / 2, cells, tol)
+        most = comm.allreduce(float(rates.max(initial=0.0)), op=MPI.MAX)
+        self._ratio, self._since = most / size, 0
+        if not most > 1 and not regular:
+            return Looked()
+        e = linear.responses.solve(F[:, :, None])
+        strained = self._part(e[:, :, 0], 1.0, cells, limits.rates * limits.window)
+        wants = np.maximum(rates, strained)
+        each = [wants[body.data.cells].max(initial=0.0) for body in self._growing()]
+        above = np.array(each)
+        comm.Allreduce(MPI.IN_PLACE, above, op=MPI.MAX)
+        if not (above > 1).any():
+            return Looked()
+        out, ended, grown = list(self._stepper.state.bodies), [], False
+        for k, body in enumerate(out):
+            if not self._grows(body.data):
+                continue
+            want = above[[b.data.number for b in self._growing()].index(body.data.number)]
+            if not want > 1:
+                continue
+            added, count = self._added.get(body.data.number, 0), body.data.deforms_by - self._modes
+            more = self._more(body, e) if added < control.most and count < control.grown else None
+            if more is None or (added >= 2 and want > control.wakes):
+                if want > control.wakes or count >= control.grown:
+                    ended.append(body.data)
+                continue
+            out[k], grown = more, True
+            self._added[body.data.number] = added + 1
+            self._vectors = np.concatenate([self._vectors, self._scaled(e)], axis=2)
+            tell(comm, f"{body.data.name} has {more.data.deforms_by} shapes: {want:.3g} tol")
+        if ended:
+            woken = np.zeros(tol.size, dtype=bool)
+            for data in ended:
+                woken[data.cells] = rates[data.cells] > control.woken
+            return Looked(woken=woken)
+        return Looked(Bodies.of_each(out)) if grown else Looked()
+
+    def _part(self, motion: Array, span: float, cells: npt.NDArray[np.int32], of: Array) -> Array:
+        """Strains of cells by a motion over limits, of all owned cells. Collective."""
+        out, shape = np.zeros(of.size), self._bound().responses.stiffness.linear.shape
+        out[cells] = self._strains.of(motion, span, shape, cells)
+        return part_of(out, of)
+
+    def _scaled(self, e: Array) -> Array:
+        """A response with the mass 1. Collective."""
+        responses = self._bound().responses
+        return np.asarray(e / np.sqrt(responses.dot(e, responses.inertia(e))))
+
+    def _more(self, body: Body, e: Array) -> Body | None:
+        """A body with a static response as a further shape; None if it is none. Collective."""
+        data = body.data
+        found, Q = self._of(data)
+        vector = np.einsum("ab,nbk->nak", Q, e[data.nodes])
+        lasting = self._before if data.number in self._known else self._now
+        return found.with_shapes(body, vector, lasting[data.nodes] @ Q.T)
+
+    def accept(self, attempt: Attempt) -> None:
+        """See `Watch`."""
+        self._before, self._added = self._now, {}
+        self._known = tuple(body.data.number for body in self._growing())
+        self._since += 1
+
+    def bind(self, flexible: object) -> None:
+        """See `Watch`; forgets bodies that are no more."""
+        numbers = {body.number for body in self._stepper.state.bodies.of.records}
+        for number in [k for k in self._found if k not in numbers]:
+            self._found.pop(number)[1].destroy()
+            self._known = tuple(k for k in self._known if k != number)
+            self._energies.pop(number, None)
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        for _, found, _ in self._found.values():
+            found.destroy()
+        if self._linear is not None:
+            self._linear.destroy()
+            self._linear.responses.destroy()
+        self._found, self._linear = {}, None

@@ -1,0 +1,152 @@
+"""Bodies that were found and grow shapes, beside flexible twins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from joints import PIN, bars
+from mpi4py import MPI
+from parallel import check_the_same, report
+
+import rigidfx as rf
+import rigidfx.switch.growth
+
+pytestmark = pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
+
+SOFT = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)
+DT, T_END, BEGIN = 2e-3, 0.12, 0.03
+THROWN = rf.InitialVelocity(linear=(0.1, 0, 0), angular=(0, 0.3, 0.1))
+HELD = rf.Fixed("x0")
+EXACT = 1e-12
+
+
+def pulse(t):
+    return np.sin(np.pi * (t - BEGIN) / 0.02) ** 2 if BEGIN < t < BEGIN + 0.02 else 0.0
+
+
+def blow(size=1000.0):
+    return rf.Traction("x1", (0, 0, size), time=pulse)
+
+
+def bar(*effects, **more):
+    domain = rf.box((0, 0, 0), (1.0, 0.1, 0.1), (12, 2, 2))
+    return rf.Scene(domain, SOFT, effects, probes={"tip": (1.0, 0.05, 0.05)}, **more)
+
+
+def rule(tol, grow=True, **more):
+    return rf.StrainRate(tol, 0.01, grow=grow, **more)
+
+
+TOL = 2e-4
+BESIDE = rule(TOL, grow=False)
+
+
+def run(scene, tol=TOL, t_end=T_END, rigidify=None):
+    rigidify = rule(tol) if rigidify is None else rigidify or None
+    return list(rf.simulate(scene, DT, t_end, rigidify=rigidify))
+
+
+def tips(reports):
+    return np.array([r.probes["tip"] for r in reports])
+
+
+def unknowns(reports):
+    return [r.unknowns for r in reports]
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_growth_keeps_energy_and_momenta(mass):
+    """Of a bar that flies, turns and is struck: its shapes follow the blow."""
+    reports = run(bar(THROWN, blow(), mass=mass))
+    counts = unknowns(reports)[14:]
+    assert counts[0] < counts[-1] < 60
+    twin = run(bar(THROWN, blow(), mass=mass), rigidify=False)
+    size = np.abs(tips(twin) - tips(twin)[0]).max()
+    assert np.abs(tips(reports) - tips(twin)).max() < 0.002 * size
+    energy = np.array([r.energy for r in reports])
+    work = np.cumsum([r.work_of_loads - sum(r.dissipated.values()) for r in reports])
+    assert np.abs(energy - energy[0] - work).max() < EXACT * energy.max()
+    after = [r for r in reports if r.t > BEGIN + 0.02 + DT]
+    for name in ("linear_momentum", "angular_momentum"):
+        p = np.array([getattr(r, name) for r in after])
+        assert np.abs(p - p[0]).max() < EXACT * np.abs(p).max()
+
+
+def test_a_bar_that_is_held_stays_reduced_and_exact():
+    """Where the error motion wakes it as a whole."""
+    twin, own, rigid = (run(bar(HELD, blow(200.0)), rigidify=r) for r in (False, rule(TOL), BESIDE))
+    size = np.abs(tips(twin)).max()
+    assert np.abs(tips(own) - tips(twin)).max() < 0.001 * size
+    assert max(unknowns(own)[14:]) < 30
+    assert max(unknowns(rigid)[14:]) == twin[0].unknowns
+    (event,) = (event for r in own for event in r.events)
+    assert event.kind == "freeze"
+
+
+def test_cells_wake_where_a_part_bends_too_far():
+    """Its energy parts from that of second order; it is told, and cells wake."""
+    reports = run(bar(HELD, blow(1e5)), tol=0.01, t_end=0.08)
+    assert min(unknowns(reports)) < 60
+    woken = [event for r in reports for event in r.events if event.kind == "release"]
+    assert woken[0].reason == "forces strain them otherwise than their shapes can"
+    for event in woken:
+        assert event.linear_momentum_error < EXACT
+        assert event.angular_momentum_error < EXACT
+
+
+def test_without_it_nothing_of_it_is_made(monkeypatch):
+    def refuse(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(rigidfx.switch.growth.Growth, "__init__", refuse)
+    run(bar(HELD), t_end=2 * DT, rigidify=BESIDE)
+
+
+def test_a_restart_goes_on_as_the_run(tmp_path):
+    """It is cut where shapes have grown and are about to grow."""
+    whole = run(bar(THROWN, blow()))
+    checkpoint = rf.Checkpoint(tmp_path, steps=19)
+    first = rf.simulate(bar(THROWN, blow()), DT, T_END, rigidify=rule(TOL), checkpoint=checkpoint)
+    for _ in range(22):
+        next(first)
+    first.close()
+    more = list(rf.resume(tmp_path, bar(THROWN, blow())))
+    assert unknowns(more) == unknowns(whole)[-len(more) :]
+    size = np.abs(tips(whole)).max()
+    assert np.abs(tips(more) - tips(whole)[-len(more) :]).max() < EXACT * size
+
+
+PIN_JOINT = rf.Spherical("A", "B", at=PIN)
+BAD = {
+    "none": (lambda: rule(1.0, wake="none"), "with wake='none'"),
+    "all": (lambda: rule(1.0, wake="all"), "wake='local' only"),
+    "a word": (lambda: rule(1.0, grow="yes"), "grow must be True or False, got 'yes'"),
+    "joints": (
+        lambda: run(bars(rf.Rigid("A"), rf.Rigid("B"), PIN_JOINT)),
+        "Take StrainRate without grow",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_says_what_to_do(case):
+    make, words = BAD[case]
+    with pytest.raises(rf.SceneError, match=words):
+        make()
+
+
+def _found():
+    """What is the same on any number of ranks."""
+    own = run(bar(THROWN, blow())), run(bar(HELD, blow(200.0)))
+    return [[*r.probes["tip"], float(r.unknowns)] for reports in own for r in reports[::6]]
+
+
+@pytest.mark.parallel
+def test_it_is_the_same_on_two_ranks():
+    check_the_same(__file__, 2, _found())
+
+
+if __name__ == "__main__":
+    found = _found()
+    if MPI.COMM_WORLD.rank == 0:
+        report(found)
