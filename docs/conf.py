@@ -13,10 +13,12 @@ version = release = rigidfx.__version__
 extensions = ["myst_parser", "sphinx_design", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 root_doc = "docs/index"
 include_patterns = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/**", "out/reference.md"]
+exclude_patterns = ["docs/paper/**"]  # of a journal, in its form
 html_theme = "furo"
 myst_heading_anchors = 4
 myst_enable_extensions = ["html_image"]  # pictures of the gallery have a width
 suppress_warnings = ["myst.header"]
+napoleon_use_ivar = True  # members are described once
 autodoc_typehints = "none"
 autodoc_default_options = {"members": True, "show-inheritance": True}
 autodoc_class_signature = "mixed"
