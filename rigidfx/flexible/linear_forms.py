@@ -22,14 +22,14 @@ __all__ = ["LinearForms"]
 
 
 class LinearForms:
-    """Compiled forms about a shape; viscous ones and the tangent when first asked for.
+    """Compiled forms about a shape, each when it is first asked for; then that is collective.
 
     Attributes:
         shape: The displacement that makes the shape [m].
     """
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
-        """Compile the stiffness and the frozen forces. Collective.
+        """Compile the forces. Collective.
 
         Args:
             scene: The problem.
@@ -40,29 +40,31 @@ class LinearForms:
         self._scene, self._forces = scene, forces
         self._test, self._trial = ufl.TestFunction(V), ufl.TrialFunction(V)
         self._viscous: dict[tuple[int, ...], tuple[fem.Function, Kernel]] = {}
-        element, strained = scene.element, fem.Function(V)
-
-        def stiff(i: int, c: MaterialClass) -> Any:
-            C = element.right_cauchy_green(strained)
-            S = second_piola_kirchhoff(c.law.energy, C, c.law.parameters)
-            portion = Portion("elastic", strained)
-            return element.virtual_work(S, (portion,), (self.shape,), self._test)
-
-        def strains(i: int, c: MaterialClass) -> Any:
-            return static_virtual_work(element, c.law, self.shape, self._test)
-
-        work = ufl.derivative(forces.integrate(stiff), strained, self._trial)
-        step = (self.shape,), strained, 1.0, None, self._test, self._trial
-        work += forces.integrate(lambda i, c: element.eliminated(*step))
-        self._strained = strained
-        self._stiffness = Kernel(work, [V, V], scene.mesh)
-        self._force = Kernel(forces.integrate(strains), [V], scene.mesh)
-        self._strains = strains
+        self._stiffness: tuple[fem.Function, Kernel] | None = None
         self._tangent: Kernel | None = None
+        self._force = Kernel(forces.integrate(self._strains), [V], scene.mesh)
+
+    def _strains(self, i: int, c: MaterialClass) -> Any:
+        return static_virtual_work(self._scene.element, c.law, self.shape, self._test)
 
     def stiffness(self, cells: Cells) -> fem.Form:
         """∫ δE : ∂S/∂E : ΔE over cells."""
-        return self._stiffness.bind(cells, instead={self._strained: self.shape})
+        if self._stiffness is None:
+            V, element = self._scene.space, self._scene.element
+            strained = fem.Function(V)
+
+            def stiff(i: int, c: MaterialClass) -> Any:
+                C = element.right_cauchy_green(strained)
+                S = second_piola_kirchhoff(c.law.energy, C, c.law.parameters)
+                portion = Portion("elastic", strained)
+                return element.virtual_work(S, (portion,), (self.shape,), self._test)
+
+            work = ufl.derivative(self._forces.integrate(stiff), strained, self._trial)
+            step = (self.shape,), strained, 1.0, None, self._test, self._trial
+            work += self._forces.integrate(lambda i, c: element.eliminated(*step))
+            self._stiffness = strained, Kernel(work, [V, V], self._scene.mesh)
+        strained, kernel = self._stiffness
+        return kernel.bind(cells, instead={strained: self.shape})
 
     def tangent(self, cells: Cells) -> fem.Form:
         """Derivative of `force` by the shape; compiled when first asked for. Collective."""

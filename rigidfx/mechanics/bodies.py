@@ -238,17 +238,17 @@ class Bodies:
         turning = self.of.length[:, None] * self.angular_velocity
         return np.hstack([self.velocity, turning, self.q_rate])
 
-    @property
+    @cached_property
     def pose_rate(self) -> Array:
         """Rate of the pose, shape (bodies, n, 3) [m/s, 1/s]."""
         back = self.R.swapaxes(1, 2)
         turning = -skew(self.angular_velocity_body) @ back
         out = np.concatenate([self.velocity[:, None], turning], axis=1)
         if self.of.shapes is None:
-            return out
+            return read_only(out)
         shaped = self.q[:, :, None, None] * turning[:, None]
         shaped = shaped + self.q_rate[:, :, None, None] * back[:, None]
-        return np.concatenate([out, shaped.reshape(len(self), -1, 3)], axis=1)
+        return read_only(np.concatenate([out, shaped.reshape(len(self), -1, 3)], axis=1))
 
     @property
     def mass_blocks(self) -> Array:
@@ -257,7 +257,7 @@ class Bodies:
         out[:, :3, :3] = self.of.mass[:, None, None] * np.eye(3)
         out[:, 3:6, 3:6] = self.R @ self.rotated_inertia / self.of.square_length
         if (shapes := self.of.shapes) is not None:
-            B = self.R @ shapes.coupling(shapes.weighted(self.q)) / self.of.length[:, None, None]
+            B = self.R @ shapes.coupling(self.weighted) / self.of.length[:, None, None]
             out[:, 3:6, 6:], out[:, 6:, 3:6] = B, B.swapaxes(1, 2)
             out[:, 6:, 6:] = shapes.mass
         return out
@@ -300,11 +300,18 @@ class Bodies:
         return read_only(self.of.mass[:, None] * self.velocity)
 
     @cached_property
+    def weighted(self) -> Array:
+        """See `ShapesOfBodies`; of bodies with shapes."""
+        assert self.of.shapes is not None
+        return read_only(self.of.shapes.weighted(self.q))
+
+    @cached_property
     def momenta_of_shapes(self) -> tuple[Array, Array]:
         """What shapes add to J W [kg m²/s], and their own momenta p [kg m/s]."""
         if self.of.shapes is None:
             return read_only(np.zeros((len(self), 3))), self.q_rate
-        found = self.of.shapes.momenta(self.q, self.angular_velocity_body, self.q_rate)
+        known = self.angular_velocity_body, self.q_rate, self.weighted
+        found = self.of.shapes.momenta(self.q, *known)
         return read_only(found[0]), read_only(found[1])
 
     @cached_property
@@ -323,7 +330,7 @@ class Bodies:
         """J of the bodies as they are deformed, shape (bodies, 3, 3) [kg m²]."""
         if (shapes := self.of.shapes) is None:
             return self.of.inertia
-        return self.of.inertia + shapes.added_inertia(self.q, shapes.weighted(self.q))
+        return self.of.inertia + shapes.added_inertia(self.q, self.weighted)
 
     @cached_property
     def rotated_inertia(self) -> Array:

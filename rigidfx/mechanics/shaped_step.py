@@ -99,10 +99,20 @@ class ShapedIncrements(Increments):
     # Inertia and elastic energy -------------------------------------------------------------------
 
     @cached_property
+    def _weighted(self) -> Array:
+        """E of the shapes at the end of the step: see `ShapesOfBodies.weighted`."""
+        return self._shapes.weighted(self._q1)
+
+    @cached_property
+    def _half(self) -> Array:
+        """The same in the middle: it is linear in q."""
+        return np.asarray(0.5 * (self.start.weighted + self._weighted))
+
+    @cached_property
     def _momenta(self) -> tuple[Array, Array]:
         """Z and p at the end of the step, shapes (bodies, 3) and (bodies, m)."""
         W, rates = self._rates
-        turning, own = self._shapes.momenta(self._q1, W, rates)
+        turning, own = self._shapes.momenta(self._q1, W, rates, self._weighted)
         return times(self.start.of.inertia, W) + turning, own
 
     @property
@@ -121,6 +131,10 @@ class ShapedIncrements(Increments):
 
     def inertia_force(self) -> Array:
         """See `Increments`, with (p₁ - p₀)/Δt - ½ w₁·∂A/∂q w₀; shape (bodies, 6 + m) [N]."""
+        return self._inertia_force.copy()
+
+    @cached_property
+    def _inertia_force(self) -> Array:
         out = np.zeros(self.unknowns.shape)
         out[:, :3] = self._part("force")[:, :3]
         if self.step.rate == 0.0:
@@ -128,15 +142,11 @@ class ShapedIncrements(Increments):
         dt, start = self.step.dt, self.start
         turned = self.pi1 - start.angular_momentum
         out[:, 3:6] = turned / (dt * start.of.length)[:, None]
-        (W1, rates), half = self._rates, start.q + 0.5 * self.dq
-        E = self._shapes.weighted(half)
-        C = contracted(W1, start.angular_velocity_body)
-        gradient = np.einsum("bij,bkij->bk", C, E[:, 1:])
-        gradient += 0.5 * times(self._shapes.twisted(W1), start.q_rate)
-        gradient += 0.5 * times(self._shapes.twisted(start.angular_velocity_body), rates)
+        rates = start.angular_velocity_body, start.q_rate
         own = (self._momenta[1] - start.momenta_of_shapes[1]) / dt
-        drifting = times(self._drifts(self._S), out[:, :3])
-        out[:, 6:] = np.where(self._shapes.known, own - gradient + drifting, 0.0)
+        out[:, 6:] = own - self._shapes.gradient(self._half, self._rates, rates)
+        if self._held.size:
+            out[:, 6:] += times(self._drifts(self._S), out[:, :3])
         return out
 
     def _drifts(self, R: Array) -> Array:
@@ -154,11 +164,12 @@ class ShapedIncrements(Increments):
     @cached_property
     def displacement(self) -> Array:
         """See `Increments`."""
-        rigid, back = self._part("displacement"), self.R1.swapaxes(1, 2)
-        turn = rigid[:, 1:]  # R₁ᵀ - R₀ᵀ
-        own = self.dq[:, :, None, None] * back[:, None]
-        own = own + self.start.q[:, :, None, None] * turn[:, None]
-        return np.concatenate([rigid, own.reshape(len(self), -1, 3)], axis=1)
+        rigid, m = self._part("displacement"), self.dq.shape[1]
+        both, turning = np.empty((len(self), m, 2)), np.empty((len(self), 2, 9))
+        both[:, :, 0], both[:, :, 1] = self.dq, self.start.q
+        turning[:, 0] = self.R1.swapaxes(1, 2).reshape(-1, 9)
+        turning[:, 1] = rigid[:, 1:].reshape(-1, 9)  # R₁ᵀ - R₀ᵀ
+        return np.concatenate([rigid, (both @ turning).reshape(len(self), -1, 3)], axis=1)
 
     def _arms(self, q: Array, R: Array) -> Array:
         """-v̂/ℓ of the columns of R and of all q_k R, shape (bodies, 3 (n - 1), 3)."""
@@ -211,13 +222,26 @@ class ShapedIncrements(Increments):
         return float(np.vdot(rows[held, :6], self._apart[held, :6]))
 
     def resultant(self, moments: Array) -> Array:
-        """See `Increments`."""
-        flat = moments.reshape(len(self), -1, 1)
-        return np.asarray((self.L.swapaxes(1, 2) @ flat)[:, :, 0])
+        """See `Increments`; Lᵀ without L, as torques Σ (x½ - c½) × f and Q = Σ Φᵀ Sᵀ f."""
+        flat = moments[:, 1:].reshape(len(self), -1, 9)
+        both = np.empty((len(self), 2, self.dq.shape[1]))
+        both[:, 0], both[:, 1] = self.start.q, self._q1
+        ends = (both @ flat[:, 1:] + flat[:, :1]).reshape(-1, 2, 3, 3)  # Σ y fᵀ
+        turned = self.R1 @ ends[:, 1]
+        if self.step.share != 1.0:
+            turned = 0.5 * (turned + self.start.R @ ends[:, 0])
+        out = np.empty(self.unknowns.shape)
+        out[:, :3] = moments[:, 0]
+        out[:, 3:6] = axial(turned) / self.start.of.length[:, None]
+        out[:, 6:] = times(flat[:, 1:], self._S.swapaxes(1, 2).reshape(-1, 9))
+        if self._held.size:
+            out[:, 6:] += times(self._drifts(self._S), out[:, :3])
+        return out
 
     def balance(self, moments: Array, torques: Array) -> Array:
         """See `Increments`."""
-        out = self.resultant(moments) + self.inertia_force()
+        out = self.resultant(moments)
+        out += self._inertia_force
         out[:, 3:6] -= torques / self.start.of.length[:, None]
         out[:, 6:] += self.elastic_force()
         return out
@@ -228,9 +252,11 @@ class ShapedIncrements(Increments):
         """See `Increments`."""
         share, shapes, length = self.step.share, self._shapes, self.start.of.length
         M = moments[:, 1:].reshape(len(self), -1, 3, 3)  # Σ V fᵀ and Σ Φ_k fᵀ
-        every = M[:, 0] + np.einsum("bk,bkij->bij", self._q1, M[:, 1:])
+        flat = M.reshape(len(self), -1, 9)
+        every = moments[:, :4].copy()
+        every[:, 1:] += (self._q1[:, None] @ flat[:, 1:]).reshape(-1, 3, 3)
         G = np.zeros((len(self), *2 * self.unknowns.shape[1:]))
-        G[:, :6, :6] = self._turning(np.concatenate([moments[:, :1], every], axis=1))
+        G[:, :6, :6] = super().tangent(super().couples(every))
         torques = axial(self.R1[:, None] @ M[:, 1:])  # Σ R₁ Φ_k × f
         G[:, 3:6, 6:] = share * torques.swapaxes(1, 2)
         if share == 1.0:
@@ -246,35 +272,22 @@ class ShapedIncrements(Increments):
         G[:, 6:, 3:6] /= length[:, None, None]
         return G
 
-    def _turning(self, moments: Array) -> Array:
-        """The part of translations and rotations, but for what inertia gains by shapes."""
-        return super().tangent(super().couples(moments))
-
     def _add_inertia(self, G: Array) -> None:
         """Add the inertia of shapes to G, whose rotations are not scaled yet."""
         shapes, start, dt = self._shapes, self.start, self.step.dt
         (W1, rates), W0 = self._rates, start.angular_velocity_body
-        back, rate = start.R.swapaxes(1, 2), 2 / dt
-        E = shapes.weighted(self._q1)
+        back, rate, E, half = start.R.swapaxes(1, 2), 2 / dt, self._weighted, self._half
         B = shapes.coupling(E)
-        gained = self.R1 @ (self.end.inertia - start.inertia) @ back
+        inertia = start.of.inertia + shapes.added_inertia(self._q1, E)
+        gained = self.R1 @ (inertia - start.inertia) @ back
         G[:, 3:6, 3:6] += rate / dt * gained / start.of.square_length
-        by_q = self._gained(E, W1)
-        by_q += np.einsum("bjkc,bk->bcj", shapes.couplings, rates)
+        by_q = shapes.gained(E, W1) + shapes.twisting(rates)
         G[:, 3:6, 6:] += self.R1 @ (rate * B + by_q) / dt
-        half = shapes.weighted(start.q + 0.5 * self.dq)
-        by_W = 0.5 * self._gained(half, W0)
-        by_W += 0.5 * np.einsum("bjkc,bk->bcj", shapes.couplings, start.q_rate)
+        by_W = 0.5 * (shapes.gained(half, W0) + shapes.twisting(start.q_rate))
         G[:, 6:, 3:6] += rate * (B / dt - by_W).swapaxes(1, 2) @ back
-        drifting = self._drifts(self._S) @ self._drifts(self.R1).swapaxes(1, 2)
-        G[:, 6:, 6:] += rate / dt * start.of.mass[:, None, None] * drifting
-        own = (rate * shapes.mass - shapes.twisted(W1) - shapes.twisted(W0)) / dt
-        own -= 0.5 * np.einsum("bij,bklij->bkl", contracted(W1, W0), shapes.moments[:, 1:, 1:])
+        own = (rate * shapes.mass - shapes.twisted(W1 + W0)) / dt
+        own -= 0.5 * shapes.curvature(contracted(W1, W0))
         G[:, 6:, 6:] += own
-
-    @staticmethod
-    def _gained(E: Array, W: Array) -> Array:
-        """∂(J W)/∂q = 2 tr(E_k) W - (E_k + E_kᵀ) W, shape (bodies, 3, m)."""
-        own = E[:, 1:]
-        both = np.einsum("bkij,bj->bik", own + own.swapaxes(2, 3), W)
-        return 2 * np.trace(own, axis1=2, axis2=3)[:, None] * W[:, :, None] - both
+        if self._held.size:
+            drifting = self._drifts(self._S) @ self._drifts(self.R1).swapaxes(1, 2)
+            G[:, 6:, 6:] += rate / dt * start.of.mass[:, None, None] * drifting

@@ -39,7 +39,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.taken import seal
-from rigidfx.mechanics.rotation import IDENTITY, axial
+from rigidfx.mechanics.rotation import IDENTITY, axial, skew
 
 __all__ = ["Shapes", "ShapesOfBodies"]
 
@@ -126,6 +126,9 @@ class ShapesOfBodies:
         self.couplings = axial(self.moments[:, 1:, 1:])
         self.mass = np.einsum("bklii->bkl", self.moments[:, 1:, 1:])
         self.moments += added
+        self._rows = self.moments.reshape(len(each), m + 1, -1)
+        self._inner = self.moments[:, 1:, 1:].reshape(len(each), m * m, 9)
+        self._coupled = self.couplings.reshape(len(each), m, -1)
         seal(self)
 
     @cached_property
@@ -136,10 +139,10 @@ class ShapesOfBodies:
     # Functions of q, shape (bodies, most) ---------------------------------------------------------
 
     def weighted(self, q: Array) -> Array:
-        """E_k = Σ m y Φ_kᵀ, but for the part of ξ ξᵀ, shape (bodies, most + 1, 3, 3)."""
-        with_one = np.concatenate([np.ones((len(q), 1)), q], axis=1)
-        flat = self.moments.reshape(len(q), self.most + 1, -1)
-        return np.asarray(with_one[:, None] @ flat).reshape(-1, self.most + 1, 3, 3)
+        """E_k = Σ m y Φ_kᵀ, but for the part of ξ ξᵀ, row by row, shape (bodies, most + 1, 9)."""
+        out = (q[:, None] @ self._rows[:, 1:])[:, 0]
+        out += self._rows[:, 0]
+        return np.asarray(out.reshape(len(q), self.most + 1, 9))
 
     def added_inertia(self, q: Array, E: Array) -> Array:
         """Addition of the shapes to J, shape (bodies, 3, 3) [kg m²].
@@ -148,33 +151,65 @@ class ShapesOfBodies:
             q: The coordinates.
             E: See `weighted`.
         """
-        Y = E[:, 0] + np.einsum("bk,bkij->bij", q, E[:, 1:])
+        Y = (E[:, 0] + (q[:, None] @ E[:, 1:])[:, 0]).reshape(-1, 3, 3)
         return np.asarray(np.trace(Y, axis1=1, axis2=2)[:, None, None] * IDENTITY - Y)
 
     @staticmethod
     def coupling(E: Array) -> Array:
         """B, shape (bodies, 3, most) [kg m]."""
-        return axial(E[:, 1:]).swapaxes(1, 2)
+        return axial(E[:, 1:].reshape(len(E), -1, 3, 3)).swapaxes(1, 2)
 
-    def momenta(self, q: Array, W: Array, rates: Array) -> tuple[Array, Array]:
+    def momenta(self, q: Array, W: Array, rates: Array, E: Array) -> tuple[Array, Array]:
         """Addition to J W by the shapes [kg m²/s], and p = Bᵀ W + D q̇ [kg m/s].
 
         Args:
             q: The coordinates.
             W: Angular velocities in the bodies' frames, shape (bodies, 3) [rad/s].
             rates: q̇, shape (bodies, most) [m/s].
+            E: See `weighted`.
 
         Returns:
             Shapes (bodies, 3) and (bodies, most).
         """
-        E = self.weighted(q)
-        B = self.coupling(E)
-        turning = times(self.added_inertia(q, E), W) + times(B, rates)
-        return turning, times(B.swapaxes(1, 2), W) + times(self.mass, rates)
+        own, both = E[:, 1:], np.empty((len(q), 2, self.most))
+        both[:, 0], both[:, 1] = q, rates
+        sums = (both @ own).reshape(-1, 2, 3, 3)
+        Y = E[:, 0].reshape(-1, 3, 3) + sums[:, 0]
+        turning = np.trace(Y, axis1=1, axis2=2)[:, None] * W - times(Y, W) + axial(sums[:, 1])
+        return turning, times(own, skew(-W).reshape(-1, 9)) + times(self.mass, rates)
+
+    def gradient(self, E: Array, w: tuple[Array, Array], v: tuple[Array, Array]) -> Array:
+        """½ w·∂A/∂q v, shape (bodies, most) [N].
+
+        Args:
+            E: See `weighted`.
+            w: W and q̇, shapes (bodies, 3) and (bodies, most).
+            v: Others.
+        """
+        outer = v[1][:, :, None] * w[0][:, None] + w[1][:, :, None] * v[0][:, None]
+        out = times(E[:, 1:], contracted(w[0], v[0]).reshape(-1, 9))
+        out += times(self._coupled, (0.5 * outer).reshape(len(E), -1))
+        return out
+
+    def curvature(self, C: Array) -> Array:
+        """C : Σ m Φ_k Φ_lᵀ of matrices C, shape (bodies, most, most)."""
+        return times(self._inner, C.reshape(-1, 9)).reshape(-1, self.most, self.most)
+
+    def gained(self, E: Array, W: Array) -> Array:
+        """∂(J W)/∂q = 2 tr(E_k) W - (E_k + E_kᵀ) W, shape (bodies, 3, most)."""
+        own = E[:, 1:].reshape(len(E), -1, 3, 3)
+        both = (own + own.swapaxes(2, 3)) @ W[:, None, :, None]
+        traces = 2 * times(E[:, 1:], np.broadcast_to(IDENTITY.reshape(-1), (len(E), 9)))
+        return np.asarray((traces[:, :, None] * W[:, None] - both[:, :, :, 0]).swapaxes(1, 2))
 
     def twisted(self, a: Array) -> Array:
         """a · Σ m Φ_j × Φ_k, shape (bodies, most, most), of vectors a, shape (bodies, 3)."""
-        return np.einsum("bjkc,bc->bjk", self.couplings, a)
+        return np.asarray((self.couplings @ a[:, None, :, None])[..., 0])
+
+    def twisting(self, rates: Array) -> Array:
+        """Σ m Φ_j × Φ_k q̇_k, shape (bodies, 3, most)."""
+        own = rates[:, None, None] @ self.couplings
+        return np.asarray(own[:, :, 0].swapaxes(1, 2))
 
     def energy(self, q: Array) -> Array:
         """U(q) - U₀ of each body, shape (bodies,) [J]."""

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import block_diag
 
 from rigidfx.flexible.nodal_stress import material_groups
 from rigidfx.flexible.stress import Added
@@ -36,6 +37,9 @@ class Probes:
                 mine = Holder(*weights, int(groups[cell]))
             self._holders[name] = found = scene.comm.bcast(mine, root=root)
             self._probes[name] = owned_part(scene, found.nodes, found.weights)
+        each = list(self._probes.values())
+        self._nodes = np.concatenate([np.empty(0, np.int64), *(p.nodes for p in each)])
+        self._weights = block_diag(*(p.weights[None] for p in each))
 
     def displacements(self, state: State) -> Mapping[str, Array]:
         """Displacement of each point, shape (3,) [m]. Collective."""
@@ -54,8 +58,8 @@ class Probes:
         """Weighted sums of vectors at the nodes round each point. Collective."""
         if not self._probes:
             return {}
-        local = [p.weights @ at(p.nodes) for p in self._probes.values()]
-        return dict(zip(self._probes, np.asarray(self._scene.sum(np.stack(local))), strict=True))
+        sums = self._scene.sum(self._weights @ at(self._nodes))
+        return dict(zip(self._probes, np.asarray(sums), strict=True))
 
     def stresses(
         self, state: State, strained: Strained | None = None, added: Added | None = None

@@ -42,7 +42,7 @@ class Motions:
         every = np.zeros((n, 3, parts.count, 6))
         every[np.arange(n), :, part] = motions_of_parts(stiffness.places, part, parts)
         self.all: Array = every.reshape(n, 3, 6 * parts.count)
-        diagonal = stiffness.matrix().getDiagonal()
+        diagonal = stiffness.matrix.getDiagonal()
         rounding = ROUNDING * float(diagonal.norm()) * float(self._sizes.max())
         diagonal.destroy()
         self.internal: Array = stiffness.internal_forces(stiffness.cells)

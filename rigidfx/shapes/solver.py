@@ -50,7 +50,7 @@ class Solver:
         self._motions = stiffness.unknowns_of(motions)
         self._momenta = stiffness.on_unknowns(momenta)
         self._pins = self._pinned(self._motions)
-        self._K = stiffness.matrix()
+        self._K = stiffness.matrix
         K = self._K.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
         diagonal = K.getDiagonal()
         scale = float(diagonal.norm()) / np.sqrt(p.size)

@@ -91,11 +91,13 @@ class Stiffness:
         self._K = CondensedMatrix(
             p, self.linear.tangent(layout.interior), self.linear.tangent(layout.interface)
         )
+        if p.touched:  # else its pattern was found by its entries
+            self._K.assemble()
+            self._K.finish(np.zeros((len(self.bodies), 6, 6)))
 
+    @property
     def matrix(self) -> PETSc.Mat:
-        """K by the unknowns, which stays the owner's. Collective."""
-        self._K.assemble()
-        self._K.finish(np.zeros((len(self.bodies), 6, 6)))
+        """K by the unknowns, which stays the owner's."""
         return self._K.matrix
 
     def internal_forces(self, cells: Cells) -> Array:
