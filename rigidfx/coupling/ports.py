@@ -82,10 +82,11 @@ class Ports:
         self._linkage, self._p = linkage, p
         used = linkage.held.tocoo()
         at = linkage.used[used.coords[0]]
-        row, (of, arm) = used.coords[0][at], np.divmod(used.coords[1][at], n)
-        pairs, which = np.unique(row * len(p.body_columns) + of, return_inverse=True)
+        of, arm = np.divmod(used.coords[1][at], n)
+        numbers = used.coords[0][at] * len(p.body_columns) + of
+        pairs, which = np.unique(numbers, return_inverse=True)
         row, of = np.divmod(pairs, len(p.body_columns))  # averages and their bodies
-        body, counts = np.searchsorted(self.bodies, of), np.bincount(of)[self.bodies]
+        body, counts = np.searchsorted(self.bodies, of).ravel(), np.bincount(of)[self.bodies]
         place = np.empty(pairs.size, dtype=np.int64)  # of a pair among those of its body
         place[np.argsort(body, kind="stable")] = np.concatenate([AXES[:0], *map(np.arange, counts)])
         self._pairs = body, place

@@ -131,7 +131,7 @@ class Found:
             None if none of the vectors is new.
         """
         data, m = body.data, body.data.deforms_by
-        old = np.zeros((len(data.nodes), 3, 0))
+        old: Array = np.zeros((len(data.nodes), 3, 0))
         if data.shapes is not None:
             old = data.shapes.modes.swapaxes(1, 2)
         new = self._new(old, vectors)

@@ -277,7 +277,7 @@ class Growth(Watch):
         linear, comm, control = self._bound(), self._scene.comm, self.control
         cells = np.concatenate([body.data.cells for body in self._growing()])
         assert limits.rates is not None
-        tol = limits.rates / self._kappa
+        tol = np.asarray(limits.rates / self._kappa)
         rates = self._part(linear.step(F[:, :, None], dt)[:, :, 0], dt / 2, cells, tol)
         most = comm.allreduce(float(rates.max(initial=0.0)), op=MPI.MAX)
         self._ratio, self._since = most / size, 0

@@ -95,9 +95,9 @@ class Parts:
             Vectors at the nodes of the rows, shape (nodes, 3).
         """
         out = np.empty_like(self.V)
-        for own, of_body in zip(self._spans, numbers, strict=True):
-            n = min(len(of_body), self._places.shape[1])
-            out[own] = self._places[own, :n] @ of_body[:n]
+        n = min(numbers.shape[1], self._places.shape[1])
+        for own, of_body in zip(self._spans, numbers[:, :n], strict=True):
+            out[own] = self._places[own, :n] @ of_body
         return out
 
     def of_each(self, vectors: Iterable[Array]) -> Array:

@@ -126,7 +126,7 @@ class Withheld:
         if self._loads is not None:
             self._place(self._u1, end)
         given = self._loads_of(t, dt, system.acting)
-        gained = (end.pose_rate[self._of] - start.pose_rate[self._of]) / dt
+        gained = np.asarray((end.pose_rate[self._of] - start.pose_rate[self._of]) / dt)
         W, shorter, Vt = np.linalg.svd(increments.R_av[self._of])
         turning = _Turning(gained, W @ Vt, Vt.mT * shorter[:, None] @ Vt)
         out = self._resisted(turning, increments.displacement[self._of], dt, given)
