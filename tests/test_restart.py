@@ -109,7 +109,7 @@ FOUND_ANEW = {
     "State": "_following _places _writes changes clamped",
     "Stillness": "_t",
     "Stepper": "_bound _division failures forces prescribed system",
-    "Switch": "_joints clamps held",  # the motors of the start are told to `_joints`
+    "Switch": "_exchange _joints clamps held",  # the motors of the start are told to `_joints`
     "TimeControl": "_end _found _state _system",
     "TimeError": "_next jerk swinging",
     "Whereabouts": "_first _told",
