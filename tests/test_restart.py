@@ -106,6 +106,7 @@ FOUND_ANEW = {
     "RotationPerStep": "_cells _nodes",
     "RunError": "_next_high _next_low _next_parts _next_sizes",
     "SharedStrains": "_start",
+    "SpinLimits": "_lowest",
     "State": "_following _places _writes changes clamped",
     "Stillness": "_t",
     "Stepper": "_bound _division failures forces prescribed system",
