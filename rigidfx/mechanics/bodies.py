@@ -301,9 +301,9 @@ class Bodies:
 
     @cached_property
     def weighted(self) -> Array:
-        """See `ShapesOfBodies`; of bodies with shapes."""
-        assert self.of.shapes is not None
-        return read_only(self.of.shapes.weighted(self.q))
+        """See `ShapesOfBodies`; nothing where no body has shapes."""
+        shapes = self.of.shapes
+        return read_only(np.zeros(0) if shapes is None else shapes.weighted(self.q))
 
     @cached_property
     def momenta_of_shapes(self) -> tuple[Array, Array]:

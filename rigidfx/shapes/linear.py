@@ -39,7 +39,7 @@ class Linear:
         """
         self.responses, stiffness = responses, responses.stiffness
         p, M = stiffness.prolongation, stiffness.mass.matrix()
-        self._K = stiffness.matrix().convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+        self._K = stiffness.matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
         self._M = p.condense(M)
         p.add_blocks(self._M, stiffness.bodies.mass_blocks)
         M.destroy()
