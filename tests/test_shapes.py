@@ -207,6 +207,16 @@ def angle(responses, F, exact):
 UP = np.array([0.0, 0.0, 1.0])
 
 
+def blow(t, length=0.02):
+    """A blow from t = 0 on."""
+    return np.sin(np.pi * t / length) ** 2 if 0 < t < length else 0.0
+
+
+def jerks(t):
+    """Two motions, the later one in another direction."""
+    return 0, blow(t - 0.7), blow(t - 0.3)
+
+
 @pytest.mark.parametrize(
     ("effects", "expected"),
     [
@@ -216,8 +226,16 @@ UP = np.array([0.0, 0.0, 1.0])
         ([rf.Traction("z1", lambda x, t: np.outer(UP, np.exp(-((x[0] - t) ** 2) / 0.08)))], 5),
         ([rf.PrescribedMotion("x0", displacement=lambda t: (0, 0, t * t))], 1),
         ([rf.PrescribedRotation("x0", axis=(0, 0, 1), angle=lambda t: t * t)], 2),
+        ([rf.Fixed("x0"), rf.Traction("x1", UP, time=lambda t: float(0.611 < t < 0.612))], 1),
+        ([rf.Fixed("x0"), rf.Traction("x1", lambda t: (0, blow(t - 0.2), blow(t - 0.6)))], 2),
+        ([rf.Fixed("x0"), rf.BodyForce(lambda t: (0, 0, blow(t - 0.455)))], 1),
+        ([rf.PrescribedMotion("x0", displacement=jerks)], 2),
+        ([rf.Fixed("x0"), rf.Traction("x1", lambda t: (0, 0, 0))], 0),
     ],
-    ids=["free", "held", "pressed", "passing", "moved", "turned"],
+    ids=[
+        *("free", "held", "pressed", "passing", "moved", "turned"),
+        *("hit", "struck twice", "thrust", "jerked twice", "none"),
+    ],
 )
 def test_patterns(effects, expected):
     made = Built(*effects)

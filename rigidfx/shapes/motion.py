@@ -41,10 +41,16 @@ def of_supports(responses: Responses, span: tuple[float, float]) -> list[Array]:
     """
     scene, stiffness = responses.scene, responses.stiffness
     held, u = stiffness.prescribed, stiffness.structure.u
-    ts = instants(held.active, span)
-    if not held.moves or not ts.size:
+    if not held.moves:
         return []
-    rates = np.stack([held.velocities(t, ts[-1] - ts[0], u) for t in ts], axis=1)
+
+    def rates_at(t: float) -> Array:
+        return held.velocities(t, span[1] - span[0], u)
+
+    ts = instants(scene, held.active, span, rates_at)
+    if not ts.size:
+        return []
+    rates = np.stack([rates_at(t) for t in ts], axis=1)
     V = responses.rigid.all
     on_held = columns(V)[held.mask]
     gram = np.asarray(scene.sum(on_held.T @ on_held))

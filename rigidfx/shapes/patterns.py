@@ -8,17 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import together
-from rigidfx.effects import Effect, Resultant
+from rigidfx.effects import DeadLoad, Effect, Resultant
+from rigidfx.effects.base import vector_at
 from rigidfx.effects.joints.remote import RemoteForces, RemoteMotion
 from rigidfx.effects.motion import Forces, Motion
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_motions import rigid_motions
+from rigidfx.scene.scene import Scene
 from rigidfx.shapes.motion import of_state, of_supports
 from rigidfx.shapes.orthonormal import columns
 from rigidfx.shapes.responses import Responses
@@ -89,8 +92,9 @@ def unit_loads(responses: Responses, nodes: Ints) -> Array:
 
 def _of_loads(responses: Responses, span: tuple[float, float]) -> Iterator[Array]:
     """Forces of each load at its instants, shape (owned nodes, 3, instants). Collective."""
-    for effect in map(_steady, responses.scene.effects):
-        times = instants([effect], span)
+    scene = responses.scene
+    for effect in map(_steady, scene.effects):
+        times = instants(scene, [effect], span, _amplitude(scene, effect))
         if not times.size:
             continue
         if pushed := effect.pushes(times[0]):
@@ -109,6 +113,20 @@ def _steady(effect: Any) -> Any:
     if effect.grows != "time" or effect.time is None or effect.face is not None:
         return effect
     return replace(effect, time=None)
+
+
+def _amplitude(scene: Scene, effect: Effect) -> Callable[[float], Array] | None:
+    """A uniform load's vector at an instant, shape (3,), zero but on rank 0; None of others."""
+    if not (isinstance(effect, DeadLoad) and effect.uniform):
+        return None
+
+    def at(t: float) -> Array:
+        own = partial(effect.intensity, t)
+        known = effect.owner, "value or time function", t, own
+        found = together(scene.comm, effect.owner, partial(vector_at, *known))
+        return found if scene.comm.rank == 0 else np.zeros(3)
+
+    return at
 
 
 def _bound(responses: Responses, effect: Effect) -> Actions:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg.lapack import dpstrf
 
 from rigidfx.effects import Effect
 from rigidfx.scene.scene import Scene
@@ -20,7 +21,8 @@ Array = npt.NDArray[np.float64]
 # Size of a pattern over the largest one of its load: to leave it out alters the load's response by
 # a tenth of the error that is allowed, 0.01.
 DIFFERS = 1e-3
-# Beside the breakpoints: a force that moves along a part is known at each twentieth of its way.
+# Beside the breakpoints: a force that moves along a part is known at each twentieth of its way, an
+# amplitude, which costs little, at the square of so many instants.
 INSTANTS = 20
 
 
@@ -58,12 +60,22 @@ def interleaved(responses: Responses, each: Sequence[Array]) -> Array:
     return np.asarray(every[:, :, sizes > 0] / sizes[sizes > 0])
 
 
-def instants(effects: Sequence[Effect], span: tuple[float, float]) -> Array:
+def instants(
+    scene: Scene,
+    effects: Sequence[Effect],
+    span: tuple[float, float],
+    of: Callable[[float], Array] | None = None,
+) -> Array:
     """Instants while all of some effects act, sorted; none if they do not act together [s].
 
+    Collective.
+
     Args:
+        scene: The problem.
         effects: The effects.
         span: From when to when [s].
+        of: Numbers of this rank at an instant, all of whose patterns are to be met; none if None.
+            Collective.
     """
     start, end = span
     windowed: list[Any] = [effect for effect in effects if effect.is_windowed]
@@ -73,5 +85,22 @@ def instants(effects: Sequence[Effect], span: tuple[float, float]) -> Array:
         return np.empty(0)
     kinks = [t for effect in effects for t in effect.breakpoints if start <= t < end]
     # Parts of the golden section, which are no multiples of a period.
-    parts = np.modf((np.arange(INSTANTS) + 0.5) * (np.sqrt(5) - 1) / 2)[0]
-    return np.unique(np.r_[start, start + (end - start) * parts, kinks])
+    parts = np.modf((np.arange(INSTANTS**2) + 0.5) * (np.sqrt(5) - 1) / 2)[0]
+    dense = start + (end - start) * parts
+    found = np.r_[start, dense[:INSTANTS], kinks]
+    if of is not None:
+        found = np.r_[found, dense[_spanning(scene, np.stack([of(t) for t in dense], axis=1))]]
+    return np.unique(found)
+
+
+def _spanning(scene: Scene, values: Array) -> npt.NDArray[np.intp]:
+    """Columns of which all others are combinations, on all ranks, but for `DIFFERS`. Collective.
+
+    Args:
+        scene: The problem.
+        values: Of this rank, shape (rows, n).
+    """
+    gram = np.asarray(scene.sum(values.T @ values))
+    least = max(DIFFERS**2 * gram.diagonal().max(), np.finfo(np.float64).tiny)
+    _, order, count, _ = dpstrf(gram, tol=least)  # Cholesky's, the largest that is left first
+    return np.asarray(scene.comm.bcast(order[:count] - 1))
