@@ -10,8 +10,9 @@ from test_contact_pairs import boxes
 import rigidfx as rf
 from rigidfx.base.matrices import dense
 from rigidfx.effects.joints.averages import Average
-from rigidfx.effects.joints.face_motion import FaceVector, fitted
+from rigidfx.effects.joints.face_motion import FaceVector
 from rigidfx.effects.joints.vectors import Vectors
+from rigidfx.mechanics.rotation import nearest_rotations
 
 E = 2.1e11
 STEEL = rf.StVenantKirchhoff(rho=7800.0, E=E, nu=0.3)
@@ -70,7 +71,7 @@ def test_the_fitted_rotation_is_proper():
     """Also of a flat face that is seen from behind."""
     axes = Rotation.random(random_state=4).as_matrix()
     H = np.array([0.0, 0.4, 0.6])[:, None] * axes
-    assert fitted(H) == pytest.approx(axes, abs=1e-14)
+    assert nearest_rotations(H) == pytest.approx(axes, abs=1e-14)
 
 
 def bar(cells, turn=(0, 0, 0)):

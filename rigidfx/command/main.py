@@ -137,10 +137,8 @@ def _largest_rate(scene: Scene, dt: float, options: Namespace) -> float:
     watched = StrainRate(0.0, 2 * options.t_end)
     end = min(options.until, options.t_end)
     say(f"0 … {end:.4g} s are run all flexible first, to find the tolerance (--tol)")
-    with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", RigidfxWarning
-        )  # the run itself tells all that this one does
+    with warnings.catch_warnings():  # the run itself tells all that this one does
+        warnings.simplefilter("ignore", RigidfxWarning)
         for r in simulate(scene, dt, end, rigidify=watched, progress=True):
             if r.strain_rate is not None:
                 largest = max(largest, float(r.strain_rate.max(initial=0.0)))

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -41,7 +42,6 @@ __all__ = ["Growth", "GrowthControl", "Looked"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
-
 
 # Part of a body's length below which ν of its motion is that of rounding.
 ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))
@@ -94,7 +94,9 @@ class Looked:
 class Growth(Watch):
     """The shapes of bodies that were found; `destroy` frees its PETSc objects."""
 
-    remembered: ClassVar[Remembered] = same("_ratio", "_since", "_known", "_energies", "_modes") | {
+    remembered: ClassVar[Remembered] = same(
+        "_ratio", "_since", "_known", "_energies", "_largest", "_modes"
+    ) | {
         "_start": ON_DOFS,
         "_before": ON_NODES,
         "_neglected": ON_NODES,
@@ -130,9 +132,8 @@ class Growth(Watch):
         self._known: tuple[int, ...] = ()  # bodies of which that is known
         self._ratio, self._since = np.inf, 0
         self._added: dict[int, int] = {}
-        self._energies: dict[
-            int, float
-        ] = {}  # ½ q·Ωq of each body at the last look; 0: the largest
+        self._energies: dict[int, float] = {}  # ½ q·Ωq of each body at the last look
+        self._largest = 0.0  # strain energy of any body so far
 
     # The whole ------------------------------------------------------------------------------------
 
@@ -230,23 +231,15 @@ class Growth(Watch):
             if shapes is None or not self._grows(body.data):
                 continue
             energy = 0.5 * float(q @ shapes.stiffness @ q)
-            known[0] = largest = max(known.get(0, 0.0), energy, body.data.frozen.strain)
+            self._largest = max(self._largest, energy, body.data.frozen.strain)
             if np.abs(q).max() <= ROUNDING * body.data.length:
                 continue
             before = known.get(number, 0.0)
-            if energy <= max(control.least * largest, control.doubled * before):
+            if energy <= max(control.least * self._largest, control.doubled * before):
                 continue
             known[number] = energy
-            found, Q = self._of(body.data)
-
-            def respond(
-                f: Array, nodes: npt.NDArray[np.int32] = body.data.nodes, Q: Array = Q
-            ) -> Array:
-                F = np.zeros((*self._before.shape, 1))
-                F[nodes, :, 0] = f @ Q
-                return np.asarray(self._bound().responses.solve(F)[nodes, :, 0] @ Q.T)
-
-            missed = found.missed(shapes, q, respond)
+            found, _ = self._of(body.data)
+            missed = found.missed(shapes, q, partial(self._respond, body.data))
             nu = abs(float(self._scene.sum(missed.sum())))
             if nu <= control.nonlinear:
                 continue
@@ -257,6 +250,13 @@ class Growth(Watch):
             tell(comm, f"{body.data.name} bends by more than its shapes follow: ν = {nu:.3g}")
             return self._with_nodes(marks, body.data.cells)
         return None
+
+    def _respond(self, data: RigidBody, force: Array) -> Array:
+        """Static response of the whole to forces on a body's nodes, in its frame. Collective."""
+        _, Q = self._of(data)
+        F = np.zeros((*self._before.shape, 1))
+        F[data.nodes, :, 0] = force @ Q
+        return np.asarray(self._bound().responses.solve(F)[data.nodes, :, 0] @ Q.T)
 
     def _with_nodes(self, marks: Bools, cells: npt.NDArray[np.int32]) -> Bools:
         """Those of some owned cells that have a marked node. Collective."""
@@ -275,7 +275,8 @@ class Growth(Watch):
     def _judged(self, dt: float, F: Array, size: float, limits: Limits, regular: bool) -> Looked:
         """Compare responses with limits. Collective."""
         linear, comm, control = self._bound(), self._scene.comm, self.control
-        cells = np.concatenate([body.data.cells for body in self._growing()])
+        growing = {body.data.number: body.data for body in self._growing()}
+        cells = np.concatenate([data.cells for data in growing.values()])
         assert limits.rates is not None
         tol = np.asarray(limits.rates / self._kappa)
         rates = self._part(linear.step(F[:, :, None], dt)[:, :, 0], dt / 2, cells, tol)
@@ -286,16 +287,14 @@ class Growth(Watch):
         e = linear.responses.solve(F[:, :, None])
         strained = self._part(e[:, :, 0], 1.0, cells, limits.rates * limits.window)
         wants = np.maximum(rates, strained)
-        each = [wants[body.data.cells].max(initial=0.0) for body in self._growing()]
-        above = np.array(each)
+        above = np.array([wants[data.cells].max(initial=0.0) for data in growing.values()])
         comm.Allreduce(MPI.IN_PLACE, above, op=MPI.MAX)
         if not (above > 1).any():
             return Looked()
+        wanted = dict(zip(growing, above, strict=True))
         out, ended, grown = list(self._stepper.state.bodies), [], False
         for k, body in enumerate(out):
-            if not self._grows(body.data):
-                continue
-            want = above[[b.data.number for b in self._growing()].index(body.data.number)]
+            want = wanted.get(body.data.number, 0.0)
             if not want > 1:
                 continue
             added, count = self._added.get(body.data.number, 0), body.data.deforms_by - self._modes

@@ -33,7 +33,7 @@ import numpy.typing as npt
 
 from rigidfx.effects.joints.averages import Average, Averages, Grounded
 from rigidfx.effects.joints.stiff import Stiff
-from rigidfx.mechanics.rotation import cross, skew
+from rigidfx.mechanics.rotation import cross, nearest_rotations, skew
 
 __all__ = [
     "FaceSide",
@@ -41,7 +41,6 @@ __all__ = [
     "Sided",
     "Vector",
     "cyclic",
-    "fitted",
     "motion_at",
     "turn_map",
     "value_at",
@@ -53,17 +52,6 @@ Array = npt.NDArray[np.float64]
 def cyclic() -> list[tuple[int, int, int]]:
     """The numbers j, i, k of (1)."""
     return [(j, (j + 1) % 3, (j + 2) % 3) for j in range(3)]
-
-
-def fitted(H: Array) -> Array:
-    """The axes r_k that fit H best, one per row.
-
-    Args:
-        H: H_k by rows, shape (..., 3, 3).
-    """
-    left, _, right = np.linalg.svd(H)
-    left[..., :, 2] *= np.linalg.det(left @ right)[..., None]
-    return np.asarray(left @ right)
 
 
 def turn_map(r: Array, H: Array) -> tuple[Array, Array]:
@@ -126,7 +114,7 @@ class FaceSide:
         Returns:
             Shapes (3, 3) and (nodes, 3, 3).
         """
-        r = self.axes.T if means is None else fitted(means[1:])
+        r = self.axes.T if means is None else nearest_rotations(means[1:])
         H = self.moments[:, None] * r if means is None else means[1:]
         weights = np.stack([average.weights for average in self.averages[1:]], axis=1)
         return r, np.einsum("nk,akb->nab", weights, turn_map(r, H)[1])
@@ -191,7 +179,7 @@ class FaceVector:
         Args:
             means: Values of its averages, shape (4, 3).
         """
-        turned = self.local @ fitted(means[1:])
+        turned = self.local @ nearest_rotations(means[1:])
         return np.asarray(means[0] + turned if self.is_place else turned)
 
     def slopes(self, means: Array | None = None) -> Array:

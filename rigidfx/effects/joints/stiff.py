@@ -20,6 +20,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_array
 
 from rigidfx.mechanics.rigid_body import RigidBody
+from rigidfx.mechanics.rotation import nearest_rotations
 
 __all__ = ["BodyVector", "Stiff", "StiffNodes", "StiffRow", "stiff_rows", "weights_of"]
 
@@ -97,8 +98,7 @@ class Stiff:
             centre: V̄ [m].
             products: Σ w (X - X̄) ⊗ V [m²].
         """
-        left, _, right = np.linalg.svd(products.T)
-        Q = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+        Q = nearest_rotations(products.T)
         if not self.is_place:
             return np.r_[0.0, Q @ self.vector]
         return np.r_[1.0, centre + Q @ (self.vector - self.nodes.centre)]

@@ -13,10 +13,10 @@ import numpy.typing as npt
 
 from rigidfx.base.matrices import Matrix, Pattern
 from rigidfx.effects.joints.averages import Average
-from rigidfx.effects.joints.face_motion import FaceVector, Vector, cyclic, fitted, turn_map
+from rigidfx.effects.joints.face_motion import FaceVector, Vector, cyclic, turn_map
 from rigidfx.effects.joints.stiff import StiffRow
 from rigidfx.effects.motion import ForcesOfNodes
-from rigidfx.mechanics.rotation import AXES, cross, skew
+from rigidfx.mechanics.rotation import AXES, cross, nearest_rotations, skew
 
 __all__ = ["Vectors"]
 
@@ -102,7 +102,7 @@ class Vectors:
 
     def _axes(self, B: Array) -> Array:
         """r_k of all faces, likewise."""
-        return fitted(self._of_faces(B))
+        return nearest_rotations(self._of_faces(B))
 
     def _values(self, B: Array, turned: Array) -> Array:
         """Vectors by averages and turned arms."""
