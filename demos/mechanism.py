@@ -11,7 +11,7 @@
 #
 # With `--compare` a fully flexible run goes beside it, step by step. It leaves in out/mechanism:
 # `fields.pvd` for ParaView, `history.csv` and `events.csv`, pictures of the motion and of the rigid
-# parts, and `summary.json`. A film: `pvbatch out/mechanism/view.py --film`.
+# parts, and `summary.json`. Pictures of all times: `pvbatch out/mechanism/view.py --film`.
 
 # +
 import numpy as np

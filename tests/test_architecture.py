@@ -40,7 +40,8 @@ FLOW = [
 
 PACKAGE = Path(rigidfx.__file__).parent
 OFFERS = sorted(PACKAGE.glob("*/**/__init__.py"))
-FILES = sorted(path for path in PACKAGE.rglob("*.py") if path.stem != "__init__")
+OTHERS = {"__init__.py", "view.py"}  # view.py runs in ParaView's Python
+FILES = sorted(path for path in PACKAGE.rglob("*.py") if path.name not in OTHERS)
 
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in [*FILES, *OFFERS]}
 

@@ -14,12 +14,12 @@ from rigidfx.output.body_tables import BODY_COLUMNS, EVENT_COLUMNS
 from rigidfx.output.csv_file import CsvFile
 from rigidfx.output.log_file import LogFile
 from rigidfx.output.paraview import Body, Cloud, Series
-from rigidfx.output.paraview_script import write as write_view
 from rigidfx.output.vtkhdf import HdfSeries, hdf
 
 __all__ = ["RunFiles", "kinds_of"]
 
 KINDS: dict[str, type[Series] | type[HdfSeries]] = {"pvd": Series, "vtkhdf": HdfSeries}
+VIEW = Path(__file__).with_name("view.py")  # runs in ParaView's Python
 LATER = {"events": EVENT_COLUMNS, "bodies": BODY_COLUMNS}  # tables that begin with their first row
 
 
@@ -56,7 +56,9 @@ class RunFiles:
             self._open.enter_context(hearing(self._log))
             for name in bodies if "pvd" in kinds else ():
                 (folder / name).mkdir(exist_ok=True)
-            write_view(folder)
+            text, known = VIEW.read_text(encoding="utf-8"), repr(str(folder.resolve()))
+            view = text.replace('FIELDS = ""', f"FIELDS = {known}", 1)
+            (folder / "view.py").write_text(view, encoding="utf-8")
             self._open = self._open.pop_all()
 
     @property
