@@ -23,10 +23,8 @@ from rigidfx.effects import (
     Contact,
     Effect,
     InitialDisplacement,
-    InitialVelocity,
     Joint,
     MeanFace,
-    Preload,
     Reduced,
     Rigid,
     RigidFace,
@@ -99,12 +97,11 @@ def static(
     check_same(scene.comm, "static", {"steps": steps, "t_end": t_end, "options": petsc_options})
     ends = _ends(steps, positive("static", "t_end", t_end))
     last = ends[-1]
-    for kind, instead in ((InitialVelocity, "simulate"), (Preload, "its loads in the scene")):
-        if scene.named(kind):
-            raise SceneError(
-                f"static: {kind.__name__} has no meaning in statics. Take {instead}, or leave it "
-                "out."
-            )
+    for effect in (e for e in scene.effects if e.in_runs):
+        raise SceneError(
+            f"static: {effect.kind} has no meaning in statics. Take {effect.in_runs}, or leave it "
+            "out."
+        )
     warn_of_idle(scene, last)
     ends = sorted({*ends, *(t for t in scene.breakpoints if 0 < t < last)})
     ramped = copy(scene)
@@ -180,8 +177,8 @@ def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float =
         *_, last = static(loaded, steps, t_end=t_end, verbose=False)
         return last.probes
 
-    acting = [e for e in scene.effects if not isinstance(e, (InitialVelocity, Preload))]
-    soft = (_with_mean_faces(e, scene) for e in acting if not isinstance(e, Rigid))
+    acting = [e for e in scene.effects if not e.in_runs]
+    soft = (_with_mean_faces(e, scene) for e in acting if not e.is_body)
     kinds = {"reduced" if e.deforms else "rigid" for e in scene.named(Rigid)}
     parts = " and ".join(sorted(kinds, reverse=True)) or "rigid"
     found = Compliance(displacements(soft), displacements(acting), parts)

@@ -102,6 +102,7 @@ class Effect:
     grows: ClassVar[str | None] = None  # the field by which statics let a constant load grow
     face: ClassVar[Any] = None  # the face at whose point it acts
     places: ClassVar[tuple[type, ...]] = (str,)  # kinds of places that it may act on
+    in_runs: ClassVar[str | None] = None  # of an effect of runs only: what statics take instead
 
     def __post_init__(self) -> None:
         """Take its values, and check where it acts, if it acts somewhere.

@@ -20,7 +20,7 @@ from mpi4py import MPI
 
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
-from rigidfx.effects import Joint, Motor, ResolvedForces, Rigid
+from rigidfx.effects import Joint, ResolvedForces, Rigid
 from rigidfx.effects.joints.elements import titles_of
 from rigidfx.report.look import Look
 from rigidfx.report.lumping import OF_ALL, WORTH_A_WARNING
@@ -54,7 +54,7 @@ class AlternatingForces(Look):
         held = np.unique(np.concatenate([np.empty(0, np.int32), *rigid])).size
         flexible = scene.sum(float(scene.mesh.topology.index_map(3).size_local - held)) > 0
         self._joints = [joint.title for joint in scene.named(Joint)]
-        motors = [found for found in titles_of(scene) if isinstance(found[0], Motor)]
+        motors = [found for found in titles_of(scene) if found[0].is_load]
         self._motors = [(motor.joint, title) for motor, title in motors]
         self._supports = list(dict.fromkeys(support.where for support, _ in scene.supports))
         of = *(joint.owner for joint in scene.named(Joint)), *(f"'{w}'" for w in self._supports)

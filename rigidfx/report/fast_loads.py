@@ -53,7 +53,7 @@ class FastLoads(Look):
         self._comm, self._jumps = scene.comm, jumps
         self._loads: list[Given] = []
         if given:
-            motors = [Given(motor, scene) for motor in scene.named(Motor) if is_given(motor)]
+            motors = [Given(m, scene, m.drive) for m in scene.named(Motor) if is_given(m)]
             self._loads = [*given_loads(scene), *motors]
         self._waits, self._t = bool(self._loads), 0.0
         self._begin = min((x.start for x in self._loads), default=0.0)  # of the first to act [s]

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.effects import Joint, Resultant, SpringDamper
-from rigidfx.effects.joints.face_motion import FaceSide, FaceVector, Vector
+from rigidfx.effects import Joint, SpringDamper
+from rigidfx.effects.joints.face_motion import FaceSide, Vector
 from rigidfx.effects.joints.on_face import OnFace
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.responses import Responses
@@ -32,12 +32,12 @@ def of_faces(responses: Responses) -> Array:
         In balance with inertia, of norm 1, those of all points in turn, shape (owned nodes, 3, k).
     """
     vectors = list(_vectors(responses.scene))
-    turned = [v.face for v in vectors if isinstance(v, FaceVector) and not v.is_place]
+    turned = [v.face for v in vectors if v.face is not None and not v.is_place]
     faces: dict[int, FaceSide] = {id(face): face for face in turned}
     known = {id(face.averages[0]) for face in faces.values()}
     each = [(face.nodes, face.unit_loads()) for face in faces.values()]
     for v in vectors:
-        own = v.face if isinstance(v, FaceVector) else v
+        own = v if v.face is None else v.face
         if v.is_place and id(own) not in faces and id(own) not in known:
             known.add(id(own))
             each.append((v.nodes, v.slopes().swapaxes(1, 2)))
@@ -55,7 +55,5 @@ def _vectors(scene: Scene) -> Iterator[Vector]:
     """Points and directions that joints, springs and masses at points of faces act on."""
     for between in (*scene.named(Joint), *scene.named(SpringDamper)):
         yield from between.averages
-    for effect in (e for e in scene.named(OnFace) if e.face is not None):
-        turning = isinstance(effect, Resultant) and not effect.is_dead
-        if turning or getattr(effect, "is_carried", effect.is_lasting):
-            yield from (effect.remote.place, *effect.remote.directions)
+    for effect in (e for e in scene.named(OnFace) if e.face is not None and e.follows):
+        yield from (effect.remote.place, *effect.remote.directions)

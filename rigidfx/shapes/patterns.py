@@ -102,10 +102,10 @@ def _of_loads(responses: Responses, span: tuple[float, float]) -> Iterator[Array
             yield structure.surface.outward_forces(pushed[0], effect.owner)[:, :, None]
         elif getattr(effect, "body", None) is not None:
             yield _on_body(responses, effect, times)
-        elif isinstance(effect, Resultant) and not effect.is_dead:
-            yield _couples(responses, effect, times)
         elif effect.is_dead:
             yield _dead(responses, effect, times)
+        elif effect.is_load and effect.face is not None:
+            yield _couples(responses, effect, times)
 
 
 def _steady(effect: Any) -> Any:

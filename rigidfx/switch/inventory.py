@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +29,7 @@ from rigidfx.switch.faces import face_bodies
 __all__ = ["check_clamps", "divide"]
 
 Nodes = npt.NDArray[np.int32]
-Shape = Callable[[Reduced, Body, bool], Body]
+Shape = Callable[[Any, Body, bool], Body]  # of a `Reduced` part
 
 
 def check_clamps(scene: Scene, timeline: Timeline) -> bool:
@@ -128,7 +129,7 @@ def divide(
         elif name not in inside_found:
             what = PlannedBody(cells, nodes, name, number, (name,))
             body = _freeze_named(scene, forces, state, effect, what)
-            if isinstance(effect, Reduced) and shape is not None:
+            if effect.deforms and shape is not None:
                 body = shape(effect, body, support is not None)
             bodies.append(body)
     bodies += found

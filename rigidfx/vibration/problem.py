@@ -21,11 +21,9 @@ from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import (
-    DeadLoad,
     Joint,
     PointMass,
     Reduced,
-    Resultant,
     Rigid,
     Spring,
     SpringDamper,
@@ -162,7 +160,7 @@ class Problem:
         effects = [*lasting, *dead, *self.spin.forces]
         self._actions = actions = Actions(self._structure, effects, dead)
         actions.set_time(t, 1.0)
-        there = [e for e in acting if loaded or not isinstance(e, (DeadLoad, Resultant))]
+        there = [e for e in acting if loaded or e.grows != "time"]
         linkage = linked(self._structure, self._state, there)
         self._statics = statics = (
             Equilibrium(*self._given, actions)

@@ -12,7 +12,6 @@ from rigidfx.base.inputs import positive
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Array, Vector
 from rigidfx.effects.joints.carried import tie
-from rigidfx.effects.joints.face_motion import FaceVector
 from rigidfx.effects.joints.on_face import OnFace
 from rigidfx.effects.joints.pieces import Pieces
 from rigidfx.effects.joints.remote import RemoteNodes
@@ -65,7 +64,12 @@ class PointMass(OnFace):
     @property
     def is_carried(self) -> bool:
         """Whether it lies beside the middle of a face: then it is a body of its own."""
-        return self.face is not None and isinstance(self.remote.place, FaceVector)
+        return self.face is not None and self.remote.place.face is not None
+
+    @property
+    def follows(self) -> bool:
+        """Whether a tie holds it: one in the middle of a face is part of the mass there."""
+        return self.is_carried
 
     @property
     def pieces(self) -> Pieces:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -40,6 +40,8 @@ class InitialVelocity(Effect):
             added to the rigid motion.
         where: Name of a set whose nodes it moves, of any dimension; all nodes if None.
     """
+
+    in_runs: ClassVar[str | None] = "simulate"
 
     linear: Vector = (0.0, 0.0, 0.0)
     angular: Vector = (0.0, 0.0, 0.0)

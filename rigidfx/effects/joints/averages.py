@@ -12,7 +12,7 @@ rigid. A mean face shears: its directions turn with it, see `face_motion`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +38,8 @@ class Average:
         is_place: Whether it is a place, not a direction.
         stiff: How it follows the body of a carried mass; None if it does not.
     """
+
+    face: ClassVar[None] = None  # that a `FaceVector` turns with
 
     nodes: npt.NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     weights: Array = field(default_factory=lambda: NONE)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.effects.joints.averages import Average
-from rigidfx.effects.joints.face_motion import FaceVector, motion_at
+from rigidfx.effects.joints.face_motion import motion_at
 from rigidfx.effects.joints.pieces import Pieces
 from rigidfx.effects.joints.stiff import BodyVector
 from rigidfx.mechanics.rigid_body import BodyMotion, RigidBody
@@ -52,7 +52,7 @@ def tie(name: str, remote: RemotePoint, mass: float) -> Pieces:
         mass: The mass [kg].
     """
     place = remote.place
-    assert isinstance(place, FaceVector)
+    assert place.face is not None
     pieces = Pieces(place.face.size, min(mass, place.face.mass))
     own = Average(start=place.start, is_place=True, stiff=BodyVector(name))
     pieces.point_on_point(pieces.add(place, 0), pieces.add(own, 1))

@@ -59,6 +59,11 @@ class OnFace(Effect):
         return where if isinstance(where, Surface) else None
 
     @property
+    def follows(self) -> bool:
+        """Whether the motion of its point changes its force there."""
+        return True
+
+    @property
     def sides(self) -> Sequence[Surface]:
         """The faces that it takes hold of, as those of joints."""
         return () if self.face is None else (self.face,)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence, Set
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -39,6 +39,8 @@ class Preload(Effect):
             acts at the start, or of a hinge on the ground along the spin, or else the centre of
             mass.
     """
+
+    in_runs: ClassVar[str | None] = "its loads in the scene"
 
     loads: Sequence[DeadLoad] = ()
     increments: int = 1

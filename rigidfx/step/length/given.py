@@ -8,6 +8,7 @@ do: a jump at a few of many nodes changes the motion by as little.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields
 from functools import partial
 from typing import Any, ClassVar
@@ -18,13 +19,14 @@ import numpy.typing as npt
 from rigidfx.base.errors import SceneError, by_name
 from rigidfx.base.inputs import is_function
 from rigidfx.base.remembered import Remembered, same
-from rigidfx.effects import Effect, Motor, Table, Windowed
+from rigidfx.effects import Effect, Table, Windowed
 from rigidfx.scene.sample import spread
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Given", "given_loads", "is_given"]
 
 Array = npt.NDArray[np.float64]
+Signal = Callable[[float, float], npt.ArrayLike]
 
 NODES = 1000  # at which a function of place is evaluated, at most
 ROUNDING = 1e-12  # of a component's size, by which none has changed
@@ -45,14 +47,16 @@ class Given:
 
     remembered: ClassVar[Remembered] = same("_range", "_changed", "_asked")
 
-    def __init__(self, load: Windowed, scene: Scene) -> None:
+    def __init__(self, load: Windowed, scene: Scene, signal: Signal | None = None) -> None:
         """Nothing has been evaluated. Collective.
 
         Args:
             load: The load.
             scene: The scene that names it.
+            signal: Its value by t and Δt [s]; its `signal` if None.
         """
         self._load: Any = load
+        self._signal = load.signal if signal is None else signal
         self.owner, self.start = load.owner, load.start
         self._X, self.weights = np.zeros((0, 3)), np.ones(1)
         self.led = load.is_support or load.prescribes
@@ -157,9 +161,7 @@ class Given:
         load = self._load
         if load.is_dead and not load.uniform:
             return load.intensities(t, self._X)
-        if isinstance(load, Motor):
-            return np.array([load.drive(t, dt)])
-        return load.signal(t, dt)
+        return np.atleast_1d(self._signal(t, dt))
 
 
 def given_loads(scene: Scene) -> list[Given]:
