@@ -140,10 +140,50 @@ def test_generate_over_numbers_that_are_not_there(tmp_path):
     for text, match in (
         ("*NSET, NSET=a, GENERATE\n100, 200\n", "has no node 100, which 'a' names"),
         ("*NSET, NSET=a, GENERATE\n9, 1\n", "GENERATE needs"),
-        ("*NSET, NSET=a\n1, 9\n", "has no node 9, which 'a' names"),
+        ("*NSET, NSET=a\n9, 77\n", "has no node 9, which 'a' names"),
     ):
         with pytest.raises(rf.SceneError, match=match):
             read(tmp_path, NODES + BRICK + text)
+
+
+def test_numbers_that_are_not_there(tmp_path):
+    """They are told, as by CalculiX, if a set has others."""
+    text = "*NSET, NSET=low\n1, 2, 3, 4, 9, 77\n*ELSET, ELSET=one\n1\n"
+    text += "*ELSET, ELSET=two, GENERATE\n1, 1\n5, 7\n"
+    with pytest.warns(rf.RigidfxWarning) as told:
+        part = read(tmp_path, NODES + BRICK + text)
+    assert sizes(part) == {("brick", 3): 1, ("one", 3): 1, ("two", 3): 1, ("low", 2): 1}
+    (only,) = told
+    assert str(only.message).endswith("volume element 5, and are read without them: 'two', 'low'.")
+
+
+def test_data_of_other_files_and_groups(tmp_path):
+    """Data lines of an included file, nodes of elements, surfaces of surfaces, a node once more."""
+    (tmp_path / "more.nod").write_text("** the rest\n" + NODES.partition("\n")[2])
+    first = NODES.splitlines()[1]
+    text = f"*NODE, NSET=every,\n*INCLUDE, INPUT=more.nod\n{first}\n{BRICK}"
+    text += "*NSET, NSET=corners, ELSET=brick\n*SURFACE, NAME=low\n1, S1\n"
+    text += "*SURFACE, NAME=side\n1, S3\n*SURFACE, NAME=l, COMBINE=UNION\nlow, SIDE\n"
+    part = read(tmp_path, text)
+    assert sizes(part) == {
+        ("brick", 3): 1,
+        ("low", 2): 1,
+        ("side", 2): 1,
+        ("l", 2): 2,
+        ("corners", 2): 6,
+        ("every", 2): 6,
+    }
+    for more, match in (
+        ("*SURFACE, NAME=d, COMBINE=DIFFERENCE\nlow\n", "COMBINE=DIFFERENCE is not read"),
+        ("*SURFACE, NAME=d, COMBINE=UNION\nd\n", "surface 'd' that contains itself"),
+        ("*NSET, NSET=d, ELSET=none\n", "no set 'NONE', which 'd' names"),
+        ("*NODE\n1, 5, 5, 5\n", "node 1 at two places"),
+    ):
+        with pytest.raises(rf.SceneError, match=match):
+            read(tmp_path, text + more)
+    (tmp_path / "more.nod").write_text("1, 0, 0, 0\n\n2, x\n")
+    with pytest.raises(rf.SceneError, match=r"more.nod', line 3, \*NODE: 'x' are no finite"):
+        read(tmp_path, text)
 
 
 def test_commas_and_dots_in_names(tmp_path):

@@ -51,7 +51,10 @@ class Decoder:
         data = path.read_bytes()
         if self.encoding is None:
             if b"\0" in data:
-                raise SceneError(f"'{path}' is no text file: it has bytes that are zero.")
+                raise SceneError(
+                    f"'{path}' has bytes that are zero: it is no text file, or one of which the "
+                    "encoding must be given, such as encoding='utf-16'."
+                )
             text = decoded(data)
             self.guessed |= text.encode() != data.removeprefix(codecs.BOM_UTF8)
             return text

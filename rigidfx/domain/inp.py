@@ -42,9 +42,10 @@ def read_inp(
     begin with "_" are internal ones and left out. Without any set of elements all cells are named
     "body". Materials, steps and loads are not read.
 
-    Read are *NODE, *ELEMENT, *NSET, *ELSET with GENERATE, *SURFACE, *INCLUDE, and *PART, *INSTANCE
-    with translation and rotation, *ASSEMBLY. Instances that have no common nodes stay apart; a name
-    that several instances have goes by "INSTANCE.NAME".
+    Read are *NODE, *ELEMENT, *NSET, *ELSET with GENERATE, *SURFACE, *INCLUDE (of data, too),
+    and *PART, *INSTANCE with translation and rotation, *ASSEMBLY. Instances that have no common
+    nodes stay apart; a name that several instances have goes by "INSTANCE.NAME". Numbers of a set
+    that are not there are left out, with a warning; those of GENERATE in silence.
 
     Example:
         >>> domain = read_inp("bracket.inp", scale=1e-3)          # doctest: +SKIP

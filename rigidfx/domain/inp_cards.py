@@ -1,8 +1,8 @@
 """The cards of an Abaqus or CalculiX input file: keyword, parameters, data.
 
 A card is `*KEYWORD, PARAMETER=VALUE, FLAG` and the lines of data below it. `**` begins a comment,
-names do not tell capitals of ASCII from small letters, and `*INCLUDE` reads another file at its
-place.
+names do not tell capitals of ASCII from small letters, and the lines of another file stand in for
+`*INCLUDE`, be they cards or data.
 """
 
 from __future__ import annotations
@@ -17,12 +17,14 @@ import numpy as np
 from rigidfx.base.errors import SceneError
 from rigidfx.base.text_files import Decoder
 
-__all__ = ["BEFORE", "Card", "cards_of", "entries_of", "folded", "is_number"]
+__all__ = ["BEFORE", "Card", "Where", "cards_of", "entries_of", "folded", "is_number"]
 
 
 DEEPEST = 9  # files that include each other
 BEFORE = "**"  # which begins a comment, and no card
 BLANKS = " \t\v\f"  # others may be halves of letters, in encodings that are not known
+
+Where = tuple[Path, int]  # a file and the number of a line
 
 
 def entries_of(line: str) -> list[str]:
@@ -60,26 +62,24 @@ class Card:
     Attributes:
         keyword: In capitals, without the star.
         given: Parameters by their names in capitals; flags have "" as value.
-        lines: Lines of data with their numbers in the file, without comments and empty ones.
-        path: The file.
-        number: The card's own line.
+        lines: Lines of data, each with its place, without comments and empty ones.
+        at: The card's own line.
     """
 
     keyword: str
     given: Mapping[str, str]
-    lines: list[tuple[int, str]]
-    path: Path
-    number: int
+    lines: list[tuple[Where, str]]
+    at: Where
 
-    def wrong(self, problem: str, number: int | None = None) -> SceneError:
+    def wrong(self, problem: str, at: Where | None = None) -> SceneError:
         """The error that names the place.
 
         Args:
             problem: The fault there, and the remedy.
-            number: The line; that of the card if None.
+            at: The line; that of the card if None.
         """
-        line = self.number if number is None else number
-        return SceneError(f"read_inp: '{self.path}', line {line}, *{self.keyword}: {problem}")
+        path, number = at or self.at
+        return SceneError(f"read_inp: '{path}', line {number}, *{self.keyword}: {problem}")
 
     def named(self, key: str) -> str:
         """The value of a parameter that has to be there."""
@@ -87,17 +87,17 @@ class Card:
             raise self.wrong(f"the parameter {key}= is missing.")
         return self.given[key]
 
-    def rows(self) -> list[tuple[int, list[str]]]:
-        """Entries of each line of data with its number, without empty ones at its end."""
+    def rows(self) -> list[tuple[Where, list[str]]]:
+        """Entries of each line of data with its place, without empty ones at its end."""
         out = []
-        for number, line in self.lines:
+        for at, line in self.lines:
             entries = entries_of(line)
             while entries and not entries[-1]:
                 entries.pop()
-            out.append((number, entries))
+            out.append((at, entries))
         return out
 
-    def whole_numbers(self, entries: list[str], number: int) -> list[int]:
+    def whole_numbers(self, entries: list[str], at: Where) -> list[int]:
         """Entries as whole numbers, empty ones left out.
 
         Raises:
@@ -106,9 +106,9 @@ class Card:
         try:
             return [int(entry) for entry in entries if entry]
         except ValueError:
-            raise self.wrong(f"{', '.join(entries)!r} are no whole numbers.", number) from None
+            raise self.wrong(f"{', '.join(entries)!r} are no whole numbers.", at) from None
 
-    def numbers(self, entries: list[str], count: int, number: int) -> list[float]:
+    def numbers(self, entries: list[str], count: int, at: Where) -> list[float]:
         """So many real numbers; those that are missing or empty are zero.
 
         Raises:
@@ -120,10 +120,10 @@ class Card:
                 return (values + [0.0] * count)[:count]
         except ValueError:
             pass
-        raise self.wrong(f"{', '.join(entries)!r} are no finite numbers.", number)
+        raise self.wrong(f"{', '.join(entries)!r} are no finite numbers.", at)
 
 
-def cards_of(path: Path, decoder: Decoder, depth: int = 0) -> Iterator[Card]:
+def cards_of(path: Path, decoder: Decoder) -> Iterator[Card]:
     """The cards of a file and of those it includes, in order.
 
     Lines before the first card, which CalculiX passes over, are one of keyword `BEFORE`.
@@ -131,57 +131,67 @@ def cards_of(path: Path, decoder: Decoder, depth: int = 0) -> Iterator[Card]:
     Args:
         path: The file.
         decoder: Reads its letters.
-        depth: How many files are around it.
 
     Raises:
         SceneError: If a file cannot be read, or has data and no card.
     """
-    card: Card | None = None
-    head = ""
-    before: list[tuple[int, str]] = []  # lines before the first card
-    for number, line in enumerate(re.split("\r\n|\r|\n", _text(path, decoder)), start=1):
+    card = Card(BEFORE, {}, [], (path, 1))
+    for at, line in _lines(path, decoder):
+        if not line.startswith("*"):
+            card.lines.append((at, line))
+            continue
+        if card.keyword != BEFORE or card.lines:
+            yield card
+        card = _begun(line, at)
+    if card.keyword != BEFORE:
+        yield card
+    elif card.lines:
+        (file, number), _ = card.lines[0]
+        raise SceneError(
+            f"read_inp: '{file}', line {number}: data without a card. An input file of Abaqus or "
+            "CalculiX consists of cards, such as *NODE."
+        )
+
+
+def _lines(path: Path, decoder: Decoder, depth: int = 0) -> Iterator[tuple[Where, str]]:
+    """Lines of a file, each with its place; those of files that it includes stand in for these."""
+    try:
+        text = decoder.read(path)
+    except OSError as error:
+        raise SceneError(f"read_inp: '{path}' cannot be read: {error.strerror}.") from None
+    for number, line in _joined(text):
+        at = path, number
+        card = _begun(line, at) if line.startswith("*") else None
+        if card is None or card.keyword != "INCLUDE":
+            yield at, line
+        elif depth == DEEPEST:
+            raise card.wrong("files include each other without end.")
+        else:
+            yield from _lines(path.parent / card.named("INPUT"), decoder, depth + 1)
+
+
+def _joined(text: str) -> Iterator[tuple[int, str]]:
+    """Lines that count, with their numbers; those of a card, up to one without a comma, are one."""
+    head, first = "", 0
+    for number, line in enumerate(re.split("\r\n|\r|\n", text), start=1):
         line = line.strip(BLANKS)
         if not line or line.startswith("**"):
             continue
-        if line.startswith("*") or head.endswith(","):
-            if card is not None:
-                yield from _included(card, decoder, depth)
-                card = None
-            head = head + line if head.endswith(",") else line
-            if not head.endswith(","):
-                card, head = _begun(head, path, number), ""
-        else:
-            (before if card is None else card.lines).append((number, line))
-    if card is None and before:
-        raise SceneError(
-            f"read_inp: '{path}', line {before[0][0]}: data without a card. An input file of "
-            "Abaqus or CalculiX consists of cards, such as *NODE."
-        )
-    if before:
-        yield Card(BEFORE, {}, before, path, before[0][0])
-    if card is not None:
-        yield from _included(card, decoder, depth)
+        if head and line.startswith("*"):
+            yield first, head
+            head = ""
+        if not head:
+            first = number
+        head += line
+        if not (head.startswith("*") and head.endswith(",")):
+            yield first, head
+            head = ""
+    if head:
+        yield first, head
 
 
-def _text(path: Path, decoder: Decoder) -> str:
-    try:
-        return decoder.read(path)
-    except OSError as error:
-        raise SceneError(f"read_inp: '{path}' cannot be read: {error.strerror}.") from None
-
-
-def _begun(head: str, path: Path, number: int) -> Card:
+def _begun(head: str, at: Where) -> Card:
     keyword, *parameters = entries_of(head)
     pairs = (parameter.partition("=")[::2] for parameter in parameters if parameter)
     given = {key.strip(BLANKS).upper(): value.strip(BLANKS).strip('"') for key, value in pairs}
-    return Card(" ".join(keyword[1:].split()).upper(), given, [], path, number)
-
-
-def _included(card: Card, decoder: Decoder, depth: int) -> Iterator[Card]:
-    """The card, or those of the file that it includes."""
-    if card.keyword != "INCLUDE":
-        yield card
-        return
-    if depth == DEEPEST:
-        raise card.wrong("files include each other without end.")
-    yield from cards_of(card.path.parent / card.named("INPUT"), decoder, depth + 1)
+    return Card(" ".join(keyword[1:].split()).upper(), given, [], at)

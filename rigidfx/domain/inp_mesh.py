@@ -52,6 +52,7 @@ class _Flat:
         self._left_out: dict[str, int] = {}  # elements by their types
         self._elements: list[tuple[str, Ints]] = []  # names of instances, numbers of elements
         self._empty: list[str] = []  # names of sets without anything of the cells
+        self._missing: dict[str, str] = {}  # sets, and the first of theirs that is not there
 
     def _error(self, problem: str) -> SceneError:
         return SceneError(f"read_inp: '{self._path}' {problem}")
@@ -62,7 +63,8 @@ class _Flat:
             self._take_nodes(place)
         kind, rows = self._taken_cells()
         count = CORNERS[kind]
-        used, where = np.unique(rows, return_inverse=True)
+        self._used, where = np.unique(rows, return_inverse=True)
+        used = self._used
         self._new = np.full(len(self._x), -1)
         self._new[used] = np.arange(len(used))
         table = where.reshape(rows.shape)
@@ -95,6 +97,12 @@ class _Flat:
             texts.append(
                 "sets without any cell, or corner of one, are left out: "
                 f"{reprlib.repr(self._empty)[1:-1]}."
+            )
+        if self._missing:
+            first, names = next(iter(self._missing.values())), [*self._missing]
+            texts.append(
+                f"sets name nodes and elements that are not there, such as {first}, and are read "
+                f"without them: {reprlib.repr(names)[1:-1]}."
             )
         return " Also, ".join(texts)
 
@@ -137,16 +145,18 @@ class _Flat:
         labels = [np.empty(0, np.int64), *(labels for labels, _ in place.part.nodes)]
         x = [np.empty((0, 3)), *(x for _, x in place.part.nodes)]
         every = np.concatenate(labels)
-        moved = np.concatenate(x) @ place.R.T + place.shift
+        given = np.concatenate(x)
+        moved = given @ place.R.T + place.shift
         rows = len(self._x) + np.arange(len(every))
-        unique, first, times = np.unique(every, return_index=True, return_counts=True)
-        if len(unique) < len(every):
-            raise self._error(f"has node {unique[times.argmax()]} {times.max()} times.")
+        unique, first, which = np.unique(every, return_index=True, return_inverse=True)
+        moves = (given[first][which.reshape(-1)] != given).any(axis=1)
+        if moves.any():
+            raise self._error(f"has node {every[moves][0]} at two places.")
         self._nodes[place.name] = Numbers(unique, rows[first])
         self._x = np.concatenate([self._x, moved])
 
     def _taken_cells(self) -> tuple[str, Ints]:
-        """The kind of cells, and their nodes; an element that is there twice counts once."""
+        """The kind of cells, and their nodes."""
         kinds: dict[tuple[str, int], int] = {}
         tables = []
         for place in self._places:
@@ -289,9 +299,13 @@ class _Flat:
             found.append(both[among[both].all(axis=1)])
         return np.unique(np.sort(self._new[np.concatenate(found)], axis=1), axis=0)
 
-    def _sides(self, place: Instance, group: Group) -> Iterator[Ints]:
+    def _sides(self, place: Instance, group: Group, depth: int = 0) -> Iterator[Ints]:
         """Corners of the facets of a surface."""
-        for item, face, card, number in group.faces:
+        for of in group.others:  # other surfaces
+            if depth > sum(len(each.part.groups) for each in self._places):
+                raise self._error(f"has a surface '{group.name}' that contains itself.")
+            yield from self._sides(*self._other(place, "SURFACE", group, of), depth + 1)
+        for item, face, card, at in group.faces:
             cells = self._item(place, "ELSET", item)
             own = self._faces[cells]
             if not len(own):
@@ -306,7 +320,7 @@ class _Flat:
             side = int(face[1:]) if face[1:].isdigit() and face[0] == "S" else 0
             if not 1 <= side <= own.shape[1]:
                 raise card.wrong(
-                    f"{face!r} is no face of these cells, which have S1 to S{own.shape[1]}.", number
+                    f"{face!r} is no face of these cells, which have S1 to S{own.shape[1]}.", at
                 )
             yield own[:, side - 1]
 
@@ -318,8 +332,11 @@ class _Flat:
 
     def _of(self, place: Instance, kind: str, group: Group, depth: int = 0) -> Ints:
         """Rows of cells or nodes of a set, each once."""
+        if depth > sum(len(each.part.groups) for each in self._places):
+            raise self._error(f"has a set '{group.name}' that contains itself.")
         tables = {"ELSET": self._cells, "NSET": self._nodes, "FLAT": self._flat}[kind]
         rows: list[Ints] = [np.empty(0, np.int64)]
+        missing: list[int] = []
         for instance, labels in group.members:
             of = instance or place.name
             if of not in tables:
@@ -328,14 +345,21 @@ class _Flat:
                 own, first = tables[of].labels, labels.start
                 own = own[(own >= first) & (own < labels.stop) & ((own - first) % labels.step == 0)]
                 labels = own if len(own) else np.array([first])
-            found, missing = tables[of].find(labels)
-            what = "node" if kind == "NSET" else "volume element"
-            if len(missing) and not (kind != "NSET" and self._elsewhere(kind, of)):
-                raise self._error(f"has no {what} {missing[0]}, which '{group.name}' names.")
+            found, absent = tables[of].find(labels)
             rows.append(found)
-        for instance, name in group.others:
-            rows.append(self._of_other(place, kind, group, (instance, name), depth))
-        return np.unique(np.concatenate(rows))
+            if kind == "NSET" or not self._elsewhere(kind, of):
+                missing.extend(int(n) for n in absent)
+        for each in group.others:
+            rows.append(self._of_other(place, kind, group, each, depth))
+        for each in group.of_elements:
+            rows.append(self._nodes_of(*self._other(place, "ELSET", group, each)))
+        found = np.unique(np.concatenate(rows))
+        if missing:
+            what = f"{'node' if kind == 'NSET' else 'volume element'} {missing[0]}"
+            if not len(found):
+                raise self._error(f"has no {what}, which '{group.name}' names.")
+            self._missing[group.name] = what
+        return found
 
     def _elsewhere(self, kind: str, of: str) -> bool:
         """Whether numbers may be those of elements of other types."""
@@ -346,13 +370,40 @@ class _Flat:
         self, place: Instance, kind: str, group: Group, of: tuple[str, str], depth: int
     ) -> Ints:
         before, _, after = of[1].rpartition(".")
-        for instance, name in (of, (before or of[0], after)):
-            for other in (p for p in self._places if p.name == (instance or place.name)):
-                if found := other.part.groups.get(("ELSET" if kind == "FLAT" else kind, name)):
-                    if depth > len(other.part.groups):
-                        raise self._error(f"has a set '{group.name}' that contains itself.")
-                    return self._of(other, kind, found, depth + 1)
-        if before and is_number(after):
+        group_kind = "ELSET" if kind == "FLAT" else kind
+        if before and is_number(after) and not self._others(place, group_kind, of):
             one = Group(group.name, [(before, np.array([int(after)]))])
             return self._of(place, kind, one)
-        raise self._error(f"has no set '{of[1]}', which '{group.name}' names.")
+        other, found = self._other(place, group_kind, group, of)
+        return self._of(other, kind, found, depth + 1)
+
+    def _others(
+        self, place: Instance, kind: str, of: tuple[str, str]
+    ) -> list[tuple[Instance, Group]]:
+        """Groups that a name may mean, likelier ones first, each with its place."""
+        before, _, after = of[1].rpartition(".")
+        return [
+            (other, other.part.groups[kind, name])
+            for instance, name in (of, (before or of[0], after))
+            for other in self._places
+            if other.name == (instance or place.name) and (kind, name) in other.part.groups
+        ]
+
+    def _other(
+        self, place: Instance, kind: str, group: Group, of: tuple[str, str]
+    ) -> tuple[Instance, Group]:
+        """The group that another one names, with its place."""
+        if found := self._others(place, kind, of):
+            return found[0]
+        what = "surface" if kind == "SURFACE" else "set"
+        raise self._error(f"has no {what} '{of[1]}', which '{group.name}' names.")
+
+    def _nodes_of(self, place: Instance, group: Group) -> Ints:
+        """Rows of all nodes of the elements of a set."""
+        cells, first = self._of(place, "ELSET", group), 0
+        rows = [self._used[self._sides_of_flat[self._of(place, "FLAT", group)]].reshape(-1)]
+        for table in self._tables:
+            own = cells[(cells >= first) & (cells < first + len(table))]
+            rows.append(table[own - first].reshape(-1))
+            first += len(table)
+        return np.concatenate(rows)

@@ -19,7 +19,15 @@ from scipy.spatial.transform import Rotation
 
 from rigidfx.base.inputs import shown
 from rigidfx.base.text_files import Decoder
-from rigidfx.domain.inp_cards import BEFORE, Card, cards_of, entries_of, folded, is_number
+from rigidfx.domain.inp_cards import (
+    BEFORE,
+    Card,
+    Where,
+    cards_of,
+    entries_of,
+    folded,
+    is_number,
+)
 
 __all__ = ["Group", "Instance", "Model", "Place", "model_of"]
 
@@ -44,6 +52,7 @@ class Group:
             of which some may not be there ...
         others: ... and names of other groups, or names and numbers behind an instance's name and a
             dot.
+        of_elements: Of a set of nodes: instances and names of sets of elements whose nodes it has.
         faces: Of a surface: pairs of an element's number or a set's name, and a face such as "S3".
         of_nodes: Whether a surface is one of nodes.
     """
@@ -51,7 +60,8 @@ class Group:
     name: str
     members: list[tuple[str, Ints | range]] = field(default_factory=list)
     others: list[tuple[str, str]] = field(default_factory=list)
-    faces: list[tuple[str, str, Card, int]] = field(default_factory=list)
+    of_elements: list[tuple[str, str]] = field(default_factory=list)
+    faces: list[tuple[str, str, Card, Where]] = field(default_factory=list)
     of_nodes: bool = False
 
     def add(self, entry: str, instance: str = "") -> None:
@@ -158,9 +168,10 @@ def model_of(path: Path, decoder: Decoder) -> Model:
         elif card.keyword in READ:
             READ[card.keyword](card, place)
         elif card.keyword == BEFORE:
+            (file, number), line = card.lines[0]
             model.notes.append(
-                f"line {card.number} of '{card.path.name}' comes before the first card, and is "
-                f"passed over: {shown(card.lines[0][1])}."
+                f"line {number} of '{file.name}' comes before the first card, and is passed over: "
+                f"{shown(line)}."
             )
     return model
 
@@ -177,11 +188,11 @@ def _instance(card: Card, model: Model) -> Instance:
     if rows:
         shift = np.array(card.numbers(rows[0][1], 3, rows[0][0]))
     if len(rows) > 1:
-        number, entries = rows[1]
-        *line, angle = card.numbers(entries, 7, number)
+        at, entries = rows[1]
+        *line, angle = card.numbers(entries, 7, at)
         a, b = np.reshape(line, (2, 3))
         if not (b - a).any():
-            raise card.wrong("the axis of its rotation is no line.", number)
+            raise card.wrong("the axis of its rotation is no line.", at)
         turn = Rotation.from_rotvec(radians(angle) * (b - a) / np.linalg.norm(b - a))
         R = turn.as_matrix()
         shift = a + R @ (shift - a)
@@ -192,8 +203,8 @@ def _nodes(card: Card, place: Place) -> None:
     if card.given.get("SYSTEM", "R").upper() != "R":
         raise card.wrong("nodes in cylindrical or spherical coordinates are not read: SYSTEM=R.")
     rows = card.rows()
-    numbers = [n for number, entries in rows for n in card.whole_numbers(entries[:1], number)]
-    x = [card.numbers(entries[1:], 3, number) for number, entries in rows]
+    numbers = [n for at, entries in rows for n in card.whole_numbers(entries[:1], at)]
+    x = [card.numbers(entries[1:], 3, at) for at, entries in rows]
     labels: Ints = np.array(numbers, dtype=np.int64)
     place.nodes.append((labels, np.reshape(x, (-1, 3))))
     if card.given.get("NSET"):
@@ -210,21 +221,21 @@ def _elements(card: Card, place: Place, notes: list[str]) -> None:
     width = 1 + int(solid[1] if solid else flat[1] if flat else 0)
     rows: list[list[int]] = []
     longer: list[int] = []
-    for number, entries in card.rows():
+    for at, entries in card.rows():
         if not rows or len(rows[-1]) == width:
             rows.append([])
         begins = not rows[-1]
-        rows[-1].extend(card.whole_numbers(entries, number))
+        rows[-1].extend(card.whole_numbers(entries, at))
         if len(rows[-1]) > width:
             if not begins:
-                raise card.wrong(f"element {rows[-1][0]} has more than {width - 1} nodes.", number)
+                raise card.wrong(f"element {rows[-1][0]} has more than {width - 1} nodes.", at)
             longer = longer or rows[-1]  # as CalculiX, which takes the first ones of its line
             del rows[-1][width:]
     if rows and len(rows[-1]) < width:
         raise card.wrong(f"the last element has less than {width - 1} nodes.")
     if longer:
         notes.append(
-            f"line {card.number}, *ELEMENT: lines, the first of element {longer[0]}, have more "
+            f"line {card.at[1]}, *ELEMENT: lines, the first of element {longer[0]}, have more "
             f"nodes than the {width - 1} of {kind}. These are read, as by CalculiX, and others not."
         )
     table = np.array(rows, dtype=np.int64).reshape(-1, width)
@@ -238,22 +249,24 @@ def _set(card: Card, place: Place) -> None:
     kind = card.keyword
     group = place.group(kind, card.named(kind))
     instance = folded(card.given.get("INSTANCE", ""))
-    for number, entries in card.rows():
+    if kind == "NSET" and card.given.get("ELSET"):
+        group.of_elements.append((instance, folded(card.given["ELSET"])))
+    for at, entries in card.rows():
         if "GENERATE" in card.given:
-            given = card.whole_numbers(entries, number)
+            given = card.whole_numbers(entries, at)
             first, last, step = [*given, 1, 1, 1][:3]
             if step < 1 or last < first or not 2 <= len(entries) <= 3 or "" in entries:
                 raise card.wrong(
                     "GENERATE needs the first, the last, not below it, and at most a third "
                     "number, a step above 0.",
-                    number,
+                    at,
                 )
             group.members.append((instance, range(first, last + 1, step)))
             continue
         written = [entry for entry in entries if entry]
         labels = [entry for entry in written if is_number(entry)]
         if labels:
-            group.members.append((instance, np.array(card.whole_numbers(labels, number))))
+            group.members.append((instance, np.array(card.whole_numbers(labels, at))))
         for entry in written:
             if not is_number(entry):
                 group.add(entry, instance)
@@ -265,12 +278,18 @@ def _surface(card: Card, place: Place) -> None:
     if kind not in ("ELEMENT", "NODE"):
         return  # analytical, by equations
     group.of_nodes = kind == "NODE"
-    for number, line in card.lines:
+    combined = card.given.get("COMBINE", "UNION").upper()
+    if combined != "UNION":
+        raise card.wrong(f"COMBINE={combined} is not read, only UNION: list its faces.")
+    for at, line in card.lines:
         item, face = [*entries_of(line), ""][:2]
-        if item and group.of_nodes:
+        if "COMBINE" in card.given:  # names of other surfaces
+            for name in filter(None, entries_of(line)):
+                group.add(name)
+        elif item and group.of_nodes:
             group.add(item)
         elif item:
-            group.faces.append((item, face.upper(), card, number))
+            group.faces.append((item, face.upper(), card, at))
 
 
 READ: dict[str, Callable[[Card, Place], None]] = {
