@@ -1,9 +1,10 @@
-"""Recipes of conda and Spack, and addresses in files, agree with pyproject.toml and the package."""
+"""Recipes, containers, workflows, the site and the paper agree with pyproject.toml and README."""
 
 from __future__ import annotations
 
 import json
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -75,3 +76,21 @@ def test_hosted_runners_call_parts_of_the_local_run():
     ]
     assert sorted(called) == sorted(parts)
     json.loads(text(".devcontainer/devcontainer.json"))
+
+
+def test_packages_of_the_site_are_those_that_it_imports():
+    extra = re.search(r"^docs = \[(.*?)\]", text("pyproject.toml"), re.M)[1]
+    listed = {name.replace("-", "_") for name in re.findall(r'"([\w-]+)"', extra)}
+    sources = "\n".join(text(path) for path in (ROOT / "docs").glob("*.py"))
+    imported = set(re.findall(r"^(?:from|import) (\w+)", sources, re.M)) - sys.stdlib_module_names
+    extensions = set(re.findall(r'"(\w+)"', re.search(r"^extensions = \[(.*)\]", sources, re.M)[1]))
+    brought = {"nbformat", "jupyter_client", "rigidfx"}  # by nbclient; the package itself
+    named = {"pypandoc": "pypandoc_binary"}
+    assert {named.get(name, name) for name in imported | extensions} - brought <= listed
+
+
+def test_figures_of_the_paper_are_those_of_readme():
+    rows = [line for line in text("docs/paper/paper.md").splitlines() if re.match(r"\| .*\d", line)]
+    assert len(rows) >= 3
+    plain = re.sub(r"\[(.*?)\]\(.*?\)", r"\1", text("README.md"))
+    assert all(row in plain for row in rows)
