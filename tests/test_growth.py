@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from joints import PIN, bars
@@ -10,6 +12,7 @@ from parallel import check_the_same, report
 
 import rigidfx as rf
 import rigidfx.switch.growth
+from rigidfx.switch.resonance import PERIODS, Resonance
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
 
@@ -92,6 +95,55 @@ def test_cells_wake_where_a_part_bends_too_far():
     for event in woken:
         assert event.linear_momentum_error < EXACT
         assert event.angular_momentum_error < EXACT
+
+
+def on_a_stalk(period):
+    """A stiff block on a soft stalk, under a sine."""
+    box = rf.box((0, 0, 0), (2.0, 0.2, 0.2), (10, 2, 2))
+    box = box.with_cells("stalk", lambda x: x[0] < 1 + 1e-9)
+    box = box.with_cells("block", lambda x: x[0] > 1 - 1e-9)
+    stiff = rf.StVenantKirchhoff(E=1e10, nu=0.3, rho=1000.0)
+    load = rf.Traction(
+        "x1", (0, 0, 4e4), time=lambda t: np.sin(2 * np.pi * t / period) * min(1.0, t / period)
+    )
+    effects = [HELD, load, rf.MassDamping(10.0)]
+    scene = rf.Scene(box, {"stalk": SOFT, "block": stiff}, effects, probes={"tip": (2.0, 0.1, 0.1)})
+    return scene, rf.Scene(rf.box((1.0, 0, 0), (2.0, 0.2, 0.2), (5, 2, 2)), stiff)
+
+
+def test_a_resonance_of_a_stiff_part_is_found():
+    """Its modes are beyond those of the whole; soft parts, which have too many, wake."""
+    period = float(rf.periods(on_a_stalk(1.0)[1], 1)[0])
+    scene = on_a_stalk(period)[0]
+    twin, own = (
+        list(rf.simulate(scene, period / 20, 8 * period, rigidify=rigidify))
+        for rigidify in (None, rf.StrainRate(0.05, period, grow=True))
+    )
+    assert np.abs(tips(own) - tips(twin)).max() < 0.01 * np.abs(tips(twin)).max()
+    released = [event for r in own for event in r.events if event.kind == "release"]
+    assert released
+    assert min(unknowns(own)) < 0.5 * twin[0].unknowns
+
+
+def test_only_forces_that_go_on_may_be_in_resonance():
+    scene = SimpleNamespace(owned_nodes=1, averaging_mass=np.array([2.0]), sum=np.asarray)
+    dt, at = 0.01, {1: np.array([0])}
+
+    def built_up(force, lacking):
+        found, most = Resonance(scene, 20), []
+        for k in range(200):
+            found.advance(np.array([[force(k * dt), 0, 0]]), at, {1: lacking}, dt)
+            most.append(np.abs(found.momenta).max())
+        return max(most)
+
+    omega = 20.0
+    sine = lambda t: np.sin(omega * t)  # noqa: E731
+    tau = 2 * np.pi * PERIODS / omega
+    grown = 0.5 * tau * (1 - np.exp(-200 * dt / tau))
+    assert built_up(sine, 0.5 * omega) == pytest.approx(grown, rel=0.05)
+    assert built_up(sine, 2 * omega) == 0.0
+    short = built_up(lambda t: sine(t) * (t < 2 * np.pi / omega), 0.5 * omega)
+    assert short < 0.4 * grown  # one period of six
 
 
 def test_without_it_nothing_of_it_is_made(monkeypatch):

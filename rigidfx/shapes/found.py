@@ -24,6 +24,7 @@ from rigidfx.mechanics.rigid_body import Body, Frozen, RigidBody
 from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.scene import Scene
+from rigidfx.shapes.linear import resolved
 from rigidfx.shapes.orthonormal import columns, normalised
 from rigidfx.shapes.stiffness import times
 
@@ -60,6 +61,21 @@ class Found:
         R = rigid_motions(data.offsets, data.length)
         self._rigid = normalised(R, self.dot(R, self.times_mass(R)))
         self._momenta = self.times_mass(self._rigid)
+
+    def modes(self, dt: float, above: float) -> tuple[Array, float]:
+        """Its own modes that Δt resolves, where it moves freely: see `resolved`. Collective.
+
+        Args:
+            dt: Δt [s].
+            above: ω above which [1/s].
+
+        Returns:
+            φ at its nodes, shape (nodes, 3, k); and the lowest ω that is left out [1/s].
+        """
+        M = self._mass.matrix()
+        y, omega, cut = resolved(self._K, M, columns(self._rigid), self._rows.vector, dt)
+        M.destroy()
+        return y[:, omega > above].reshape(*self._rigid.shape[:2], -1), max(cut, above)
 
     def forces(self, w: Array) -> Array:
         """Internal forces of its cells at the frozen shape and w beside it [N]. Collective.

@@ -7,15 +7,17 @@ The second is the increment that a force which begins brings in a step of the mi
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
 from rigidfx.shapes.responses import Responses
 from rigidfx.step.linear.definite import solver_of
-from rigidfx.step.linear.eigenpairs import lowest
+from rigidfx.step.linear.eigenpairs import EigenControl, clusters, lowest
 
-__all__ = ["MODES", "Linear"]
+__all__ = ["MODES", "Linear", "resolved"]
 
 Array = npt.NDArray[np.float64]
 
@@ -45,30 +47,23 @@ class Linear:
         M.destroy()
         self._step: tuple[float, PETSc.KSP] | None = None
 
-    def modes(self, dt: float) -> Array:
-        """Modes that steps of Δt resolve, ωΔt < 1, `MODES` at most. Collective.
+    def modes(self, dt: float) -> tuple[Array, float]:
+        """Modes that steps of Δt resolve: see `resolved`. Collective.
 
         Args:
             dt: Δt [s].
 
         Returns:
-            φ at the owned nodes, φᵀMφ = 1, shape (owned nodes, 3, modes) [1/√kg].
+            φ at the owned nodes, φᵀMφ = 1, shape (owned nodes, 3, modes) [1/√kg]; and the lowest ω
+            left out [1/s].
 
         Raises:
             SceneError: On every rank, if none are found.
         """
-        stiffness, motions = self.responses.stiffness, []
-        for column in stiffness.unknowns_of(self.responses.motions).T:
-            motions.append(stiffness.prolongation.unknowns())
-            motions[-1].array[:] = column
-        pairs = lowest(self._K, self._M, MODES, motions)
-        some = int(np.count_nonzero(pairs.values[:MODES] * dt**2 < 1))
-        y = np.empty((stiffness.prolongation.owned, some))
-        for k in range(some):
-            y[:, k] = pairs.vectors[k].array_r
-        for item in (pairs, *motions):
-            item.destroy()
-        return stiffness.at_nodes(y)
+        stiffness, p = self.responses.stiffness, self.responses.stiffness.prolongation
+        motions = stiffness.unknowns_of(self.responses.motions)
+        y, _, cut = resolved(self._K, self._M, motions, p.unknowns, dt)
+        return stiffness.at_nodes(y), cut
 
     def step(self, F: Array, dt: float) -> Array:
         """Displacements by forces that begin with a step. Collective.
@@ -106,3 +101,42 @@ class Linear:
         self._drop()
         self._K.destroy()
         self._M.destroy()
+
+
+def resolved(
+    K: PETSc.Mat, M: PETSc.Mat, motions: Array, vector: Callable[[], PETSc.Vec], dt: float
+) -> tuple[Array, Array, float]:
+    """Modes with ωΔt < 1, the lowest `MODES` of them, of which no equal ones are parted.
+
+    Collective.
+
+    Args:
+        K: Stiffness.
+        M: Mass.
+        motions: Those without stiffness, shape (unknowns of this rank, n).
+        vector: Makes vectors of the unknowns.
+        dt: Δt [s].
+
+    Returns:
+        φ, shape (unknowns of this rank, k) [1/√kg]; ω of each, shape (k,); and the lowest ω with
+        ωΔt < 1 that is left out, infinite if none is [1/s].
+
+    Raises:
+        SceneError: On every rank, if none are found.
+    """
+    known = [vector() for _ in motions.T]
+    for one, column in zip(known, motions.T, strict=True):
+        one.array[:] = column
+    pairs = lowest(K, M, MODES + 1, known)
+    squares = np.maximum(pairs.values, 0.0)
+    some, cut = int(np.count_nonzero(squares * dt**2 < 1)), np.inf
+    if some > MODES:
+        of = clusters(squares, EigenControl.gap)
+        some = int(np.searchsorted(of, of[MODES]))
+        cut = float(np.sqrt(squares[some]))
+    y = np.empty((len(motions), some))
+    for k in range(some):
+        y[:, k] = pairs.vectors[k].array_r
+    for item in (pairs, *known):
+        item.destroy()
+    return y, np.sqrt(squares[:some]), cut

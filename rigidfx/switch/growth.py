@@ -21,7 +21,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from rigidfx.base.log import tell
-from rigidfx.base.remembered import ON_DOFS, ON_NODES, Remembered, same
+from rigidfx.base.remembered import ON_DOFS, ON_NODES, PART, Remembered, same
 from rigidfx.error.cell_strains import CellStrains
 from rigidfx.error.forces.body_forces import BodyForces
 from rigidfx.error.frames import Frames
@@ -37,6 +37,7 @@ from rigidfx.state import State
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.step.watches.watch import Watch
+from rigidfx.switch.resonance import Resonance
 
 __all__ = ["Growth", "GrowthControl", "Looked"]
 
@@ -56,7 +57,6 @@ class GrowthControl:
             response to forces.
         every: Steps after which one is solved for in any case.
         wakes: Tolerances above which a second shape in one step does not suffice, and cells wake.
-        most: Shapes in one step, at most.
         grown: Shapes beside the modes with which a body is full.
         woken: Tolerances above which a cell wakes then.
         nonlinear: Part of ½ q·Ωq by which the energy of a body may differ from its expansion. A
@@ -69,7 +69,6 @@ class GrowthControl:
     gate: float = 0.5
     every: int = 20
     wakes: float = 3.0
-    most: int = 4
     grown: int = 24
     woken: float = 0.5
     nonlinear: float = 0.003
@@ -95,8 +94,18 @@ class Growth(Watch):
     """The shapes of bodies that were found; `destroy` frees its PETSc objects."""
 
     remembered: ClassVar[Remembered] = same(
-        "_ratio", "_since", "_known", "_energies", "_largest", "_modes"
+        "_ratio",
+        "_since",
+        "_known",
+        "_energies",
+        "_largest",
+        "_modes",
+        "_cut",
+        "_lacking",
+        "_begun",
+        "_swing",
     ) | {
+        "_resonance": PART,
         "_start": ON_DOFS,
         "_before": ON_NODES,
         "_neglected": ON_NODES,
@@ -125,9 +134,14 @@ class Growth(Watch):
         self._frames: Frames | None = None
         self._found: dict[int, tuple[RigidBody, Found, Array]] = {}  # by number
         self._modes = 0
+        self._cut = np.inf  # the lowest ω that modes of the whole lack [1/s]
+        self._lacking: dict[int, float] = {}  # that which each body lacks
+        self._begun: dict[int, int] = {}  # modes that each has
+        self._resonance, self._swing = Resonance(scene, self.control.every), np.inf
         self._vectors: Array = np.zeros((scene.owned_nodes, 3, 0))  # modes, and what has grown
         self._before: Array = np.zeros((scene.owned_nodes, 3))  # ρ⊥ of the last step, at the start
         self._now: Array = self._before
+        self._withheld: Array = self._before  # ρ⊥ of the step that was looked at, at the start
         self._neglected: Array = self._before.copy()  # lasting forces that shapes do not follow
         self._known: tuple[int, ...] = ()  # bodies of which that is known
         self._ratio, self._since = np.inf, 0
@@ -152,7 +166,7 @@ class Growth(Watch):
             self._linear = Linear(responses)
             self._frames = Frames(scene, responses.stiffness.places)
             if not self._vectors.shape[2]:
-                self._vectors = self._linear.modes(self._dt)
+                self._vectors, self._cut = self._linear.modes(self._dt)
                 self._modes = self._vectors.shape[2]
                 tell(scene.comm, f"bodies begin with {self._modes} modes of the whole")
         return self._linear
@@ -184,7 +198,13 @@ class Growth(Watch):
         if not self._grows(body.data):
             return body
         found, Q = self._of(body.data)
-        vectors = np.einsum("ab,nbk->nak", Q, self._vectors[body.data.nodes])
+        number, vectors = body.data.number, self._vectors[body.data.nodes]
+        vectors = np.einsum("ab,nbk->nak", Q, vectors)
+        self._begun[number], self._lacking[number] = self._modes, np.inf
+        if np.isfinite(self._cut):
+            own, self._lacking[number] = found.modes(self._dt, self._cut)
+            self._begun[number] += own.shape[2]
+            vectors = np.concatenate([vectors, own], axis=2)
         made = found.with_shapes(body, vectors)
         return body if made is None else found.moving(made)
 
@@ -219,9 +239,45 @@ class Growth(Watch):
             F[n] = rho[at] @ Q
         size, regular = parts.size(rho), self._since + 1 >= self.control.every
         quiet = size * self._ratio < self.control.gate and not regular and not self._added
-        if limits is None or not size > 0 or quiet or not bodies:
+        self._withheld = F
+        if limits is None or not size > 0 or not bodies:
             return Looked()
-        return self._judged(attempt.dt, F, size, limits(), regular)
+        if (woken := self._resonant(attempt.dt, limits)) is not None:
+            return Looked(woken=woken)
+        return Looked() if quiet else self._judged(attempt.dt, F, size, limits(), regular)
+
+    def _resonant(self, dt: float, limits: Callable[[], Limits]) -> Bools | None:
+        """Cells of bodies that lack a mode which may be in resonance. Collective."""
+        assert self._forces.borne is not None
+        parts, control, G = self._forces.borne[0], self.control, np.zeros_like(self._before)
+        momenta = np.zeros_like(self._forces.borne[1])
+        lacking = [
+            (data, at)
+            for data, at in zip(parts.bodies, parts.at, strict=True)
+            if self._grows(data) and np.isfinite(self._lacking[data.number])
+        ]
+        for data, at in lacking:
+            momenta[at] = self._resonance.momenta[data.nodes]
+        size = parts.size(momenta) / dt if lacking else 0.0
+        if not size * min(self._ratio, self._swing) > control.gate * control.wakes:
+            return None
+        for data, _ in lacking:
+            found, Q = self._of(data)
+            G[data.nodes] = found.outside(data, self._resonance.momenta[data.nodes] @ Q.T) @ Q
+        cells = np.concatenate([data.cells for data, _ in lacking])
+        rates = self._rates(G / dt, dt, cells, limits())
+        most = self._scene.comm.allreduce(float(rates.max(initial=0.0)), op=MPI.MAX)
+        self._swing = most / size
+        if not most > control.wakes:
+            return None
+        tell(self._scene.comm, f"modes that bodies lack may be in resonance: {most:.3g} tol")
+        return np.asarray(rates > control.woken)
+
+    def _rates(self, F: Array, dt: float, cells: npt.NDArray[np.int32], limits: Limits) -> Array:
+        """Strain rates by the response of a step over the tolerance, of owned cells. Collective."""
+        assert limits.rates is not None
+        response = self._bound().step(F[:, :, None], dt)[:, :, 0]
+        return self._part(response, dt / 2, cells, np.asarray(limits.rates / self._kappa))
 
     def _bent(self, attempt: Attempt) -> Bools | None:
         """Cells in which the energy is not that of second order; None if none are. Collective."""
@@ -278,10 +334,9 @@ class Growth(Watch):
         growing = {body.data.number: body.data for body in self._growing()}
         cells = np.concatenate([data.cells for data in growing.values()])
         assert limits.rates is not None
-        tol = np.asarray(limits.rates / self._kappa)
-        rates = self._part(linear.step(F[:, :, None], dt)[:, :, 0], dt / 2, cells, tol)
+        rates = self._rates(F, dt, cells, limits)
         most = comm.allreduce(float(rates.max(initial=0.0)), op=MPI.MAX)
-        self._ratio, self._since = most / size, 0
+        self._ratio, self._swing, self._since = most / size, np.inf, 0
         if not most > 1 and not regular:
             return Looked()
         e = linear.responses.solve(F[:, :, None])
@@ -297,8 +352,9 @@ class Growth(Watch):
             want = wanted.get(body.data.number, 0.0)
             if not want > 1:
                 continue
-            added, count = self._added.get(body.data.number, 0), body.data.deforms_by - self._modes
-            more = self._more(body, e) if added < control.most and count < control.grown else None
+            added, count = self._added.get(body.data.number, 0), body.data.deforms_by
+            count -= self._begun[body.data.number]
+            more = self._more(body, e) if count < control.grown else None
             if more is None or (added >= 2 and want > control.wakes):
                 if want > control.wakes or count >= control.grown:
                     ended.append(body.data)
@@ -308,7 +364,7 @@ class Growth(Watch):
             self._vectors = np.concatenate([self._vectors, self._scaled(e)], axis=2)
             tell(comm, f"{body.data.name} has {more.data.deforms_by} shapes: {want:.3g} tol")
         if ended:
-            woken = np.zeros(tol.size, dtype=bool)
+            woken = np.zeros(rates.size, dtype=bool)
             for data in ended:
                 woken[data.cells] = rates[data.cells] > control.woken
             return Looked(woken=woken)
@@ -335,6 +391,14 @@ class Growth(Watch):
 
     def accept(self, attempt: Attempt) -> None:
         """See `Watch`."""
+        nodes = {
+            body.data.number: body.data.nodes
+            for body in self._growing()
+            if np.isfinite(self._lacking[body.data.number])
+        }
+        self._resonance.keep(nodes)
+        if nodes:
+            self._resonance.advance(self._withheld, nodes, self._lacking, attempt.dt)
         self._before, self._added = self._now, {}
         self._known = tuple(body.data.number for body in self._growing())
         self._since += 1
@@ -346,6 +410,8 @@ class Growth(Watch):
             self._found.pop(number)[1].destroy()
             self._known = tuple(k for k in self._known if k != number)
             self._energies.pop(number, None)
+            self._lacking.pop(number, None)
+            self._begun.pop(number, None)
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
