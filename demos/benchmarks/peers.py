@@ -31,8 +31,6 @@ newton (mean of the steps), energy_drift and survives.
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -44,6 +42,7 @@ from codes import (
     Case,
     Outcome,
     calculix,
+    calculix_there,
     kratos,
     metal_bracket,
     plain_dolfinx,
@@ -54,7 +53,6 @@ from common import ROOT, say
 
 SURVIVES = 0.1  # largest drift
 HERE = ROOT / "out" / "peers"  # where the docstring puts the others
-LIBRARIES = ("usr/lib", "usr/lib/x86_64-linux-gnu", "usr/lib/aarch64-linux-gnu")
 
 
 def codes(ccx: str | None, python: str | None, out: Path) -> dict[str, Callable[[Case], Outcome]]:
@@ -63,12 +61,9 @@ def codes(ccx: str | None, python: str | None, out: Path) -> dict[str, Callable[
         "rigidfx": rigidfx,
         "plain DOLFINx": plain_dolfinx,
     }
-    ccx = ccx or shutil.which("ccx") or existing(HERE / "ccx/usr/bin/ccx")
+    ccx = calculix_there(ccx)
     python = python or existing(HERE / "kratos/bin/python")
     if ccx:
-        root = Path(ccx).resolve().parents[2]
-        paths = [str(root / part) for part in LIBRARIES] + [os.environ.get("LD_LIBRARY_PATH", "")]
-        os.environ["LD_LIBRARY_PATH"] = ":".join(filter(None, paths))
         found["CalculiX"] = partial(calculix, command=ccx, folder=out / "calculix")
     if python:
         found["Kratos"] = partial(kratos, python=python, folder=out / "kratos")

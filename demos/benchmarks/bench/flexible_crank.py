@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from codes import matrices, part_of
+from mpi4py import MPI
 
 import rigidfx as rf
 
@@ -79,11 +80,12 @@ def _parts(names: tuple[str, ...], size: float, gmsh: Any) -> None:
     model.mesh.generate(3)
 
 
-def flexible_crank(size: float, **options: Any) -> rf.Scene:
+def flexible_crank(size: float, comm: MPI.Intracomm = MPI.COMM_WORLD, **options: Any) -> rf.Scene:
     """The whole, with mean faces in all holes.
 
     Args:
         size: Length of the cells [m].
+        comm: The ranks.
         options: More of the scene's.
     """
     face, wrist = rf.MeanFace, (CRANK + ROD, 0.0, 0.0)
@@ -95,7 +97,7 @@ def flexible_crank(size: float, **options: Any) -> rf.Scene:
         rf.Prismatic("ground", "slider", wrist, (1, 0, 0), name="guide"),
         rf.Motor("bearing", torque=torque),
     ]
-    domain = rf.from_gmsh(partial(_parts, ("crank", "rod", "slider"), size))
+    domain = rf.from_gmsh(partial(_parts, ("crank", "rod", "slider"), size), comm)
     return rf.Scene(domain, ALUMINIUM, effects, order=2, mass="consistent", **options)
 
 
@@ -142,7 +144,7 @@ def motion(crank: Array, rod: Array, dt: float) -> tuple[Array, Array]:
 
 
 def crank_motion(scene: rf.Scene, dt: float, steps: int) -> CrankMotion:
-    """Run the slider-crank; on one rank.
+    """Run the slider-crank.
 
     Args:
         scene: As of `flexible_crank`.
@@ -151,12 +153,13 @@ def crank_motion(scene: rf.Scene, dt: float, steps: int) -> CrankMotion:
     """
     X = scene.space.tabulate_dof_coordinates()
     nodes = {name: nodes_of(scene, name) for name in PROBES}
+    comm = scene.mesh.comm
     paths: dict[str, list[Array]] = {name: [] for name in PROBES}
     wall, iterations, expected, drift, gap = [], [], 0.0, 0.0, 0.0
     for report in rf.simulate(scene, dt, steps * dt, progress=False):
         x = X + report.state.u.x.array.reshape(-1, 3)
         for name, path in paths.items():
-            path.append(x[nodes[name]])
+            path.append(comm.allreduce(np.where(nodes[name][:, None] < 0, 0.0, x[nodes[name]])))
         if report.step == 0:
             expected = report.energy
             continue
@@ -170,15 +173,22 @@ def crank_motion(scene: rf.Scene, dt: float, steps: int) -> CrankMotion:
 
 
 def nodes_of(scene: rf.Scene, name: str) -> npt.NDArray[np.int64]:
-    """Nodes of a part that are nearest to its probes."""
+    """Nodes of a part that are nearest to its probes; -1 of those that another rank owns."""
     cells = scene.domain.find(name, [3], "the crank").entities
     nodes = np.unique(scene.space.dofmap.list[cells])
-    X = scene.space.tabulate_dof_coordinates()[nodes]
-    return nodes[[int(np.linalg.norm(X - p, axis=1).argmin()) for p in PROBES[name]]]
+    nodes = nodes[nodes < scene.owned_nodes]
+    X, comm, out = scene.space.tabulate_dof_coordinates()[nodes], scene.mesh.comm, []
+    for place in PROBES[name]:
+        apart = np.linalg.norm(X - place, axis=1).round(9)  # of equal ones the least x, y, z
+        first = np.lexsort((*X.T[::-1], apart))[:1]
+        mine = (*apart[first], *X[first].ravel(), comm.rank) if first.size else (np.inf,)
+        nearest = comm.allreduce(mine, MPI.MIN)
+        out.append(int(nodes[first[0]]) if nearest[-1] == comm.rank and first.size else -1)
+    return np.array(out)
 
 
 def for_exudyn(scene: rf.Scene, dt: float, steps: int) -> dict[str, Any]:
-    """The mechanism as `codes/exudyn_steps.py` reads it, but for the number of modes.
+    """The mechanism as `codes/exudyn_steps.py` reads it, but for the number of modes; on one rank.
 
     Args:
         scene: As of `flexible_crank`.

@@ -1,13 +1,13 @@
 """Codes that run the same cases: what each needs, and what each gives back."""
 
-from .calculix import calculix
-from .case import Case, Outcome, metal_bracket, soft_l
+from .calculix import calculix, calculix_static, calculix_there
+from .case import Case, Outcome, metal_bracket, nearest, soft_l
 from .exudyn import Found, exudyn, matrices, part_of
 from .kratos import kratos
 from .ours import rigidfx
 from .plain_dolfinx import plain_dolfinx
 
 __all__ = [
-    "Case", "Found", "Outcome", "calculix", "exudyn", "kratos", "matrices", "metal_bracket",
-    "part_of", "plain_dolfinx", "rigidfx", "soft_l",
+    "Case", "Found", "Outcome", "calculix", "calculix_static", "calculix_there", "exudyn", "kratos",
+    "matrices", "metal_bracket", "nearest", "part_of", "plain_dolfinx", "rigidfx", "soft_l",
 ]  # fmt: skip

@@ -1,23 +1,43 @@
-"""CalculiX (`ccx`): Newmark's method without damping, total Lagrangian, its direct solver."""
+"""CalculiX (`ccx`): total Lagrangian, its direct solver; Newmark without damping, and statics."""
 
 from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 from pathlib import Path
 from time import perf_counter, sleep
 
 import numpy as np
+from common import ROOT
 
-from .case import Case, Outcome
+from .case import Array, Case, Outcome
 
+UNPACKED = ROOT / "out" / "peers" / "ccx"  # as the docstring of peers.py says
+LIBRARIES = ("usr/lib", "usr/lib/x86_64-linux-gnu", "usr/lib/aarch64-linux-gnu")
 ELEMENT = {8: "C3D8", 10: "C3D10"}  # by nodes of a cell; full integration
 TOLERANCE = 1e-6  # of Newton's residual, relative to the mean force (5e-3 by default)
 
 
-def deck(case: Case) -> str:
-    """Its input; it reads no more than 20 characters of a number."""
+def calculix_there(named: str | None = None) -> str | None:
+    """Path of `ccx`: the one named, the system's or the unpacked one, with its libraries."""
+    unpacked = UNPACKED / "usr/bin/ccx"
+    found = named or shutil.which("ccx") or (str(unpacked) if unpacked.exists() else None)
+    if found:
+        root = Path(found).resolve().parents[2]
+        paths = [str(root / part) for part in LIBRARIES] + [os.environ.get("LD_LIBRARY_PATH", "")]
+        os.environ["LD_LIBRARY_PATH"] = ":".join(filter(None, paths))
+    return found
+
+
+def deck(case: Case, static: str | None = None) -> str:
+    """Its input; it reads no more than 20 characters of a number.
+
+    Args:
+        case: The problem.
+        static: Kind of its cells in load steps; motion if None.
+    """
     material, n = case.material, case.cells.shape[1]
     times = np.append(case.factor.times, case.dt * (case.steps + 1))
     values = np.append(case.factor.values, 0.0)
@@ -29,7 +49,7 @@ def deck(case: Case) -> str:
     lines = [
         "*NODE, NSET=ALL",
         *(f"{k}, {x:.12g}, {y:.12g}, {z:.12g}" for k, (x, y, z) in enumerate(case.nodes, 1)),
-        f"*ELEMENT, TYPE={ELEMENT[n]}, ELSET=CELLS",
+        f"*ELEMENT, TYPE={static or ELEMENT[n]}, ELSET=CELLS",
         *(f"{k}, {row}" for k, row in enumerate(cells, 1)),
         "*NSET, NSET=PROBE",
         str(case.probe + 1),
@@ -47,7 +67,7 @@ def deck(case: Case) -> str:
         lines += ["*BOUNDARY", "HELD, 1, 3"]
     lines += [
         "*STEP, NLGEOM, INC=1000000",
-        "*DYNAMIC, DIRECT, ALPHA=0.",
+        "*STATIC, DIRECT" if static else "*DYNAMIC, DIRECT, ALPHA=0.",
         f"{case.dt:.12g}, {case.dt * case.steps:.12g}",
         "*CONTROLS, PARAMETERS=FIELD",
         f"{TOLERANCE}, 1.",
@@ -55,11 +75,32 @@ def deck(case: Case) -> str:
         *loads,
         "*NODE PRINT, NSET=PROBE",
         "U",
-        "*EL PRINT, ELSET=CELLS, TOTALS=ONLY",
-        "ELSE, ELKE",
-        "*END STEP",
     ]
+    lines += [] if static else ["*EL PRINT, ELSET=CELLS, TOTALS=ONLY", "ELSE, ELKE"]
+    lines += ["*END STEP"]
     return "\n".join(lines) + "\n"
+
+
+def started(case: Case, command: str, folder: Path, text: str) -> subprocess.Popen[bytes]:
+    """Its process, which reads the text."""
+    folder.mkdir(parents=True, exist_ok=True)
+    name = file_name(case)
+    for old in folder.glob(f"{name}.*"):
+        old.unlink()
+    (folder / f"{name}.inp").write_text(text)
+    with open(folder / f"{name}.log", "w") as log:
+        return subprocess.Popen(
+            [command, "-i", name],
+            cwd=folder,
+            env={**os.environ, "OMP_NUM_THREADS": "1", "CCX_NPROC_EQUATION_SOLVER": "1"},
+            stdout=log,
+            stderr=subprocess.STDOUT,
+        )
+
+
+def file_name(case: Case) -> str:
+    """Of its files, without the ending."""
+    return case.name.replace(" ", "_")
 
 
 def calculix(case: Case, command: str, folder: Path) -> Outcome:
@@ -70,21 +111,9 @@ def calculix(case: Case, command: str, folder: Path) -> Outcome:
         command: Path of `ccx`.
         folder: Where its files go.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    name = case.name.replace(" ", "_")
-    for old in folder.glob(f"{name}.*"):
-        old.unlink()
-    (folder / f"{name}.inp").write_text(deck(case))
-    outcome = Outcome(solver="spooles")
-    with open(folder / f"{name}.log", "w") as log:
-        process = subprocess.Popen(
-            [command, "-i", name],
-            cwd=folder,
-            env={**os.environ, "OMP_NUM_THREADS": "1", "CCX_NPROC_EQUATION_SOLVER": "1"},
-            stdout=log,
-            stderr=subprocess.STDOUT,
-        )
-        outcome.seconds = seconds_between_steps(process, folder / f"{name}.sta")
+    name, outcome = file_name(case), Outcome(solver="spooles")
+    process = started(case, command, folder, deck(case))
+    outcome.seconds = seconds_between_steps(process, folder / f"{name}.sta")
     if process.returncode:
         outcome.failed = f"ccx ended with {process.returncode}"
     read_steps(folder / f"{name}.sta", outcome)
@@ -92,6 +121,23 @@ def calculix(case: Case, command: str, folder: Path) -> Outcome:
     if len(outcome.times) < case.steps:
         outcome.failed = outcome.failed or f"it ended after {len(outcome.times)} steps"
     return outcome
+
+
+def calculix_static(case: Case, command: str, folder: Path, element: str) -> Array:
+    """Displacement of the probe after load steps, shape (3,) [m].
+
+    Args:
+        case: The problem; its factor goes from zero to one.
+        command: Path of `ccx`.
+        folder: Where its files go.
+        element: Kind of its cells, such as "C3D8".
+
+    Raises:
+        RuntimeError: If it ends with an error.
+    """
+    if started(case, command, folder, deck(case, element)).wait():
+        raise RuntimeError(f"CalculiX fails: see {folder / file_name(case)}.log")
+    return last_move((folder / f"{file_name(case)}.dat").read_text())
 
 
 def seconds_between_steps(process: subprocess.Popen[bytes], status: Path) -> list[float]:
@@ -123,6 +169,11 @@ def read_energies(printed: Path, case: Case, outcome: Outcome) -> None:
     }
     outcome.energies = [sum(both) for both in zip(*totals.values(), strict=False)]
     outcome.times = outcome.times[: len(outcome.energies)]
-    moves = re.findall(r"displacements.*?\n\s*\n\s*\d+\s+(\S+)\s+(\S+)\s+(\S+)", text)
-    if moves:
-        outcome.probe = case.nodes[case.probe] + np.array([float(x) for x in moves[-1]])
+    if "displacements" in text:
+        outcome.probe = case.nodes[case.probe] + last_move(text)
+
+
+def last_move(text: str) -> Array:
+    """The last displacement that it prints of the probe [m]."""
+    *_, move = re.finditer(r"displacements.*?\n\s*\n\s*\d+\s+(\S+)\s+(\S+)\s+(\S+)", text)
+    return np.array([float(x) for x in move.groups()])

@@ -44,14 +44,20 @@ def bars(short: bool) -> dict[str, float]:
     return {**out, "linear_momentum_drift": worst}
 
 
-def two_bars(n: int, apart: float) -> rf.Domain:
-    """Two bars of a metre in a row, of so many cells each, which share no node."""
-    x = np.linspace(0, 1, n + 1)
+def two_bars(n: int, apart: float, second: int = 1) -> rf.Domain:
+    """Two bars in a row, which share no node.
+
+    Args:
+        n: Cells of a metre.
+        apart: Gap [m].
+        second: Length of the second [m]; the first has one metre.
+    """
     section = np.array([(y, z) for y in (0, 0.01) for z in (0, 0.01)])
-    points = [(a, *yz) for start in (0, 1 + apart) for a in start + x for yz in section]
+    places = np.linspace(0, 1, n + 1), 1 + apart + np.linspace(0, second, second * n + 1)
+    points = [(x, *yz) for x in np.concatenate(places) for yz in section]
     corners = np.array([0, 4, 2, 6, 1, 5, 3, 7])
-    firsts = [4 * (i + k * (n + 1)) for k in range(2) for i in range(n)]
-    cells = np.array(firsts)[:, None] + corners
+    firsts = 4 * np.delete(np.arange((1 + second) * n + 1), n)  # no cell bridges the gap
+    cells = firsts[:, None] + corners
     mine = slice(0 if MPI.COMM_WORLD.rank else None)
     middle = 1 + apart / 2
     domain = rf.from_arrays(np.array(points)[mine], cells[mine])

@@ -43,9 +43,7 @@ class Problem:
     Attributes:
         source: Where it is published.
         runs: Its runs, short or not: the numbers of one after the other.
-        ranks: False if it needs one rank.
     """
 
     source: str
     runs: Callable[[bool], Iterator[list[Found]]]
-    ranks: bool = True

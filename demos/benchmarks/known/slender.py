@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 from bench.graded import block_of
 from bench.mode_answers import hinged_bar
-from scipy.integrate import solve_bvp
+from bench.static_answers import tip_of_rod
 from scipy.optimize import brentq
 
 import rigidfx as rf
@@ -24,25 +24,6 @@ from .row import Found, Problem
 __all__ = ["CHAIN", "PRESTRESSED", "SOFT_CANTILEVER"]
 
 G = 9.81  # m/s²
-
-
-def elastica(length: float, bending: float, tip: float, weight: float) -> float:
-    """Deflection of the tip of a level rod [m].
-
-    Args:
-        length: Its length [m].
-        bending: E I [N m²].
-        tip: Force at its tip [N].
-        weight: Its own weight [N].
-    """
-    P, W = (force * length**2 / bending for force in (tip, weight))
-
-    def rod(s: np.ndarray, y: np.ndarray) -> np.ndarray:
-        return np.stack([y[1], -(P + W * (1 - s)) * np.cos(y[0]), np.sin(y[0])])
-
-    s = np.linspace(0, 1, 101)
-    ends = lambda a, b: np.array([a[0], b[1], a[2]])  # noqa: E731
-    return float(length * solve_bvp(rod, ends, s, np.stack([s, 1 - s, s**2]), tol=1e-10).y[2, -1])
 
 
 def soft_cantilever(short: bool) -> Iterator[list[Found]]:
@@ -56,7 +37,7 @@ def soft_cantilever(short: bool) -> Iterator[list[Found]]:
         probes = {"tip": (long, wide / 2, high / 2)}
         scene = rf.Scene(domain, rubber, given, order=2, mass="consistent", probes=probes)
         *_, report = rf.static(scene, 4, verbose=False)
-        exact = elastica(long, modulus * wide * high**3 / 12, tip * G, own * G)
+        exact = tip_of_rod(long, modulus * wide * high**3 / 12, tip * G, own * G)
         title = f"deflection at {modulus / 1e6:g} MPa [m]"
         moved = float(-report.probes["tip"][2])
         yield [Found(title, exact, moved, 0.02, unknowns=report.unknowns)]
@@ -84,7 +65,7 @@ def chain(short: bool) -> Iterator[list[Found]]:
         angle, r = 2 * half * (x[0] - 0.5), radius + thick * (0.5 - x[2])
         return np.stack([r * np.sin(angle), 0.01 * x[1], -r * np.cos(angle)])
 
-    strip = block_of((40 if short else 100, 1, 2), place)
+    strip = block_of((20 if short else 100, 1, 2), place)
     low = radius * np.cos(half)
     for name, sign in (("left", -1), ("right", 1)):
         end = sign * radius * np.sin(half), -low
@@ -94,7 +75,7 @@ def chain(short: bool) -> Iterator[list[Found]]:
     soft = rf.StVenantKirchhoff(E=1e8, nu=0.0, rho=1000.0)
     given = [rf.Fixed("left"), rf.Fixed("right"), rf.Gravity((0, 0, -G))]
     scene = rf.Scene(strip, soft, given, order=2, probes={"middle": (0, 0.005, -radius)})
-    *_, report = rf.static(scene, 10, verbose=False)
+    *_, report = rf.static(scene, 5 if short else 10, verbose=False)
     found = radius - low - float(report.probes["middle"][2])
     yield [Found("sag over length", float(sag), found, 0.005, unknowns=report.unknowns)]
 
