@@ -805,3 +805,16 @@ def test_a_motor_that_throws_a_rigid_body_is_told_without_a_node():
     ):
         list(rf.simulate(bar(HINGE, rf.Motor("joint", angle=30.0)), 1e-3, 2e-3))
     assert "nan" not in str(error.value)
+
+
+@pytest.mark.parametrize("moved", [0.3, 1e-4, 1e-13, 0.0, -1e-13, -0.01])
+def test_stops_are_springs_beyond_their_ends(moved):
+    """Beyond an end a stop has the law of a spring from there, however little a step moves it."""
+    spring, q = rf.JointSpring("pin", 5e4, damping=3.0, rest=0.5), 0.6
+    low, high = (rf.Stop("pin", *ends, stiffness=5e4, damping=3.0) for ends in ((0.5,), (-1, 0.5)))
+    forces, slopes = zip(*(law.law(q, q + moved, 0.1) for law in (spring, high)), strict=True)
+    assert np.allclose(forces[1], forces[0], rtol=1e-14)
+    assert np.allclose(slopes[1], slopes[0], rtol=1e-14)
+    assert low.law(q, 0.7, 0.1) == (0.0, 0.0)
+    lost = high.stored(q) - high.stored(q + moved) - forces[1] * moved
+    assert np.isclose(lost, high.taken(q, q + moved, 0.1), rtol=0, atol=1e-11)

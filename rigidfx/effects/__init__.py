@@ -12,32 +12,30 @@ from rigidfx.effects.attached.spring_damper import SpringDamper, SpringDamperRep
 from rigidfx.effects.base import Effect, Table, Windowed, bends_of
 from rigidfx.effects.contact import Contact
 from rigidfx.effects.contacts.obstacles import Cylinder, Obstacle, Plane, Sphere
-from rigidfx.effects.damping.kelvin_voigt import KelvinVoigt
 from rigidfx.effects.damping.mass_damping import MassDamping
 from rigidfx.effects.damping.numerical_damping import NumericalDamping
-from rigidfx.effects.damping.stiffness_damping import StiffnessDamping
+from rigidfx.effects.damping.viscous import KelvinVoigt, StiffnessDamping
 from rigidfx.effects.initial.initial_displacement import InitialDisplacement, places_at_start
 from rigidfx.effects.initial.initial_velocity import InitialVelocity
-from rigidfx.effects.joints.cylindrical import Cylindrical
 from rigidfx.effects.joints.elements import JointSpring, Motor, efforts_of
 from rigidfx.effects.joints.joint import Joint
-from rigidfx.effects.joints.joint_report import JointReport
-from rigidfx.effects.joints.prismatic import Prismatic
-from rigidfx.effects.joints.revolute import Revolute
+from rigidfx.effects.joints.joint_report import JointReport, JointReports
+from rigidfx.effects.joints.kinds import (
+    Cylindrical,
+    Prismatic,
+    Revolute,
+    Spherical,
+    Tied,
+    Universal,
+)
 from rigidfx.effects.joints.sides import MeanFace, RigidFace, rigid_faces
-from rigidfx.effects.joints.spherical import Spherical
 from rigidfx.effects.joints.stop import Stop
-from rigidfx.effects.joints.telling import JointReports
-from rigidfx.effects.joints.tied import Tied
-from rigidfx.effects.joints.universal import Universal
-from rigidfx.effects.loads.body_force import BodyForce
 from rigidfx.effects.loads.dead_load import DeadLoad
 from rigidfx.effects.loads.gravity import Gravity
-from rigidfx.effects.loads.nodal_force import NodalForce
 from rigidfx.effects.loads.preload import Preload
 from rigidfx.effects.loads.pressure import Pressure
 from rigidfx.effects.loads.resultant import Resultant
-from rigidfx.effects.loads.traction import Traction
+from rigidfx.effects.loads.spread_loads import BodyForce, NodalForce, Traction
 from rigidfx.effects.reduced import Reduced
 from rigidfx.effects.resolved_forces import ResolvedForces
 from rigidfx.effects.rigid import Rigid

@@ -11,7 +11,7 @@ Effects know nothing of the system they are part of but a `Structure`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -26,71 +26,37 @@ __all__ = ["Action", "ContactAction", "FormTerm", "Structure", "Touch"]
 Array = npt.NDArray[np.float64]
 
 
-class Structure(Protocol):
-    """The structure as effects see it.
+@dataclass(frozen=True, kw_only=True)
+class Structure:
+    """A division of a scene as effects see it.
 
     Attributes:
         scene: The problem: its mesh, names and nodal weights.
         rows: Rows of the nodes that take part in a step.
         own: For each of these nodes, whether it belongs to no body.
         bodies: The rigid bodies.
-        mass: Mass operator of these nodes.
+        mass: Mass operator of these nodes; None in statics.
         u: Displacements of all local dofs at the start of a step [m], changed by each step.
+        failures: Keeps exceptions of a user's functions until all ranks are told.
         notes: Memory of effects from step to step, by their identity; None where bodies are treated
             as if they were flexible.
         static: Whether forces are those at the end of a step, and nothing moves.
-        failures: Keeps exceptions of a user's functions until all ranks are told.
     """
 
-    @property
-    def scene(self) -> Any:
-        """See above."""
-        ...
-
-    @property
-    def rows(self) -> Any:
-        """See above."""
-        ...
-
-    @property
-    def own(self) -> npt.NDArray[np.bool_]:
-        """See above."""
-        ...
-
-    @property
-    def bodies(self) -> Bodies:
-        """See above."""
-        ...
-
-    @property
-    def mass(self) -> Any:
-        """See above."""
-        ...
-
-    @property
-    def u(self) -> Array:
-        """See above."""
-        ...
-
-    @property
-    def notes(self) -> dict[int, Any] | None:
-        """See above."""
-        ...
-
-    @property
-    def static(self) -> bool:
-        """See above."""
-        ...
-
-    @property
-    def failures(self) -> Failures:
-        """See above."""
-        ...
+    scene: Any
+    rows: Any
+    own: npt.NDArray[np.bool_]
+    bodies: Bodies
+    mass: Any
+    u: Array
+    failures: Failures
+    notes: dict[int, Any] | None = None
+    static: bool = False
 
     @property
     def once(self) -> float:
         """1 on the first rank, 0 on others: counts once what all ranks know."""
-        ...
+        return float(self.scene.comm.rank == 0)
 
     def moments(self, values: Array) -> Array:
         """Σ a v of numbers of this rank's nodes over each body, shape (bodies, n, k).
@@ -98,7 +64,11 @@ class Structure(Protocol):
         Args:
             values: Of owned nodes, shape (nodes, k).
         """
-        ...
+        body, a, _ = self.bodies.of.holding(self.u.size // 3)
+        held = np.flatnonzero(body[: len(values)] >= 0)
+        out = np.zeros((*self.bodies.pose.shape[:2], values.shape[1]))
+        np.add.at(out, body[held], a[held, :, None] * values[held, None])
+        return out
 
     def outward_moments(self, where: str, owner: str) -> Array:
         """Σ a fᵀ of a unit pressure from inside on facets of each body. Collective.
@@ -110,11 +80,11 @@ class Structure(Protocol):
         Returns:
             This rank's part in the bodies' frames, shape (bodies, n, 3) [m², m³].
         """
-        ...
+        raise NotImplementedError
 
     def outward_slopes(self, where: str, owner: str) -> Array:
         """Its derivatives by the coordinates of shapes, shape (m, bodies, n, 3). Collective."""
-        ...
+        raise NotImplementedError
 
 
 def _nothing() -> Array:

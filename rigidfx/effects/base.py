@@ -252,6 +252,8 @@ def vector_at(owner: str, what: str, t: float, function: Callable[[], Array]) ->
     """
     try:
         value = function()
+    except SceneError:
+        raise
     except Exception as error:  # whatever a user's function may raise
         raise SceneError(
             f"{owner}: its {what} failed at t = {t:g} s with {type(error).__name__}: {error}"

@@ -113,7 +113,7 @@ class BriefStops(Look):
             own = report.spring_dampers[title]
             found[title] = Blow(cable, own.force, own.force, own.rate)
             ends = own.length - own.rate * report.dt, own.length
-            before, after = (cable.elongation(length) for length in ends)
+            before, after = (cable.beyond(length) for length in ends)
             if title not in self._rates and 2 * before > after:
                 self._closed.add(title)
         return found

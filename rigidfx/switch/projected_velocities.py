@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.base.failures import Failures
 from rigidfx.coupling.dof_layout import DofLayout, rigid_fields
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import Joint, Motor
+from rigidfx.effects import Joint, Motor, Structure
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
@@ -101,9 +102,17 @@ class RigidFields:
         dt: float,
     ) -> Closing:
         """Closes joints at the present places. Collective."""
-        bodies, u = state.bodies, state.u.x.array
-        linkage = Linkage(joints, motors, scene, layout.rows, layout.massive, bodies, u)
-        linkage.begin(bodies)
+        structure = Structure(
+            scene=scene,
+            rows=layout.rows,
+            own=layout.massive,
+            bodies=state.bodies,
+            mass=None,
+            u=state.u.x.array,
+            failures=Failures(scene.comm),
+        )
+        linkage = Linkage(joints, motors, structure)
+        linkage.begin(state.bodies)
 
         def solve(r: Array) -> Array:
             self._r.array[:] = r

@@ -161,7 +161,7 @@ class Problem:
         self._actions = actions = Actions(self._structure, effects, dead)
         actions.set_time(t, 1.0)
         there = [e for e in acting if loaded or e.grows != "time"]
-        linkage = linked(self._structure, self._state, there)
+        linkage = linked(self._structure, there)
         self._statics = statics = (
             Equilibrium(*self._given, actions)
             if linkage is None

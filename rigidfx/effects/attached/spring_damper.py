@@ -1,31 +1,33 @@
 """Springs, dampers and cables between two points.
 
-With r the vector from the first end to the second, L = |r| and the elongation P = L - Lf, which is
-zero in a cable that is slack, the forces on the ends in a step from r₀ to r₁ are N n̄ and -N n̄,
+With r the vector from the first end to the second and L = |r|, the forces on the ends in a step
+from r₀ to r₁ are N n̄ and -N n̄, with
 
-    N = ½ k (P₀ + P₁) (P₁ - P₀)/(L₁ - L₀) + c (P₁ - P₀)/Δt,    n̄ = (r₀ + r₁)/(L₀ + L₁),
+    n̄ = (r₀ + r₁)/(L₀ + L₁)
 
-in a cable N ≥ 0. As n̄ · Δr = L₁ - L₀ exactly, the first part of N takes exactly the energy ½ k P²
-(O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449), and the second never gives any. As n̄ is parallel to
-the vector half-way, the forces have no moment. In statics N = k P₁ and n = r₁/L₁.
+and N by the law of `rigidfx.effects.joints.law` along L. As n̄ · Δr = L₁ - L₀ exactly, N takes
+exactly the energy of the law. As n̄ is parallel to the vector half-way, the forces have no moment.
+In statics n = r₁/L₁.
 """
 
 from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, field
+from math import inf
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import number, shown, vector
+from rigidfx.base.inputs import shown, vector
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Vector as Point
 from rigidfx.effects.joints.between import Between
 from rigidfx.effects.joints.ends import end_of
 from rigidfx.effects.joints.face_motion import Vector, value_at
+from rigidfx.effects.joints.law import Elastic
 from rigidfx.effects.joints.remote import RemoteMotion, RemoteNodes
 from rigidfx.effects.joints.sides import GROUND
 
@@ -52,7 +54,7 @@ class SpringDamperReport:
 
 
 @dataclass(frozen=True)
-class SpringDamper(Between):
+class SpringDamper(Between, Elastic):
     """A spring, a damper or a cable between two points, in the whole run.
 
     An end is a point of the ground, of a `Rigid` part or of a face, or the mean place of the nodes
@@ -91,12 +93,7 @@ class SpringDamper(Between):
             SceneError: If one of them cannot be used.
         """
         super().__post_init__()
-        numbers = ("stiffness", "damping", *(["length"] if self.length is not None else []))
-        for name in numbers:
-            if number(self.owner, name, getattr(self, name)) < 0:
-                raise SceneError(
-                    f"{self.owner}: {name} must be ≥ 0, got {shown(getattr(self, name))}."
-                )
+        self.check_law(*(["length"] if self.length is not None else []))
         if not (self.stiffness or self.damping):
             raise SceneError(f"{self.owner}: give a stiffness, a damping or both.")
         if not isinstance(self.pulls_only, (bool, np.bool_)):
@@ -117,19 +114,20 @@ class SpringDamper(Between):
         return self._ends  # type: ignore[attr-defined]
 
     @property
-    def free_length(self) -> float:
-        """Length without force, likewise [m]."""
-        return self._free  # type: ignore[attr-defined]
+    def ends_at(self) -> tuple[float, float]:
+        """Length without force, likewise; a cable is free below it [m]."""
+        free: float = self._free  # type: ignore[attr-defined]
+        return -inf if self.pulls_only else free, free
+
+    @property
+    def loose(self) -> float:
+        """A cable that is but just slack counts as taut [m]."""
+        return max(TAUT * self.ends_at[1], float(np.finfo(np.float64).tiny))
 
     @property
     def taut(self) -> bool:
         """Whether it resists at the start what moves its ends apart, likewise."""
-        return self.stiffness > 0 and self._slope(self._first)  # type: ignore[attr-defined]
-
-    @property
-    def resists(self) -> bool:
-        """Whether it resists all that changes its length, at all times."""
-        return self.stiffness > 0 and not self.pulls_only
+        return self.stiffness > 0 and self.is_stiff(self._first)  # type: ignore[attr-defined]
 
     def placed(self, scene: Any) -> SpringDamper:
         """The spring with its ends on a mesh. Collective.
@@ -159,57 +157,11 @@ class SpringDamper(Between):
             object.__setattr__(out, name, value)
         return out
 
-    # The law, as of springs of joints -------------------------------------------------------------
-
-    def _slope(self, q: float) -> bool:
-        """Whether its elongation changes with its length, where that is q [m]."""
-        return not self.pulls_only or q >= (1.0 - TAUT) * self.free_length
-
     @staticmethod
     def gradient(p: Array) -> Array:
         """Derivatives of its length by its ends at p, shape (2, 3); zero if they coincide."""
         n = _unit(p[1] - p[0])
         return np.stack([-n, n])
-
-    def elongation(self, q: float) -> float:
-        """P at a length q [m]; none of a cable that is slack."""
-        P = q - self.free_length
-        return max(P, 0.0) if self.pulls_only else P
-
-    def parts(self, q0: float, q1: float, dt: float) -> tuple[float, float, float]:
-        """Tension by stiffness and by damping in a step [N], and the derivative of both by q₁.
-
-        Args:
-            q0: Length at its start [m].
-            q1: Length at its end [m].
-            dt: Its duration [s].
-        """
-        P0, P1, moved = self.elongation(q0), self.elongation(q1), q1 - q0
-        slope1 = 1.0 if not self.pulls_only or P1 > 0 else 0.0
-        slope, bend = slope1, 0.0
-        if (P0 > 0) != (P1 > 0) and self.pulls_only and moved:
-            slope = (P1 - P0) / moved
-            bend = (slope1 - slope) / moved
-        k, c = self.stiffness, self.damping / dt
-        elastic, viscous = 0.5 * k * (P0 + P1) * slope, c * (P1 - P0)
-        if self.pulls_only and elastic + viscous < 0:
-            return elastic, -elastic, 0.0
-        return elastic, viscous, 0.5 * k * (slope1 * slope + (P0 + P1) * bend) + c * slope1
-
-    def law(self, q0: float, q1: float, dt: float) -> tuple[float, float]:
-        """Force on the second end away from the first in a step, and its derivative by q₁.
-
-        Args:
-            q0: Length at its start [m].
-            q1: Length at its end [m].
-            dt: Its duration [s].
-        """
-        elastic, viscous, slope = self.parts(q0, q1, dt)
-        return -elastic - viscous, -slope
-
-    def pull(self, q: float) -> tuple[float, float]:
-        """The same in statics, at a length q [m]."""
-        return -self.stiffness * self.elongation(q), -self.stiffness * self._slope(q)
 
     def bind_points(self, structure: Structure) -> Action:
         """Its forces on its ends."""
@@ -230,7 +182,7 @@ class Tension(Action):
         """
         self._spring, self._static = spring, structure.static
         self.title, self.nodes = spring.title, RemoteNodes(structure, spring.averages)
-        self.rounding = float(spring.stiffness * spring.free_length)
+        self.rounding = float(spring.stiffness * spring.ends_at[1])
 
     def _step(self, motion: RemoteMotion) -> tuple[float, float, Array, Array]:
         """Lengths at both ends of a step [m], n̄, and the unit vector at its end."""
@@ -269,13 +221,12 @@ class Tension(Action):
         if self._static:
             return 0.0
         q0, q1, *_ = self._step(motion)
-        return self._spring.parts(q0, q1, motion.dt)[1] * (q1 - q0)
+        return self._spring.taken(q0, q1, motion.dt)
 
     def stored(self, at: Any) -> float:
         """See `Action`."""
         a, b = self.nodes.positions(at)
-        P = self._spring.elongation(float(np.linalg.norm(b - a)))
-        return 0.5 * self._spring.stiffness * P**2
+        return self._spring.stored(float(np.linalg.norm(b - a)))
 
     def told(self, motion: Any) -> SpringDamperReport:
         """See `Action`."""

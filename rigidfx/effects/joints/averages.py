@@ -12,13 +12,12 @@ rigid. A mean face shears: its directions turn with it, see `face_motion`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
-from rigidfx.effects.joints.stiff import BodyVector, StiffNodes
 
 __all__ = ["Average", "Averages", "Grounded"]
 
@@ -36,17 +35,23 @@ class Average:
         constant: Shape (3,).
         start: Its value at the start, shape (3,).
         is_place: Whether it is a place, not a direction.
-        stiff: How it follows the body of a carried mass; None if it does not.
     """
-
-    face: ClassVar[None] = None  # that a `FaceVector` turns with
 
     nodes: npt.NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     weights: Array = field(default_factory=lambda: NONE)
     constant: Array = field(default_factory=lambda: np.zeros(3))
     start: Array = field(default_factory=lambda: np.zeros(3))
     is_place: bool = False
-    stiff: BodyVector | None = None
+
+    @property
+    def face(self) -> Any:
+        """The face that it turns with; None if it is but linear."""
+        return None
+
+    @property
+    def holder(self) -> Any:
+        """Finds the body that it may be fixed to, as `FaceSide` does; None if none is asked for."""
+        return None
 
     @property
     def averages(self) -> tuple[Average, ...]:
@@ -140,29 +145,12 @@ class Averages:
         """W⁻¹ a."""
         return np.asarray(self.axes @ (a @ self.axes / (self.size**2 * self.moments)))
 
-    def mean(self, a: Array) -> Average:
-        """Σ w (X - X̄)·a x over the square of the size, a constant vector a.
-
-        Args:
-            a: Shape (3,).
-        """
-        return Average(self.nodes, self._w * (self._arms @ a) / self.size**2)
-
-    @property
-    def stiff(self) -> StiffNodes:
-        """Finds the body that holds the nodes."""
-        return StiffNodes(self.nodes, self._w, self._arms, self.centre, self.count)
-
-    def middle(self) -> Average:
-        """Where the centre is."""
-        return Average(self.nodes, self._w, start=self.centre, is_place=True)
-
-    def place(self, point: Array) -> Average:
+    def place(self, point: Array) -> Any:
         """Where a point of the side is by its affine mean."""
         arm = point - self.centre
         weights = self._w * (1.0 + self._arms @ self._inverse(arm))
         return Average(self.nodes, weights, start=point, is_place=True)
 
-    def direction(self, a: Array) -> Average:
+    def direction(self, a: Array) -> Any:
         """Where a direction of the side points by its affine mean."""
         return Average(self.nodes, self._w * (self._arms @ self._inverse(a)), start=a)

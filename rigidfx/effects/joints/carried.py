@@ -8,6 +8,8 @@ inertia of the point m b² at the arm b is too large by (SMALL s/b)² at most.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -16,7 +18,6 @@ import numpy.typing as npt
 from rigidfx.effects.joints.averages import Average
 from rigidfx.effects.joints.face_motion import motion_at
 from rigidfx.effects.joints.pieces import Pieces
-from rigidfx.effects.joints.stiff import BodyVector
 from rigidfx.mechanics.rigid_body import BodyMotion, RigidBody
 
 if TYPE_CHECKING:
@@ -43,6 +44,31 @@ class Carried(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class BodyVector(Average):
+    """The origin or a direction of the body of a name.
+
+    Attributes:
+        name: Name of the body.
+    """
+
+    name: str = ""
+
+    @property
+    def holder(self) -> BodyVector:
+        """Finds the body."""
+        return self
+
+    def within(self, scene: Any, bodies: Sequence[RigidBody]) -> tuple[int, Array, Array] | None:
+        """See `FaceSide`."""
+        numbers = [k for k, body in enumerate(bodies) if body.name == self.name]
+        return (numbers[0], np.zeros(3), np.eye(3)) if numbers else None
+
+    def in_body(self, centre: Array, products: Array) -> Array:
+        """See `FaceVector`; its frame is that of space at the start."""
+        return np.r_[1.0, centre] if self.is_place else np.r_[0.0, self.start]
+
+
 def tie(name: str, remote: RemotePoint, mass: float) -> Pieces:
     """Averages and rows of the tie between a face and the body of a mass.
 
@@ -54,13 +80,10 @@ def tie(name: str, remote: RemotePoint, mass: float) -> Pieces:
     place = remote.place
     assert place.face is not None
     pieces = Pieces(place.face.size, min(mass, place.face.mass))
-    own = Average(start=place.start, is_place=True, stiff=BodyVector(name))
+    own = BodyVector(start=place.start, is_place=True, name=name)
     pieces.point_on_point(pieces.add(place, 0), pieces.add(own, 1))
     of_face = [pieces.add(direction, 0) for direction in remote.directions]
-    of_body = [
-        pieces.add(Average(start=e, stiff=BodyVector(name, tuple(map(float, e)))), 1)
-        for e in np.eye(3)
-    ]
+    of_body = [pieces.add(BodyVector(start=e, name=name), 1) for e in np.eye(3)]
     for j, (i, k) in enumerate(((1, 2), (2, 0), (0, 1))):
         pieces.perpendicular(of_face[i], of_body[k], f"turn {j + 1}")
     return pieces

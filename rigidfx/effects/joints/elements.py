@@ -12,8 +12,17 @@ from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import is_function, number, scalar, shown
 from rigidfx.effects.base import Effect, TimeFunction, Windowed
 from rigidfx.effects.joints.joint import Joint
+from rigidfx.effects.joints.law import Elastic
 
-__all__ = ["JointSpring", "Motor", "coordinate_of", "efforts_of", "end_rates", "titles_of"]
+__all__ = [
+    "JointSpring",
+    "Motor",
+    "OfJoint",
+    "coordinate_of",
+    "efforts_of",
+    "end_rates",
+    "titles_of",
+]
 
 KINDS = {
     "torque": ("angle", False),
@@ -26,8 +35,50 @@ KINDS = {
 SOON = float(np.sqrt(np.sqrt(np.finfo(np.float64).eps)))  # of Δt: where a path's speed is found
 
 
+class OfJoint(Effect):
+    """An effect along a free coordinate of a joint.
+
+    Attributes:
+        joint: Name of the joint.
+        along: "angle" or "travel"; the only one that is free if None.
+    """
+
+    joint: str
+    along: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check name and coordinate.
+
+        Raises:
+            SceneError: If one is none.
+        """
+        super().__post_init__()
+        if not isinstance(self.joint, str) or not self.joint:
+            raise SceneError(
+                f"{self.kind}: joint must be the name of a joint, got {shown(self.joint)}."
+            )
+        if self.along not in (None, "angle", "travel"):
+            raise SceneError(
+                f"{self.owner}: along must be 'angle' or 'travel', got {shown(self.along)}."
+            )
+
+    @property
+    def owner(self) -> str:
+        """Its name in messages."""
+        return f"{self.kind} of '{self.joint}'"
+
+    @property
+    def acts_along(self) -> str | None:
+        """Its coordinate, "angle" or "travel"; the only one that is free if None."""
+        return self.along
+
+    def check(self, scene: Any) -> None:
+        """Look its joint up."""
+        coordinate_of(scene, self.owner, self.joint, self.acts_along)
+
+
 @dataclass(frozen=True)
-class Motor(Windowed):
+class Motor(OfJoint, Windowed):
     """Drives a joint along a free coordinate, the second side against the first.
 
     Give exactly one of the six, a number or a function of time. `speed=0.0`, or `rate=0.0`, locks
@@ -60,7 +111,6 @@ class Motor(Windowed):
             SceneError: If not exactly one value is given, or it is no number or function.
         """
         super().__post_init__()
-        _check_name(self.kind, self.joint)
         given = [name for name in KINDS if getattr(self, name) is not None]
         if len(given) != 1:
             raise SceneError(
@@ -71,24 +121,14 @@ class Motor(Windowed):
             number(self.owner, given[0], getattr(self, given[0]))
 
     @property
-    def owner(self) -> str:
-        """Its name in messages."""
-        return f"Motor of '{self.joint}'"
-
-    @property
     def by(self) -> str:
         """Which of its values is given."""
         return next(name for name in KINDS if getattr(self, name) is not None)
 
     @property
-    def coordinate(self) -> str:
+    def acts_along(self) -> str:
         """Its coordinate: "angle" or "travel"."""
         return KINDS[self.by][0]
-
-    @property
-    def acts_along(self) -> str | None:
-        """The same, as of springs."""
-        return self.coordinate
 
     @property
     def prescribes(self) -> bool:  # type: ignore[override]
@@ -159,25 +199,25 @@ class Motor(Windowed):
         return number(f"{self.owner} at t = {t:g} s", self.by, value)
 
     def check(self, scene: Any) -> None:
-        """Look its joint up."""
-        coordinate_of(scene, self.owner, self.joint, self.coordinate)
+        """Look its joint up, and see whether no other one prescribes its motion."""
+        super().check(scene)
         together(scene.comm, self.owner, lambda: self.at(self.start))
         if not self.prescribes:
             return
         others = list(scene.named(Motor))
         others.remove(self)  # once: a motor that is named twice is refused, too
         for other in others:
-            same = (other.joint, other.coordinate) == (self.joint, self.coordinate)
+            same = (other.joint, other.acts_along) == (self.joint, self.acts_along)
             both = max(self.since, other.since) < min(self.until, other.until)
             if other.prescribes and same and both:
                 raise SceneError(
-                    f"{self.owner}: two motors prescribe its {self.coordinate} at the same time, "
+                    f"{self.owner}: two motors prescribe its {self.acts_along} at the same time, "
                     f"by {self.by} and by {other.by}. Give them windows that do not overlap."
                 )
 
 
 @dataclass(frozen=True)
-class JointSpring(Effect):
+class JointSpring(OfJoint, Elastic):
     """A spring and a damper along a free coordinate of a joint, such as the angle of a hinge.
 
     Attributes:
@@ -203,59 +243,13 @@ class JointSpring(Effect):
             SceneError: If a number is none, or negative where it must not be.
         """
         super().__post_init__()
-        _check_name(self.kind, self.joint)
         number(self.owner, "rest", self.rest)
-        for name in ("stiffness", "damping"):
-            if number(self.owner, name, getattr(self, name)) < 0:
-                raise SceneError(
-                    f"{self.owner}: {name} must be ≥ 0, got {shown(getattr(self, name))}."
-                )
-        if self.along not in (None, "angle", "travel"):
-            raise SceneError(
-                f"{self.owner}: along must be 'angle' or 'travel', got {shown(self.along)}."
-            )
+        self.check_law()
 
     @property
-    def owner(self) -> str:
-        """Its name in messages."""
-        return f"JointSpring of '{self.joint}'"
-
-    @property
-    def acts_along(self) -> str | None:
-        """Its coordinate, "angle" or "travel"; the only one that is free if None."""
-        return self.along
-
-    @property
-    def resists(self) -> bool:
-        """Whether it resists all that changes its coordinate."""
-        return self.stiffness > 0
-
-    def check(self, scene: Any) -> None:
-        """Look its joint up."""
-        coordinate_of(scene, self.owner, self.joint, self.along)
-
-    def law(self, q0: float, q1: float, dt: float) -> tuple[float, float]:
-        """Force or torque on the second side in a step, and its derivative by q₁.
-
-        Args:
-            q0: q at its start.
-            q1: q at its end.
-            dt: Its length [s].
-        """
-        k, c = self.stiffness, self.damping / dt
-        return -k * (0.5 * (q0 + q1) - self.rest) - c * (q1 - q0), -0.5 * k - c
-
-    def pull(self, q: float) -> tuple[float, float]:
-        """Force or torque of statics at q, and its derivative."""
-        return -self.stiffness * (q - self.rest), -self.stiffness
-
-    def stored(self, q: float) -> float:
-        """Energy at q [J]."""
-        return 0.5 * self.stiffness * (q - self.rest) ** 2
-
-    def taken(self, q0: float, q1: float, dt: float) -> float:
-        """Energy that its damper takes in a step [J]."""
-        return self.damping * (q1 - q0) ** 2 / dt
+    def ends_at(self) -> tuple[float, float]:
+        """Where it has no force, twice."""
+        return float(self.rest), float(self.rest)
 
 
 def end_rates(q0: Any, q1: Any, middle: Any, dt: float) -> tuple[Any, Any]:
@@ -322,8 +316,3 @@ def coordinate_of(scene: Any, owner: str, name: str, along: str | None) -> tuple
             f"free, and {along or 'one of them'} is asked for."
         )
     return joints[name], str(along)
-
-
-def _check_name(kind: str, joint: Any) -> None:
-    if not isinstance(joint, str) or not joint:
-        raise SceneError(f"{kind}: joint must be the name of a joint, got {shown(joint)}.")

@@ -11,7 +11,10 @@ the rotation of a distributing coupling (RBE3). Its axes r_k = R a_k are those f
     c_j = r_i · H_k - r_k · H_i = 0,    (j, i, k) cyclic.                                       (1)
 
 A point P of the face is at x̄ + R (P - X̄), a direction a points along R a. Both are known of flat
-faces, too, where H_k is zero along the normal.
+faces, too, where H_k is zero along the normal. Where one body holds all nodes, those of a rigid
+face always, both are linear in the body's pose: with V the places in its frame,
+
+    V̄ + Q (P - X̄)  a point P,     Q a  a direction a,     Q the rotation that fits Σ w (X - X̄) ⊗ V.
 
 The c_j are bilinear. In a step r and H change from r₀, H₀ to r₁, H₁, and Δr_k = θ × r½_k with the
 Cayley vector θ and r½ = ½ (r₀ + r₁). As c_j = 0 at both ends, exactly
@@ -25,6 +28,7 @@ point, since δH_k = ω × H½_k gives θ = ω.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,7 +36,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.effects.joints.averages import Average, Averages, Grounded
-from rigidfx.effects.joints.stiff import Stiff
+from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.mechanics.rotation import cross, nearest_rotations, skew
 
 __all__ = [
@@ -70,40 +74,56 @@ def turn_map(r: Array, H: Array) -> tuple[Array, Array]:
     return inverse, np.asarray(-np.einsum("...aj,...jkb->...akb", inverse, c))
 
 
-class FaceSide:
+class FaceSide(Averages):
     """A face as a side, of which a body may hold all nodes; those of a rigid face always.
 
     Attributes:
-        size: Root of the mean square of the nodes' distances to their centre [m].
-        mass: Mass of the nodes [kg].
-        nodes: Owned nodes of this rank.
-        centre: Their mean place at the start [m].
-        axes: The axes a_k, by columns.
         averages: x̄ and the three H_k.
-        stiff: Finds the body that holds its nodes.
     """
 
-    def __init__(self, nodes: Averages) -> None:
-        """Find the averages.
-
-        Args:
-            nodes: The nodes with their weights.
-        """
-        self.size, self.mass, self.axes = nodes.size, nodes.mass, nodes.axes
-        self.nodes, self.centre, self.moments = nodes.nodes, nodes.centre, nodes.moments
-        self._count = nodes.count  # of terms in a sum for the centre
-        self.averages = (nodes.middle(), *(nodes.mean(a) for a in self.axes.T))
-        self.stiff = nodes.stiff
+    def __init__(self, scene: Any, weights: Array, title: str) -> None:
+        """See `Averages`. Collective."""
+        super().__init__(scene, weights, title)
+        middle = Average(self.nodes, self._w, start=self.centre, is_place=True)
+        along = self._w[:, None] * (self._arms @ self.axes) / self.size**2
+        self.averages = (middle, *(Average(self.nodes, own) for own in along.T))
 
     def place(self, point: Array) -> Vector:
         """Where a point of the side is."""
         arm = point - self.centre
-        rounding = self._count * np.spacing(np.abs(self.centre).max() + self.size)
+        rounding = self.count * np.spacing(np.abs(self.centre).max() + self.size)
         return FaceVector(self, arm, True) if np.abs(arm).max() > rounding else self.averages[0]
 
     def direction(self, a: Array) -> Vector:
         """Where a direction of the side points."""
         return FaceVector(self, a, False)
+
+    def within(self, scene: Any, bodies: Sequence[RigidBody]) -> tuple[int, Array, Array] | None:
+        """The body that holds all nodes without deforming, and how. Collective.
+
+        Args:
+            scene: The problem.
+            bodies: The bodies.
+
+        Returns:
+            Its number among the bodies, V̄ [m] and Σ w (X - X̄) ⊗ V [m²]; None if no body holds
+            all nodes.
+        """
+        local = np.zeros((len(bodies), 1 + 3 + 9))
+        for out, body in zip(local, bodies, strict=True):
+            if body.shapes is not None:
+                continue
+            at = np.minimum(np.searchsorted(body.nodes, self.nodes), max(body.nodes.size - 1, 0))
+            here = body.nodes[at] == self.nodes if body.nodes.size else np.zeros(at.size, bool)
+            w, V = self._w[here, None], body.offsets[at[here]]
+            out[0], out[1:4] = np.count_nonzero(here), (w * V).sum(axis=0)
+            out[4:] = ((w * self._arms[here]).T @ V).reshape(-1)
+        sums = np.asarray(scene.sum(local))
+        found = np.flatnonzero(sums[:, 0] == self.count)
+        if not found.size:
+            return None
+        own = sums[found[0]]
+        return int(found[0]), own[1:4], own[4:].reshape(3, 3)
 
     def turns(self, means: Array | None = None) -> tuple[Array, Array]:
         """The axes r_k by rows, and derivatives of θ by the displacements of the nodes.
@@ -144,9 +164,19 @@ class FaceVector:
     is_place: bool
 
     @property
-    def stiff(self) -> Stiff:
-        """How it follows a body that holds the nodes of the face."""
-        return Stiff(self.face.stiff, self.start, self.is_place)
+    def holder(self) -> FaceSide:
+        """Finds the body that it may be fixed to."""
+        return self.face
+
+    def in_body(self, centre: Array, products: Array) -> Array:
+        """Its coefficients of [1, V] of a body that holds the face, shape (4,).
+
+        Args:
+            centre: V̄ [m].
+            products: Σ w (X - X̄) ⊗ V [m²].
+        """
+        turned = nearest_rotations(products.T) @ self.arm
+        return np.r_[1.0, centre + turned] if self.is_place else np.r_[0.0, turned]
 
     @property
     def start(self) -> Array:
@@ -194,7 +224,7 @@ class FaceVector:
 
 
 Vector = Average | FaceVector
-Sided = Averages | FaceSide | Grounded
+Sided = Averages | Grounded
 
 
 def _means_at(scene: Any, vector: Vector, x: Array) -> Array:

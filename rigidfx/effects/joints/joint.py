@@ -17,9 +17,9 @@ from rigidfx.effects.joints.averages import Average
 from rigidfx.effects.joints.between import Between
 from rigidfx.effects.joints.checks import check_sides
 from rigidfx.effects.joints.coordinates import Angle, Travel
-from rigidfx.effects.joints.cylinder import cylinder_of
 from rigidfx.effects.joints.face_motion import FaceVector, Sided
 from rigidfx.effects.joints.pieces import Pieces, perpendiculars
+from rigidfx.effects.joints.round_surfaces import cylinder_of
 from rigidfx.effects.joints.sides import Surface, side_of
 
 __all__ = ["Aligned", "Joint", "axis_of"]

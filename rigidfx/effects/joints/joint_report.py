@@ -1,16 +1,22 @@
-"""Force and motion of a joint in a step."""
+"""Force and motion of joints in a step, from the averages of their sides and the forces on them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["JointReport"]
+from rigidfx.base.named import Named, no_such
+from rigidfx.effects.joints.joint import Joint
+from rigidfx.effects.joints.sides import GROUND
+from rigidfx.effects.joints.stop import Blow
+
+__all__ = ["JointReport", "JointReports", "told_of"]
 
 Array = npt.NDArray[np.float64]
+NO_BLOWS: Mapping[str, Blow] = {}
 
 
 @dataclass(frozen=True)
@@ -40,3 +46,90 @@ class JointReport:
     travel_rate: float = np.nan
     efforts: Mapping[str, float] = field(default_factory=dict)
     gap: float = 0.0
+
+
+class JointReports(Mapping[str, JointReport]):
+    """Reports of joints by title, each made when it is first asked for.
+
+    Attributes:
+        total: Sum of the sizes of all multipliers [N].
+        blows: How stops act in the step, by their titles.
+    """
+
+    def __init__(
+        self,
+        titles: Sequence[str] = (),
+        of: Callable[[int], JointReport] | None = None,
+        total: float = 0.0,
+        later: Sequence[str] = (),
+        blows: Mapping[str, Blow] = NO_BLOWS,
+    ) -> None:
+        """Take their maker.
+
+        Args:
+            titles: Titles of the joints.
+            of: Makes the report of a joint by its number.
+            total: Sum of the sizes of all multipliers [N].
+            later: Titles that are known from the first step on, at t = 0.
+            blows: How stops act in the step, by their titles.
+        """
+        self._numbers, self._of = {title: k for k, title in enumerate(titles)}, of
+        self._made: dict[str, JointReport] = {}
+        self.total, self._later, self.blows = total, later, blows
+
+    def __getitem__(self, title: str) -> JointReport:
+        """The report of a joint."""
+        if title not in self._made:
+            if self._of is None or title not in self._numbers:
+                raise no_such("report.joints", title, self, self._later)
+            self._made[title] = self._of(self._numbers[title])
+        return self._made[title]
+
+    def __iter__(self) -> Iterator[str]:
+        """Titles in the order of the scene."""
+        return iter(self._numbers)
+
+    def __len__(self) -> int:
+        """Number of joints."""
+        return len(self._numbers)
+
+
+def told_of(
+    joint: Joint,
+    step: tuple[Array, Array, Array],
+    free: Mapping[str, tuple[float, float]],
+    efforts: Mapping[str, float],
+    gap: float,
+) -> JointReport:
+    """The report of a joint.
+
+    A force on a place acts there; one on a direction d is a couple, d × f.
+
+    Args:
+        joint: The joint.
+        step: Its averages at the start of the step, their increments, and forces on them, shape
+            (averages, 3) each.
+        free: Free coordinates: value at the end and mean rate, by name.
+        efforts: Torque or force of each motor and spring, by its owner.
+        gap: Largest violation of its rows [m].
+    """
+    start, moved, forces = step
+    pieces = joint.pieces
+    sides, places = np.array(pieces.sides), np.array(pieces.places)
+    side = 0 if joint.b == GROUND else 1  # the ground tells no forces of its own
+    sign = 1.0 if side else -1.0
+    first = pieces.places.index(True)
+    middle = start + 0.5 * moved
+    arms = middle - np.where(places[:, None], middle[first], 0.0)
+    on = sides == side
+    values = {name: value for name, (value, _) in free.items()}
+    rates = {f"{name}_rate": rate for name, (_, rate) in free.items()}
+    return JointReport(
+        place=start[first] + moved[first],
+        force=sign * forces[on & places].sum(axis=0),
+        moment=sign * np.cross(arms[on], forces[on]).sum(axis=0),
+        efforts=Named(f"report.joints[{joint.title!r}].efforts", efforts),
+        gap=gap,
+        **values,
+        **rates,
+    )

@@ -13,7 +13,7 @@ is the same in all iterates of a step.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from functools import partial
 from itertools import accumulate, pairwise
@@ -21,21 +21,20 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 from scipy.sparse import csr_array
 
 from rigidfx.base.matrices import Matrix, stacked
-from rigidfx.effects.joints.bound_averages import BoundAverages
+from rigidfx.effects.action import Structure
+from rigidfx.effects.joints.bound_averages import BoundAverages, stiff_rows
 from rigidfx.effects.joints.carried import Carried
 from rigidfx.effects.joints.coordinates import Coordinates
 from rigidfx.effects.joints.drives import Drives, Element
 from rigidfx.effects.joints.joint import Joint
+from rigidfx.effects.joints.joint_report import JointReport, JointReports, told_of
 from rigidfx.effects.joints.points import Points
-from rigidfx.effects.joints.stiff import stiff_rows
-from rigidfx.effects.joints.telling import JointReports, reports
 from rigidfx.effects.joints.terms import Terms
 from rigidfx.effects.joints.vectors import Vectors
-from rigidfx.effects.motion import Forces, ForcesOfNodes, Motion
+from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion
 from rigidfx.mechanics.bodies import Bodies
 
 __all__ = ["Linkage"]
@@ -63,13 +62,7 @@ class Linkage:
         self,
         joints: Sequence[Joint | Carried],
         elements: Sequence[Element],
-        scene: Any,
-        rows: Any,
-        own: npt.NDArray[np.bool_],
-        bodies: Bodies,
-        u: Array,
-        notes: dict[int, Any] | None = None,
-        static: bool = False,
+        structure: Structure,
         points: Points | None = None,
     ) -> None:
         """Bind joints to nodes and bodies. Collective.
@@ -77,20 +70,14 @@ class Linkage:
         Args:
             joints: The joints, as the scene has placed them, and last the carried masses.
             elements: Motors that act, springs and stops.
-            scene: The problem.
-            rows: Rows of the nodes that take part.
-            own: For each of these nodes, whether it belongs to no body.
-            bodies: The bodies.
-            u: Displacements of all local dofs at the start of a step [m], changed by each step.
-            notes: Memory of joints from division to division, by their identity.
-            static: Whether forces are those at the end of a step, and nothing moves.
+            structure: The division.
             points: Actions on remote points.
         """
+        scene, bodies, static = structure.scene, structure.bodies, structure.static
         self._share = 1.0 if static else 0.5
         self._stiffness = max(material.stiffness for material, _ in scene.materials)
         self._length = float(scene.mean_cell_size)
-        self._comm: MPI.Intracomm = scene.comm
-        self._joints, self._notes = tuple(joints), notes
+        self._joints, self._notes = tuple(joints), structure.notes
         pieces = [joint.pieces for joint in joints]
         firsts = [0, *accumulate(len(own.averages) for own in pieces)]
         averages = [average for own in pieces for average in own.averages]
@@ -105,8 +92,8 @@ class Linkage:
         self._dropped, self._implied = self.active[:0], list[str]()
         self.is_place = [average.is_place for average in self._vectors.averages]
         linear = self._vectors.averages, self._vectors.stiff
-        self._bound = BoundAverages(*linear, scene, rows, own, bodies, u)
-        self.at, self.own, self.held = self._bound.at, self._bound.own, self._bound.held
+        self._bound = bound = BoundAverages(*linear, structure)
+        self.at, self.own, self.held = bound.rows, bound.own, bound.held
         self._terms = Terms([own.rows for own in pieces], firsts, len(averages))
         self._firsts = firsts
         self.drives = Drives(scene, elements, firsts, static)
@@ -203,8 +190,7 @@ class Linkage:
         Args:
             v: Velocities of the division's rows, one number each [m/s].
         """
-        at_nodes = v.reshape(-1, 3)[self.at]
-        return np.asarray(self.test() @ self._bound.mean(at_nodes).ravel())
+        return np.asarray(self.test() @ self._bound.mean(v.reshape(-1, 3)[self.at]).ravel())
 
     def coordinates(self, p: Array) -> dict[tuple[int, str], float]:
         """Angles [rad] and travels [m] where vectors are there, by joint and name."""
@@ -232,7 +218,7 @@ class Linkage:
             bodies: The bodies at its start.
         """
         self._pose = self._first_pose = bodies.pose
-        self._start = p = self._vectors.begin(self._bound.places(bodies))
+        self._start = p = self._vectors.begin(self._bound.positions(Instant(bodies)))
         self._moved = np.zeros_like(p)
         self._q = self.coordinates(p)
         self.drives.begin_at(self._q)
@@ -250,7 +236,7 @@ class Linkage:
         n = self.active.size
         self._multipliers[self.active], self._open = multipliers[:n], None
         followed = motion.increments.displacement
-        self._moved = self._vectors.look(self._bound.mean(motion.nodes[self.at], followed))
+        self._moved = self._vectors.look(self._bound.moved(motion))
         self._pose = self._first_pose + self._share * followed
         self.drives.look(self._start, self._moved, multipliers[n:])
         p = self._start + self._share * self._moved
@@ -289,7 +275,7 @@ class Linkage:
             v: Velocities of the division's rows, one number each [m/s].
             bodies: The bodies then.
         """
-        return self._bound.mean(v.reshape(-1, 3)[self.at], bodies.pose_rate)
+        return self._bound.velocities(v, bodies)
 
     def across(self, share: float, moving: Array) -> Array:
         """Velocities across rows at the start (0) or end (1) of the step, shape (rows,) [m/s].
@@ -351,7 +337,7 @@ class Linkage:
 
     def resist_at_nodes(self, forces: ForcesOfNodes) -> None:
         """Add the forces on nodes, in bodies or not."""
-        self._bound.add_at_nodes(self._on_averages(), forces)
+        self._bound.add(self._on_averages(), forces)
         self._vectors.spread(self.forces, self._pose, forces)
 
     def _on_averages(self, on_vectors: Array | None = None) -> Array:
@@ -373,7 +359,7 @@ class Linkage:
         """Energy of the springs of joints and remote points now [J]. Collective."""
         if not (len(self.drives) or len(self.points)):
             return 0.0
-        p = self._vectors.at(self._bound.places(bodies))
+        p = self._vectors.at(self._bound.positions(Instant(bodies)))
         return self.drives.stored(self.coordinates(p)) + self.points.stored(p)
 
     def work(self) -> tuple[float, dict[str, float]]:
@@ -385,26 +371,29 @@ class Linkage:
         return done + more, taken
 
     def told(self, added: Callable[[], tuple[Array, Array]] | None = None) -> JointReports:
-        """Force and motion of each joint in the step that has been solved, by its title.
+        """Force and motion of each joint in the step that has been solved, found when asked for.
 
         Args:
             added: Gives additions to multipliers [N], and their forces on vectors; none in statics.
         """
-        q = self.coordinates(self._start + self._moved)
+        q, n = self.coordinates(self._start + self._moved), self.active.size
         dt = np.inf if self.drives.static else self._dt
         rates = {key: (value - self._q[key]) / dt for key, value in q.items()}
-        moved = self._start, self._moved
+        start, moved = self._start, self._moved
         if self.drives.static:  # forces are those at the end
-            moved = self._start + self._moved, np.zeros_like(self._moved)
-        forces, multipliers, n = self.forces, self.drives.multipliers, self.active.size
-
-        def acting(k: int) -> tuple[Array, Mapping[str, float]]:
-            more, on_vectors = (np.zeros(n + multipliers.size), 0.0) if added is None else added()
-            return -forces - on_vectors, self.drives.efforts(multipliers + more[n:], k)
-
-        open_by = np.abs(self.violation)
+            start, moved = start + moved, np.zeros_like(moved)
+        forces, multipliers, open_by = self.forces, self.drives.multipliers, np.abs(self.violation)
         gaps = [float(open_by[own].max(initial=0.0)) for own in self._known]
-        total = float(np.abs(self.multipliers).sum())
         joints = [joint for joint in self._joints if isinstance(joint, Joint)]
+
+        def of(k: int) -> JointReport:
+            more, on_vectors = (np.zeros(n + multipliers.size), 0.0) if added is None else added()
+            own = slice(self._firsts[k], self._firsts[k + 1])
+            step = start[own], moved[own], -(forces + on_vectors)[own]
+            free = {name: (q[k, name], rates[k, name]) for name in joints[k].pieces.coordinates}
+            efforts = self.drives.efforts(multipliers + more[n:], k)
+            return told_of(joints[k], step, free, efforts, gaps[k])
+
+        total = float(np.abs(self.multipliers).sum())
         blows = {} if self.drives.static else self.drives.blows
-        return reports(joints, self._firsts, moved, (q, rates), acting, gaps, total, blows)
+        return JointReports([joint.title for joint in joints], of, total, blows=blows)

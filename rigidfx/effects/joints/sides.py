@@ -127,7 +127,7 @@ def side_of(scene: Any, owner: str, side: Side) -> Sided:
     title, n = f"{owner}, {side_name(side)}", scene.owned_nodes
     if isinstance(side, Surface):
         weights = np.asarray(scene.facet_weights(side.where, owner)[:n])
-        return FaceSide(Averages(scene, weights, title))
+        return FaceSide(scene, weights, title)
     if side == GROUND:
         return Grounded()
     rigid = {e.name: e.where for e in scene.effects if e.is_rigid}

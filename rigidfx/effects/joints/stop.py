@@ -1,14 +1,4 @@
-"""Stops: a joint's angle or travel is free between two ends, and sprung beyond them.
-
-With P(q) the way beyond an end, below zero beyond the lower one, a stop stores ½ k P² and exerts
-
-    -f,    f = ½ k (P₀ + P₁) (P₁ - P₀)/(q₁ - q₀) + c (P₁ - P₀)/Δt
-
-in a step from q₀ to q₁: its work is exactly the energy that it gives, less c (P₁ - P₀)(q₁ - q₀)/Δt,
-which its damper takes (O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449). A stop only pushes: where the
-damper would make f pull, on the way back, f is zero. Then the damper takes all of the energy
-½ k (P₀² - P₁²) that the spring gives, which is never below zero.
-"""
+"""Stops: a joint's angle or travel is free between two ends, and sprung beyond them."""
 
 from __future__ import annotations
 
@@ -19,14 +9,14 @@ from typing import Any, ClassVar, NamedTuple
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, shown
 from rigidfx.base.warning import warn
-from rigidfx.effects.base import Effect
-from rigidfx.effects.joints.elements import coordinate_of
+from rigidfx.effects.joints.elements import OfJoint, coordinate_of
+from rigidfx.effects.joints.law import Elastic
 
 __all__ = ["Blow", "Stop"]
 
 
 @dataclass(frozen=True)
-class Stop(Effect):
+class Stop(OfJoint, Elastic):
     """Limits of the angle or travel of a joint, with a stiffness and a damper.
 
     Turns count. A stop only pushes: if its damper would pull on the way back, it has no force. A
@@ -49,7 +39,6 @@ class Stop(Effect):
     along: str | None = field(default=None, kw_only=True)
 
     is_lasting: ClassVar[bool] = True
-    resists: ClassVar[bool] = False  # whether it resists all that changes its coordinate
 
     def __post_init__(self) -> None:
         """Check name and values.
@@ -58,8 +47,6 @@ class Stop(Effect):
             SceneError: If a number is none, the ends are in the wrong order, or none is given.
         """
         super().__post_init__()
-        if not isinstance(self.joint, str) or not self.joint:
-            raise SceneError(f"Stop: joint must be the name of a joint, got {shown(self.joint)}.")
         for name in ("low", "high"):
             if getattr(self, name) is not None:
                 number(self.owner, name, getattr(self, name))
@@ -72,22 +59,7 @@ class Stop(Effect):
             )
         if not number(self.owner, "stiffness", self.stiffness) > 0:
             raise SceneError(f"{self.owner}: stiffness must be > 0, got {shown(self.stiffness)}.")
-        if number(self.owner, "damping", self.damping) < 0:
-            raise SceneError(f"{self.owner}: damping must be ≥ 0, got {shown(self.damping)}.")
-        if self.along not in (None, "angle", "travel"):
-            raise SceneError(
-                f"{self.owner}: along must be 'angle' or 'travel', got {shown(self.along)}."
-            )
-
-    @property
-    def owner(self) -> str:
-        """Its name in messages."""
-        return f"Stop of '{self.joint}'"
-
-    @property
-    def acts_along(self) -> str | None:
-        """Its coordinate, "angle" or "travel"; the only one that is free if None."""
-        return self.along
+        self.check_law()
 
     @property
     def ends_at(self) -> tuple[float, float]:
@@ -107,51 +79,6 @@ class Stop(Effect):
                 f"{self.owner}: its ends are in rad, and {largest:g} is more than two turns. Are "
                 "they in degrees? np.radians(…) makes rad of them.",
             )
-
-    def beyond(self, q: float) -> float:
-        """Way beyond an end, below zero beyond the lower one [rad or m]."""
-        low, high = self.ends_at
-        return max(q - high, 0.0) + min(q - low, 0.0)
-
-    def law(self, q0: float, q1: float, dt: float) -> tuple[float, float]:
-        """Force or torque on the second side in a step, and its derivative by q₁.
-
-        Args:
-            q0: q at its start.
-            q1: q at its end.
-            dt: Its length [s]; infinite in statics.
-        """
-        of_spring, by_spring = self._of_spring(q0, q1)
-        P0, P1 = self.beyond(q0), self.beyond(q1)
-        force = of_spring - self.damping * (P1 - P0) / dt
-        if force * (P0 + P1) >= 0:
-            return 0.0, 0.0
-        return force, by_spring - self.damping * float(P1 != 0.0) / dt
-
-    def _of_spring(self, q0: float, q1: float) -> tuple[float, float]:
-        """The same of its spring alone."""
-        P0, P1, moved = self.beyond(q0), self.beyond(q1), q1 - q0
-        slope1 = float(P1 != 0.0)
-        if moved:
-            slope = (P1 - P0) / moved
-            bend = (slope1 - slope) / moved
-        else:
-            slope, bend = slope1, 0.0
-        force = -0.5 * self.stiffness * (P0 + P1) * slope
-        return force, -0.5 * self.stiffness * (slope1 * slope + (P0 + P1) * bend)
-
-    def pull(self, q: float) -> tuple[float, float]:
-        """Force or torque of statics at q, and its derivative."""
-        P = self.beyond(q)
-        return -self.stiffness * P, -self.stiffness * float(P != 0.0)
-
-    def stored(self, q: float) -> float:
-        """Energy at q [J]."""
-        return 0.5 * self.stiffness * self.beyond(q) ** 2
-
-    def taken(self, q0: float, q1: float, dt: float) -> float:
-        """Energy that its damper takes in a step [J]."""
-        return (self._of_spring(q0, q1)[0] - self.law(q0, q1, dt)[0]) * (q1 - q0)
 
 
 class Blow(NamedTuple):

@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from rigidfx.base.matrices import Matrix, Pattern
 from rigidfx.effects.joints.averages import Average
+from rigidfx.effects.joints.bound_averages import StiffRow
 from rigidfx.effects.joints.face_motion import FaceVector, Vector, cyclic, turn_map
-from rigidfx.effects.joints.stiff import StiffRow
 from rigidfx.effects.motion import ForcesOfNodes
 from rigidfx.mechanics.rotation import AXES, cross, nearest_rotations, skew
 

@@ -144,11 +144,11 @@ def check_values(load: DeadLoad, t: float, X: Array) -> Array:
 class DeadForces(Action):
     """A dead load on the nodes of a division, and on its bodies by sums over their nodes."""
 
-    def __init__(self, load: DeadLoad, structure: Structure) -> None:
+    def __init__(self, load: Any, structure: Structure) -> None:
         """Assemble the weights. Collective.
 
         Args:
-            load: The effect.
+            load: The effect, a `DeadLoad` or one with its `weights`, `moments` and `intensity`.
             structure: Its nodes and bodies.
         """
         self.kind, self._load = load.kind, load

@@ -15,7 +15,7 @@ from rigidfx.effects.base import WHOLE, TimeFunction, Vector, Windowed, check_ve
 from rigidfx.effects.joints.on_face import OnFace
 from rigidfx.effects.joints.remote import RemoteMotion, RemoteNodes
 from rigidfx.effects.joints.sides import Surface
-from rigidfx.effects.joints.stiff import stiff_rows, weights_of
+from rigidfx.effects.loads.dead_load import DeadForces
 from rigidfx.effects.motion import Forces
 from rigidfx.mechanics.rotation import skew
 
@@ -91,6 +91,20 @@ class Resultant(OnFace, Windowed):
         """Torque at t, shape (3,) [N m]."""
         return self._factor(t) * np.asarray(self.torque, dtype=np.float64)
 
+    def intensity(self, t: float) -> Array:
+        """Force at t that dead loads have in the middle of a face: see `both_at`."""
+        return self.both_at(t)[0]
+
+    def weights(self, scene: Any) -> Array:
+        """Weight of each owned node in the middle of its face [1]."""
+        out, middle = np.zeros(scene.owned_nodes), self.remote.middle
+        out[middle.nodes] = middle.weights
+        return out
+
+    def moments(self, structure: Structure, weights: Array) -> Array:
+        """Σ w a over this rank's nodes of each body, shape (bodies, n)."""
+        return structure.moments(weights[:, None])[:, :, 0]
+
     def both_at(self, t: float) -> tuple[Array, Array]:
         """Force [N] and torque [N m] at t.
 
@@ -132,7 +146,7 @@ class Resultant(OnFace, Windowed):
     def bind(self, structure: Structure) -> Action | None:
         """Force and torque on the body of its name; nothing while a support clamps that."""
         if self.body is None:
-            return FaceForce(self, structure) if any(self.force) else None
+            return DeadForces(self, structure) if any(self.force) else None
         names = [body.name for body in structure.bodies.of.records]
         if self.body not in names:
             return None
@@ -168,42 +182,6 @@ class BodyLoad(Action):
         """Add force and torque."""
         forces.moments[self._place, 0] += self._once * self._force
         forces.torques[self._place] += self._once * self._torque
-
-
-class FaceForce(Action):
-    """The force of a resultant in the middle of a face, on nodes and bodies of a division."""
-
-    kind = Resultant.__name__
-
-    def __init__(self, load: Resultant, structure: Structure) -> None:
-        """Find what moves the middle. Collective.
-
-        Args:
-            load: The effect.
-            structure: Its nodes and bodies.
-        """
-        self._load = load
-        scene, bodies = structure.scene, structure.bodies.of.records
-        middle = [load.remote.middle]
-        W, held = weights_of(scene, bodies, middle, stiff_rows(scene, bodies, middle))
-        weights = np.asarray(W.toarray()[0])[structure.rows.nodes]
-        self._weights = np.where(structure.own, weights, 0.0)[:, None]
-        moments = held.toarray().reshape(*structure.bodies.pose.shape[:2], 1)
-        self._moments = structure.once * moments
-        self._force: Array = np.zeros(3)
-
-    def set_time(self, t: float, dt: float) -> None:
-        """Evaluate the force.
-
-        Raises:
-            SceneError: On this rank, if it is not finite.
-        """
-        self._force, _ = self._load.both_at(t)
-
-    def load(self, forces: Forces) -> None:
-        """Add the force, and Σ a fᵀ of bodies."""
-        forces.nodes[...] += self._weights * self._force
-        forces.moments[...] += self._moments * self._force
 
 
 class FaceCouple(Action):

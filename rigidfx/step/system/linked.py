@@ -15,7 +15,6 @@ from rigidfx.effects import (
 )
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.points import Points
-from rigidfx.state import State
 from rigidfx.step.equations.actions import bound
 from rigidfx.step.equations.heeded import Heeded
 from rigidfx.step.equations.structure import BoundStructure
@@ -35,22 +34,19 @@ def elements_of(scene: Any, acting: Sequence[Windowed]) -> tuple[Motor | JointSp
     return (*motors, *scene.named(JointSpring), *scene.named(Stop))
 
 
-def linked(structure: BoundStructure, state: State, acting: Sequence[Windowed]) -> Linkage | None:
+def linked(structure: BoundStructure, acting: Sequence[Windowed]) -> Linkage | None:
     """Joints, remote points and springs between points, bound; None without any. Collective.
 
     Args:
         structure: The division.
-        state: The state.
         acting: The effects with a time window that act.
     """
-    scene, rows = structure.scene, structure.rows
+    scene = structure.scene
     joints = (*scene.named(Joint), *(e for e in scene.named(PointMass) if e.is_carried))
     points = _points_of(structure, acting)
     if not joints and not len(points):
         return None
-    given = scene, rows, structure.own, state.bodies, state.u.x.array
-    others = structure.notes, structure.static, points
-    return Linkage(joints, elements_of(scene, acting), *given, *others)
+    return Linkage(joints, elements_of(scene, acting), structure, points)
 
 
 def _points_of(structure: BoundStructure, acting: Sequence[Windowed]) -> Points:

@@ -120,7 +120,7 @@ class StaticSystem:
         interior, interface = layout.interior, layout.interface
         bound = static_forces(scene, forces, cells, interior, interface, driven, acting)
         given = scene, forces, bound, None, p, self.actions
-        self._linkage = self.energies.linkage = linked(structure, state, acting)
+        self._linkage = self.energies.linkage = linked(structure, acting)
         joined = DraggedEquilibrium if loose else JoinedEquilibrium
         self._equations = (
             Equilibrium(*given)

@@ -170,7 +170,7 @@ class System:
             self.actions,
             self._damping,
         )
-        self.linkage = self.energies.linkage = linked(self.structure, state, acting)
+        self.linkage = self.energies.linkage = linked(self.structure, acting)
         self.equilibrium = self._equilibrium(state.bodies, *given)
         self.newton = Newton(self.equilibrium, scene)
         self.held = HeldBodies(scene, self._frames(held or {}), state.bodies)

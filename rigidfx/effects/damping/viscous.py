@@ -1,10 +1,10 @@
-"""Damping in proportion to stiffness, Rayleigh's second part: a term of the compiled forms."""
+"""Viscous stresses as terms of the compiled forms: of strains, and in proportion to stiffness."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import pi
-from typing import Any
+from typing import Any, Literal
 
 import ufl
 from dolfinx import fem
@@ -14,11 +14,94 @@ from rigidfx.base.inputs import positive
 from rigidfx.base.warning import warn
 from rigidfx.effects.action import FormTerm
 from rigidfx.effects.base import Windowed
-from rigidfx.effects.damping.viscous_term import ViscousTerm
-from rigidfx.mechanics.element import Element
+from rigidfx.mechanics.element import Element, Portion
 from rigidfx.mechanics.schemes import Law, initial_stiffness_times
 
-__all__ = ["StiffnessDamping", "warn_of_ratio"]
+__all__ = ["KelvinVoigt", "StiffnessDamping", "warn_of_ratio"]
+
+
+class ViscousTerm(FormTerm):
+    """A stress that is a modulus times a strain increment over Δt."""
+
+    viscous = True
+    law: Literal["elastic", "viscous"] = "viscous"  # what the modulus multiplies: see `Portion`
+
+    def __init__(self, modulus: float, rate: Any) -> None:
+        """Take the modulus over, and the constant of the forms that is modulus/Δt."""
+        self._modulus, self._rate = modulus, rate
+
+    def set_time(self, t: float, dt: float) -> None:
+        """Set modulus/Δt."""
+        self.set_rate(1 / dt)
+
+    def set_rate(self, rate: float) -> None:
+        """Set the modulus times a rate [1/s]."""
+        self._rate.value = self._modulus * rate
+
+    def stress(self, element: Element, u0: Any, u1: Any) -> Any:
+        """S of a step from u₀ to u₁ [Pa]."""
+        raise NotImplementedError
+
+    def virtual_work(self, element: Element, u0: Any, u1: Any, w: Any) -> Any:
+        """F½ S : Grad w."""
+        S, portion = self.stress(element, u0, u1), Portion(self.law, u1, u0, 0.0, self._rate)
+        return element.virtual_work(S, (portion,), (u0, u1), w)
+
+
+@dataclass(frozen=True)
+class KelvinVoigt(Windowed):
+    """Objective viscous stress S = η ΔE/Δt, which takes ∫ η ΔE:ΔE/Δt dV per step.
+
+    It depends on strain rates only, so it damps neither rigid motions nor rigid bodies. Effects on
+    the same cells add up.
+
+    Attributes:
+        eta: Viscosity η > 0 [Pa s].
+        where: Name of a set of cells; everywhere if None.
+    """
+
+    eta: float
+    where: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check η.
+
+        Raises:
+            SceneError: If η is not a finite number > 0.
+        """
+        super().__post_init__()
+        positive("KelvinVoigt", "eta", self.eta)
+
+    def check(self, scene: Any) -> None:
+        """Look its cells up."""
+        scene.owned_cells(self.where, self.kind)
+
+    def term(self, mesh: Any) -> FormTerm:
+        """The viscous stress."""
+        return ViscousStress(self, mesh)
+
+
+class ViscousStress(ViscousTerm):
+    """S = η ΔE/Δt in the compiled forms."""
+
+    kind = KelvinVoigt.__name__
+
+    def __init__(self, effect: KelvinVoigt, mesh: Any) -> None:
+        """Take the viscosity η [Pa s] over."""
+        super().__init__(float(effect.eta), fem.Constant(mesh, float(effect.eta)))
+
+    def stress(self, element: Element, u0: Any, u1: Any) -> Any:
+        """η ΔE/Δt."""
+        return self._rate * element.viscous_strain_increment(u0, u1)
+
+    def eliminated(self, element: Element, u0: Any, u1: Any, w: Any, du: Any) -> Any:
+        """η/Δt ∂(ΔE)/∂u₁ at F½."""
+        return element.viscous_eliminated((u0, u1), u1, self._rate, w, du)
+
+    def taken(self, element: Element, u0: Any, u1: Any) -> Any:
+        """η ΔE:ΔE/Δt [J/m³]."""
+        dE = element.viscous_strain_increment(u0, u1)
+        return self._rate * ufl.inner(dE, dE)
 
 
 @dataclass(frozen=True)
