@@ -19,7 +19,7 @@ from rigidfx.base.errors import together
 from rigidfx.base.remembered import FIELD, ON_DOFS, ByObject, Remembered, same
 from rigidfx.base.taken import read_only
 from rigidfx.effects import InitialVelocity, Preload
-from rigidfx.effects.initial.initial_velocity import agree_with_support, given_velocity
+from rigidfx.effects.initial import agree_with_support, given_velocity
 from rigidfx.mechanics.bodies import BODIES, Bodies
 from rigidfx.mechanics.eased import EASED, Eased
 from rigidfx.mechanics.rigid_body import Body

@@ -118,13 +118,14 @@ def agree(
             raise error(found[0])
 
 
-def by_name(owner: str, t: float, function: Callable[[], T]) -> T:
+def by_name(owner: str, t: float, function: Callable[[], T], what: str = "function") -> T:
     """Call a user's function in a run; if it fails, the error says whose it is and when.
 
     Args:
         owner: Whose function it is.
         t: Time of the run [s].
         function: Function to call.
+        what: Which of its functions.
 
     Raises:
         SceneError: On this rank, if it fails.
@@ -135,7 +136,7 @@ def by_name(owner: str, t: float, function: Callable[[], T]) -> T:
         raise
     except Exception as error:  # whatever a user's function may raise
         found = f"{type(error).__name__}: {error}"
-        raise SceneError(f"{owner}: its function failed at t = {t:g} s with {found}") from error
+        raise SceneError(f"{owner}: its {what} failed at t = {t:g} s with {found}") from error
 
 
 def together(comm: MPI.Intracomm, owner: str, function: Callable[[], T]) -> T:

@@ -15,8 +15,7 @@ from rigidfx.effects.contacts.obstacles import Cylinder, Obstacle, Plane, Sphere
 from rigidfx.effects.damping.mass_damping import MassDamping
 from rigidfx.effects.damping.numerical_damping import NumericalDamping
 from rigidfx.effects.damping.viscous import KelvinVoigt, StiffnessDamping
-from rigidfx.effects.initial.initial_displacement import InitialDisplacement, places_at_start
-from rigidfx.effects.initial.initial_velocity import InitialVelocity
+from rigidfx.effects.initial import InitialDisplacement, InitialVelocity, places_at_start
 from rigidfx.effects.joints.elements import JointSpring, Motor, efforts_of
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.joint_report import JointReport, JointReports
@@ -39,10 +38,9 @@ from rigidfx.effects.loads.spread_loads import BodyForce, NodalForce, Traction
 from rigidfx.effects.reduced import Reduced
 from rigidfx.effects.resolved_forces import ResolvedForces
 from rigidfx.effects.rigid import Rigid
-from rigidfx.effects.supports.fixed import Fixed
 from rigidfx.effects.supports.prescribed_motion import PrescribedMotion
 from rigidfx.effects.supports.prescribed_rotation import PrescribedRotation
-from rigidfx.effects.supports.support import Support
+from rigidfx.effects.supports.support import Fixed, Support
 from rigidfx.effects.supports.symmetry import Symmetry
 
 __all__ = [

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.base.errors import SceneError, together
+from rigidfx.base.errors import SceneError, by_name, together
 from rigidfx.base.inputs import number, numbers, shown
 from rigidfx.base.taken import take_fields
 from rigidfx.effects.action import Action, FormTerm, Structure
@@ -250,14 +250,7 @@ def vector_at(owner: str, what: str, t: float, function: Callable[[], Array]) ->
     Raises:
         SceneError: On this rank, if it fails or gives anything else.
     """
-    try:
-        value = function()
-    except SceneError:
-        raise
-    except Exception as error:  # whatever a user's function may raise
-        raise SceneError(
-            f"{owner}: its {what} failed at t = {t:g} s with {type(error).__name__}: {error}"
-        ) from error
+    value = by_name(owner, t, function, what)
     _three_finite(owner, t, value, f" Check its {what}.")
     return value
 

@@ -16,7 +16,7 @@ from rigidfx.base.remembered import Kind, joined, part_of, restore
 from rigidfx.coupling.mass import ConsistentMass, LumpedMass, Mass
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Preload, Rigid
-from rigidfx.effects.joints.between import Between
+from rigidfx.effects.joints.joint import Between
 from rigidfx.error.contacts import Contacts
 from rigidfx.error.forces.parts import mass_of
 from rigidfx.error.frames import Frames, to_space

@@ -31,8 +31,8 @@ from scipy.sparse import csr_array, vstack
 
 from rigidfx.base.matrices import dense
 from rigidfx.effects import Joint, JointSpring, Motor, SpringDamper, Stop
-from rigidfx.effects.joints.between import Between
-from rigidfx.effects.joints.terms import Terms
+from rigidfx.effects.joints.joint import Between
+from rigidfx.effects.joints.pieces import Terms
 from rigidfx.effects.joints.vectors import Vectors
 from rigidfx.error.contacts import Search
 from rigidfx.error.frames import Frames

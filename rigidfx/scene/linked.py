@@ -8,7 +8,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from rigidfx.effects import Contact
-from rigidfx.effects.joints.between import Between
+from rigidfx.effects.joints.joint import Between
 from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
 

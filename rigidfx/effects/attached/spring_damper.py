@@ -24,9 +24,9 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown, vector
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Vector as Point
-from rigidfx.effects.joints.between import Between
 from rigidfx.effects.joints.ends import end_of
 from rigidfx.effects.joints.face_motion import Vector, value_at
+from rigidfx.effects.joints.joint import Between
 from rigidfx.effects.joints.law import Elastic
 from rigidfx.effects.joints.remote import RemoteMotion, RemoteNodes
 from rigidfx.effects.joints.sides import GROUND

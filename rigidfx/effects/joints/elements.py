@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rigidfx.base.errors import SceneError, together
+from rigidfx.base.errors import SceneError, by_name, together
 from rigidfx.base.inputs import is_function, number, scalar, shown
 from rigidfx.effects.base import Effect, TimeFunction, Windowed
 from rigidfx.effects.joints.joint import Joint
@@ -189,13 +189,7 @@ class Motor(OfJoint, Windowed):
         given: float | Callable[[float], float] = getattr(self, self.by)
         if not callable(given):
             return float(given)
-        try:
-            value = scalar(given(t))
-        except Exception as error:  # whatever a user's function may raise
-            raise SceneError(
-                f"{self.owner}: its {self.by} failed at t = {t:g} s with {type(error).__name__}: "
-                f"{error}"
-            ) from error
+        value = by_name(self.owner, t, lambda: scalar(given(t)), self.by)
         return number(f"{self.owner} at t = {t:g} s", self.by, value)
 
     def check(self, scene: Any) -> None:

@@ -31,8 +31,8 @@ from rigidfx.effects.joints.coordinates import Coordinates
 from rigidfx.effects.joints.drives import Drives, Element
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.joint_report import JointReport, JointReports, told_of
-from rigidfx.effects.joints.points import Points
-from rigidfx.effects.joints.terms import Terms
+from rigidfx.effects.joints.pieces import Terms
+from rigidfx.effects.joints.remote import Points
 from rigidfx.effects.joints.vectors import Vectors
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion
 from rigidfx.mechanics.bodies import Bodies

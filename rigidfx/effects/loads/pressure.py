@@ -121,7 +121,7 @@ class PressureTerm(FormTerm):
 
     def set_time(self, t: float, dt: float) -> None:
         """Set p."""
-        self._p.value = _intensity(self._effect, t)
+        self._p.value = self._effect.intensity(t)
 
     def virtual_work(self, element: Element, u0: Any, u1: Any, w: Any) -> Any:
         """The integrand p cof(F½) N·w."""
@@ -159,7 +159,7 @@ class RotatedPressure(Action):
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate p."""
-        self._p = _intensity(self._effect, t)
+        self._p = self._effect.intensity(t)
 
     def _turned(self, increments: Increments) -> Array:
         """Moments in space."""
@@ -197,20 +197,3 @@ class RotatedPressure(Action):
         """Work against the pressure in a step [J]."""
         increments = motion.increments
         return increments.work(increments.resultant(self._turned(increments)))
-
-
-def _intensity(effect: Pressure, t: float) -> float:
-    """Pressure at t [Pa]; exceptions of a user's function are told with its name.
-
-    Raises:
-        SceneError: On this rank, if it fails or is not finite.
-    """
-    try:
-        return effect.intensity(t)
-    except SceneError:
-        raise
-    except Exception as error:  # whatever a user's function may raise
-        raise SceneError(
-            f"{effect.owner} at t = {t:g} s: its value or time function failed with "
-            f"{type(error).__name__}: {error}"
-        ) from error

@@ -1,4 +1,4 @@
-"""The base of all supports: the components that they hold, and questions about the motion."""
+"""The base of all supports, with the components that they hold; supports at rest."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rigidfx.base.inputs import shown
 from rigidfx.effects.base import Windowed, check_vector
 from rigidfx.effects.fields import some_points
 
-__all__ = ["Support"]
+__all__ = ["Fixed", "Support"]
 
 Array = npt.NDArray[np.float64]
 
@@ -170,3 +170,20 @@ class Support(Windowed):
         Raises:
             SceneError: On every rank, if it cannot.
         """
+
+
+@dataclass(frozen=True)
+class Fixed(Support):
+    """Holds the nodes of a named set where they are when the window begins."""
+
+    def displacement_at(self, t: float) -> npt.NDArray[np.float64]:
+        """Zero."""
+        return np.zeros(3)
+
+    def velocity_at(self, t: float, dt: float) -> npt.NDArray[np.float64]:
+        """Zero."""
+        return np.zeros(3)
+
+    def same_motion(self, other: Support) -> bool:
+        """Two fixed supports never disagree."""
+        return isinstance(other, Fixed)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.effects.supports.fixed import Fixed
+from rigidfx.effects.supports.support import Fixed
 
 __all__ = ["FLAT", "Symmetry"]
 

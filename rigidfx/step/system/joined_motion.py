@@ -12,7 +12,7 @@ from rigidfx.base.matrices import dense
 from rigidfx.effects import Joint, SpringDamper, Windowed
 from rigidfx.effects.joints.elements import coordinate_of
 from rigidfx.effects.joints.face_motion import Vector
-from rigidfx.effects.joints.terms import Terms
+from rigidfx.effects.joints.pieces import Terms
 from rigidfx.step.system.linked import elements_of
 
 __all__ = ["joint_rows"]

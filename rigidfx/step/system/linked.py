@@ -14,7 +14,7 @@ from rigidfx.effects import (
     Windowed,
 )
 from rigidfx.effects.joints.linkage import Linkage
-from rigidfx.effects.joints.points import Points
+from rigidfx.effects.joints.remote import Points
 from rigidfx.step.equations.actions import bound
 from rigidfx.step.equations.heeded import Heeded
 from rigidfx.step.equations.structure import BoundStructure

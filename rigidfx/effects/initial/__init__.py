@@ -1,1 +1,0 @@
-"""Initial motion and shape."""
