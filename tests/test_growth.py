@@ -111,13 +111,17 @@ def on_a_stalk(period):
     return scene, rf.Scene(rf.box((1.0, 0, 0), (2.0, 0.2, 0.2), (5, 2, 2)), stiff)
 
 
+def on_stalk(period):
+    return rf.StrainRate(0.05, period, grow=True)
+
+
 def test_a_resonance_of_a_stiff_part_is_found():
     """Its modes are beyond those of the whole; soft parts, which have too many, wake."""
     period = float(rf.periods(on_a_stalk(1.0)[1], 1)[0])
     scene = on_a_stalk(period)[0]
     twin, own = (
         list(rf.simulate(scene, period / 20, 8 * period, rigidify=rigidify))
-        for rigidify in (None, rf.StrainRate(0.05, period, grow=True))
+        for rigidify in (None, on_stalk(period))
     )
     assert np.abs(tips(own) - tips(twin)).max() < 0.01 * np.abs(tips(twin)).max()
     released = [event for r in own for event in r.events if event.kind == "release"]
@@ -189,7 +193,11 @@ def test_bad_input_says_what_to_do(case):
 
 def _found():
     """What is the same on any number of ranks."""
-    own = run(bar(THROWN, blow())), run(bar(HELD, blow(200.0)))
+    period = 1.6e-3
+    of_stalk = rf.simulate(
+        on_a_stalk(period)[0], period / 20, 5 * period, rigidify=on_stalk(period)
+    )
+    own = run(bar(THROWN, blow())), run(bar(HELD, blow(200.0))), list(of_stalk)
     return [[*r.probes["tip"], float(r.unknowns)] for reports in own for r in reports[::6]]
 
 

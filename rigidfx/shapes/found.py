@@ -75,7 +75,8 @@ class Found:
         M = self._mass.matrix()
         y, omega, cut = resolved(self._K, M, columns(self._rigid), self._rows.vector, dt)
         M.destroy()
-        return y[:, omega > above].reshape(*self._rigid.shape[:2], -1), max(cut, above)
+        y = y[:, omega > above]
+        return y.reshape(*self._rigid.shape[:2], y.shape[1]), max(cut, above)
 
     def forces(self, w: Array) -> Array:
         """Internal forces of its cells at the frozen shape and w beside it [N]. Collective.

@@ -83,7 +83,7 @@ class Resonance:
             dt: Δt [s].
         """
         change = force - self._last
-        m = self._scene.averaging_mass[:, None]
+        m = self._scene.averaging_mass[: len(force), None]
         light = np.divide(self._change, m, out=np.zeros_like(force), where=m > 0)
         both = np.stack([2 * self._change * light, (change + self._before) * light])
         self._last, self._change, self._before = force.copy(), change, self._change
