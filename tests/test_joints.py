@@ -378,6 +378,15 @@ def test_a_blow_on_a_stop_that_steps_do_not_resolve_is_told(dt, t_end):
     assert -min(forces) == pytest.approx(np.sqrt(1e6 * 10.0), rel=0.03)
 
 
+def test_a_blow_in_the_only_step_of_a_run_is_told():
+    """One step does not show the mass that strikes; a run that rests on its stop has no blow."""
+    with pytest.warns(rf.RigidfxWarning, match="was struck in the only step of the run"):
+        struck(0.01, t_end=0.01)
+    rests = bar(SLIDER, rf.Stop("joint", high=0.0, stiffness=1e6), rf.Gravity((9.81, 0, 0)))
+    *_, loaded = rf.static(rests, 1)
+    list(rf.simulate(rests, 0.01, 0.01, start=loaded))
+
+
 def test_a_stop_that_is_violated_at_the_start_is_refused():
     """450 J appeared; a static solution may rest on a stop."""
     beyond = rf.Stop("joint", high=-0.03, stiffness=1e6)

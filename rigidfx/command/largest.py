@@ -12,6 +12,7 @@ from mpi4py import MPI
 from rigidfx.plot import Shapes
 from rigidfx.report.peaks import Peak, Peaks
 from rigidfx.report.report import Report
+from rigidfx.report.resolved_series import resolved
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Largest"]
@@ -37,7 +38,7 @@ class Largest:
         origin = np.zeros(3)
         self._u: tuple[float, float, npt.NDArray[np.float64]] = 0.0, 0.0, origin  # [m], [s], [m]
         self._stress = (Peak(0.0, origin), 0.0)
-        self._reactions: dict[str, tuple[float, float]] = {}  # size [N], time [s]
+        self._reactions: dict[str, list[tuple[float, ...]]] = {}  # t, dt [s], cut, force [N]
         self._energy = self._damped = 0.0  # largest and dissipated [J]
 
     def add(self, report: Report) -> None:
@@ -48,9 +49,8 @@ class Largest:
         if size > self._u[0]:
             self._u = size, t, place
         for name, force in report.reactions.items():
-            found = float(np.linalg.norm(force))
-            if found > self._reactions.get(name, (-1.0, 0.0))[0]:
-                self._reactions[name] = found, t
+            cut = float(bool(report.events or report.impact))
+            self._reactions.setdefault(name, []).append((t, report.dt, cut, *force))
         self._energy = max(self._energy, report.energy)
         self._damped += report.dissipated.get("NumericalDamping", 0.0)
         self.shapes.add(report)
@@ -71,8 +71,11 @@ class Largest:
             f"largest von Mises stress: {peak.von_mises:.4g} Pa at {_at(peak.place)}"
             f"{_when(t_peak, timed)}{self._held_there(peak)}",
         ]
-        for name, (force, t) in self._reactions.items():
-            lines.append(f"largest reaction of {name}: {force:.4g} N{_when(t, timed)}")
+        for name, rows in self._reactions.items():
+            times, dt, cut, *force = np.array(rows).T
+            sizes = np.linalg.norm(resolved(np.transpose(force), dt, cut > 0), axis=1)
+            k = int(sizes.argmax())
+            lines.append(f"largest reaction of {name}: {sizes[k]:.4g} N{_when(times[k], timed)}")
         if self._damped and self._energy:
             lines.append(
                 f"numerical damping took {self._damped:.3g} J, {self._damped / self._energy:.0%} "

@@ -64,6 +64,7 @@ Columns, in SI units; a vector has one column for each of x, y, z:
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from math import nan
@@ -80,6 +81,7 @@ from rigidfx.flexible.stress import SYMMETRIC
 from rigidfx.report.peaks import Peak
 from rigidfx.report.probe_stress import StressAt
 from rigidfx.report.report import Report
+from rigidfx.report.resolved_series import resolved
 
 __all__ = [
     "Written",
@@ -89,6 +91,7 @@ __all__ = [
     "history_row",
     "joint_columns",
     "read_history",
+    "resolved_columns",
 ]
 
 Array = npt.NDArray[np.float64]
@@ -106,6 +109,7 @@ LEDGER = (
 )
 UNSURE = "estimate", "unknown"
 NO_JOINTS: Mapping[str, Sequence[str]] = {}
+FORCES = r"((reaction|moment)_.*(?<!_e)|joint_.*_(force|moment))_[xyz]$|joint_.*_motor(_|$)"
 
 
 PAIRS = {"xyz"[i] + "xyz"[j]: (i, j) for i, j in SYMMETRIC}
@@ -182,9 +186,8 @@ def history_row(
         peaks: Largest stresses, if they are among the columns.
         before: The report of the row before, None in the first one.
     """
-    row = {name: getattr(report, name) for name in SCALARS}
+    row = {name: getattr(report, name) for name in SCALARS} | _step_of(report)
     row["dissipated"] = sum(report.dissipated.values())
-    row["impact_energy"] = report.impact.energy if report.impact else 0.0
     row["momentum_scale"] = report.momentum_scale
     row |= components("L", report.linear_momentum)
     row |= components("J", report.angular_momentum)
@@ -217,6 +220,13 @@ def history_row(
     return row | _spent(report) | {"wall": report.wall}
 
 
+def _step_of(report: Report) -> dict[str, float]:
+    """The columns that show where steps of one length and kind end, and their values."""
+    energy = report.impact.energy if report.impact else 0.0
+    named = {name: getattr(report, name) for name in ("step", "t", "dt", "unknowns")}
+    return named | {"impact_energy": energy}
+
+
 def _acceleration(report: Report, before: Written | None, probe: str) -> Array:
     """Mean acceleration of a probe since another report, shape (3,) [m/s²]."""
     if before is None or not report.t > before.t:
@@ -245,7 +255,7 @@ def _of_joints(
 
 
 def joint_columns(reports: Iterable[Report]) -> dict[str, Array]:
-    """The time and the columns of joints of some reports, as in history.csv.
+    """Steps and the columns of joints of some reports, as in history.csv.
 
     Args:
         reports: Reports of one run.
@@ -256,7 +266,7 @@ def joint_columns(reports: Iterable[Report]) -> dict[str, Array]:
         for title, joint in report.joints.items():
             known = joints.setdefault(title, [])
             known += [owner for owner in joint.efforts if owner not in known]
-    rows = [{"t": report.t, **_of_joints(joints, report.joints)} for report in steps]
+    rows = [_step_of(report) | _of_joints(joints, report.joints) for report in steps]
     return {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
 
 
@@ -313,6 +323,10 @@ def read_history(path: str | Path) -> Any:
     pandas is optional. `history["t"]` is a column in either case, of shape (steps,), and
     `list(history)` are their names; `np.asarray(history["t"])` is an array in either case.
 
+    Forces of supports and joints, their moments and the efforts of motors have one more column
+    each, such as `joint_pin_motor_resolved`, without vibration that Δt does not resolve, for peaks:
+    see `rigidfx.report.resolved_series`.
+
     Args:
         path: The file, or the folder of a `Recorder` with it; its run may go on, or was killed.
 
@@ -321,11 +335,28 @@ def read_history(path: str | Path) -> Any:
         SceneError: If path is none.
     """
     found = columns_of(path)
+    found |= {f"{name}_resolved": values for name, values in resolved_columns(found).items()}
     try:
         import pandas
     except ImportError:
         return found
     return pandas.DataFrame(found)
+
+
+def resolved_columns(h: Mapping[str, Array]) -> dict[str, Array]:
+    """Forces of supports and joints and efforts of motors without unresolved vibration, by name.
+
+    Args:
+        h: Columns of a table.
+    """
+    names = [name for name in h if re.match(FORCES, name)]
+    if not names or not {"step", "dt", "unknowns", "impact_energy"} <= set(h):
+        return {}
+    cut = (np.diff(h["step"], prepend=0) != 1) | (np.diff(h["unknowns"], prepend=0) != 0)
+    forces = np.stack([h[name] for name in names], axis=1)
+    return dict(
+        zip(names, resolved(forces, h["dt"], cut | (h["impact_energy"] != 0)).T, strict=True)
+    )
 
 
 def columns_of(path: str | Path) -> dict[str, Array]:

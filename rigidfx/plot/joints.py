@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import OutputError, SceneError
 from rigidfx.base.inputs import path_of, shown
-from rigidfx.output.history import columns_of, joint_columns
+from rigidfx.output.history import columns_of, joint_columns, resolved_columns
 from rigidfx.plot.curves import curves, is_table, on_first_rank
 from rigidfx.plot.panels import of_joints
 from rigidfx.report.report import Report
@@ -32,7 +32,8 @@ def joints(
     """Draw joints against time. Collective.
 
     Panels have angles, travels, torques and forces of motors, springs and stops, and the sizes of
-    the forces on second sides. A curve is left out where it is below a hundredth of its panel.
+    the forces on second sides, without vibration that Δt does not resolve. A curve is left out
+    where it is below a hundredth of its panel.
 
     Example:
         >>> reports = list(simulate(machine, dt=1e-3, t_end=0.1))   # doctest: +SKIP
@@ -68,7 +69,7 @@ def joints(
             h = columns_of(history)
         else:
             h = {name: np.asarray(given[name]) for name in given}
-        panels = of_joints(h)
+        panels = of_joints({**h, **resolved_columns(h)})
         if not panels:
             raise OutputError("there are no joints, or no steps after t = 0")
         lines = {heading: curves for heading, (curves, _) in panels.items()}

@@ -24,7 +24,7 @@ from rigidfx.base.errors import OutputError, SceneError
 from rigidfx.base.inputs import number, path_of, shown
 from rigidfx.base.progress import bar_over
 from rigidfx.output.field_reader import read_fields
-from rigidfx.output.history import columns_of
+from rigidfx.output.history import columns_of, resolved_columns
 from rigidfx.plot.arrows import Arrows
 from rigidfx.plot.curves import (
     Curve,
@@ -142,7 +142,8 @@ def _of_numbers(history: Path, free_since: float | None, title: str) -> list[Pat
                 comm=MPI.COMM_SELF,
             )
 
-    for name, panels in (("probes.png", of_probes(h)), ("joints.png", of_joints(h))):
+    shown = h | resolved_columns(h)
+    for name, panels in (("probes.png", of_probes(shown)), ("joints.png", of_joints(shown))):
         lines = {heading: curves for heading, (curves, _) in panels.items()}
         add(name, lines, [label for _, label in panels.values()])
     if np.ptp(h["unknowns"]) > 0:

@@ -1,13 +1,6 @@
 """Do forces of motors, joints and supports go back and forth from step to step?
 
-Cells vibrate faster than Δt resolves, and forces of constraints on them with it, for ever. A force
-λ of steps of one length is split into its mean of neighbouring steps and the rest,
-
-    λₙ = ¼ (λₙ₋₁ + 2 λₙ + λₙ₊₁) - ¼ (λₙ₋₁ - 2 λₙ + λₙ₊₁) .
-
-The rest of a force that alternates is that force, of a vibration of n steps a period sin²(π/n) of
-it. A force counts as alternating where the rest changes its sign in two of three steps, which it
-does at three steps a period and less. One event in between leaves no trace in the median.
+Each force is split by `rigidfx.report.resolved_series` into λ* and an alternating rest.
 """
 
 from __future__ import annotations
@@ -25,6 +18,7 @@ from rigidfx.effects.joints.elements import titles_of
 from rigidfx.report.look import Look
 from rigidfx.report.lumping import OF_ALL, WORTH_A_WARNING
 from rigidfx.report.report import Report
+from rigidfx.report.resolved_series import split
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.alternation import FIRST, Alternation
 from rigidfx.step.watches.unresolved import WORTH_A_WARNING as NOTHING
@@ -38,7 +32,7 @@ class AlternatingForces(Look):
     """Looks at the forces of constraints; warns after half of a run, or at its end."""
 
     remembered: ClassVar[Remembered] = same(
-        "_waits", "_t", "_dt", "_inertia", "_last", "_rests", "_most", "_means", "_swings"
+        "_waits", "_t", "_dt", "_inertia", "_last", "_goes_on", "_most", "_resolved", "_swings"
     )
 
     def __init__(self, scene: Scene, motion: Alternation, t_end: float) -> None:
@@ -70,9 +64,9 @@ class AlternatingForces(Look):
         scene.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
         self._scales = np.where(turns, np.max(ends[:3] + ends[3:]), 1.0)  # of moments [m]
         self._t = self._dt = self._inertia = 0.0  # largest Σ m|v| over a step [N]
-        self._last: list[Array] = []  # forces of two steps
-        self._rests: list[Array] = []
-        self._most, self._means, self._swings = np.zeros((3, len(self._names)))
+        self._last: list[Array] = []  # forces of steps of one length
+        self._goes_on = False  # whether steps of that length came before
+        self._most, self._resolved, self._swings = np.zeros((3, len(self._names)))
 
     def follow(self, report: Report) -> None:
         """See `Look`."""
@@ -80,21 +74,11 @@ class AlternatingForces(Look):
             return
         if abs(report.dt - self._dt) > NOTHING * self._dt or report.events or report.impact:
             self._judge()
-            self._last.clear()
         self._t, self._dt = report.t, report.dt
         self._inertia = max(self._inertia, report.momentum_scale / report.dt)
-        now = self._forces_in(report)
-        self._most = np.fmax(self._most, np.linalg.norm(now, axis=1))
-        self._last.append(now)
-        if len(self._last) < 3:
-            return
-        first, middle, _ = self._last
-        del self._last[0]
-        mean = (first + 2 * middle + now) / 4
-        self._means = np.fmax(self._means, np.linalg.norm(mean, axis=1))
-        self._rests.append(middle - mean)
-        if len(self._rests) == 2 * FIRST:
-            self._judge()
+        self._last.append(self._forces_in(report))
+        if len(self._last) == 4 * FIRST:
+            self._judge(goes_on=True)
             if report.t > self._half:
                 self._tell()
 
@@ -114,15 +98,23 @@ class AlternatingForces(Look):
             out += [known[name] for name in self._supports]
         return np.array(out)
 
-    def _judge(self) -> None:
-        """Keep how far forces go back and forth in a window."""
-        rests = np.array(self._rests)
-        self._rests.clear()
-        if len(rests) < FIRST:
+    def _judge(self, goes_on: bool = False) -> None:
+        """Keep peaks, and how far forces go back and forth, in a window.
+
+        Args:
+            goes_on: Whether steps of this length follow, which the last four are kept for.
+        """
+        if not (self._waits and self._last):
             return
-        turns = (rests[1:] * rests[:-1] < 0).sum(axis=0)
-        swings = np.median(np.abs(rests), axis=0) * (3 * turns >= 2 * (len(rests) - 1))
-        self._swings = np.fmax(self._swings, np.linalg.norm(swings, axis=1))
+        own = slice(2 * self._goes_on, -2 if goes_on else None)
+        now = np.array(self._last).reshape(len(self._last), 3 * self._most.size)
+        for kept, forces in zip((self._most, self._resolved), (now, split(now)[0]), strict=True):
+            sizes = np.linalg.norm(forces[own].reshape(-1, kept.size, 3), axis=2)
+            np.fmax(kept, np.nanmax(sizes, axis=0, initial=0.0), out=kept)
+        if len(now) >= 2 * FIRST:
+            swings = np.median(np.abs(split(now)[1][2:-2]), axis=0).reshape(-1, 3)
+            self._swings = np.fmax(self._swings, np.linalg.norm(swings, axis=1))
+        self._last, self._goes_on = self._last[-4:] if goes_on else [], goes_on
 
     def _tell(self) -> None:
         """Warn of forces of which a twentieth goes back and forth.
@@ -130,12 +122,12 @@ class AlternatingForces(Look):
         A hundredth of the largest force matters nowhere, but for motors, which are sized by theirs;
         neither does what is next to nothing beside that, or beside Σ m|v| in a step.
         """
-        largest = (self._means / self._scales).max(initial=0.0)
+        largest = (self._resolved / self._scales).max(initial=0.0)
         driven = np.arange(len(self._names)) < len(self._motors)
         least = np.where(driven, OF_ALL**2, OF_ALL) * largest
         least = np.maximum(least, NOTHING * self._inertia)
         found = np.flatnonzero(
-            self._swings > np.maximum(WORTH_A_WARNING * self._means, least * self._scales)
+            self._swings > np.maximum(WORTH_A_WARNING * self._resolved, least * self._scales)
         )
         if not (self._waits and found.size and self._motion.waits):
             return
@@ -147,8 +139,9 @@ class AlternatingForces(Look):
             self._comm,
             f"Up to t = {self._t:.6g} s {self._names[first]} goes back and forth from step to "
             f"step by {self._swings[first]:.3g} {unit}: its peak is {self._most[first]:.3g}, that "
-            f"of the mean of neighbouring steps {self._means[first]:.3g} {unit}"
+            f"of the motion that Δt resolves {self._resolved[first]:.3g} {unit}"
             f"{names and f' (likewise {names})'}. Cells vibrate faster than Δt = {self._dt:.3g} s "
-            "resolves. With rf.ResolvedForces() in the scene reports, files and peaks have forces "
-            "of the motion that Δt resolves. Motions that begin smoothly vibrate less.",
+            "resolves. Pictures and the columns …_resolved of rf.read_history leave this vibration "
+            "out, reports with rf.ResolvedForces() in the scene. Motions that begin smoothly "
+            "vibrate less.",
         )

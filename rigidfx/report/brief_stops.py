@@ -82,9 +82,11 @@ class BriefStops(Look):
             return
         self._most = max(self._most, report.momentum_scale)
         for title, now in {**report.joints.blows, **self._taut(report)}.items():
+            known = title in self._rates
+            if now.pressed and not known:
+                self._closed.add(title)
             if now.effort > 0 and title not in self._closed:
                 self._closed.add(title)
-                known = title in self._rates
                 began = report.t - report.dt, self._rates.get(title, now.rate)
                 missing = 0.0 if known else -0.5 * now.effort * report.dt
                 law = now.stop.stiffness, now.stop.damping
@@ -107,15 +109,13 @@ class BriefStops(Look):
                 self._judge(title, self._struck.pop(title))
 
     def _taut(self, report: Report) -> dict[str, Blow]:
-        """How cables act in a step, by their titles; those tense at the start have no blow."""
+        """How cables act in a step, by their titles."""
         found = {}
         for title, cable in self._cables.items() if report.step else ():
             own = report.spring_dampers[title]
-            found[title] = Blow(cable, own.force, own.force, own.rate)
             ends = own.length - own.rate * report.dt, own.length
             before, after = (cable.beyond(length) for length in ends)
-            if title not in self._rates and 2 * before > after:
-                self._closed.add(title)
+            found[title] = Blow(cable, own.force, own.force, own.rate, 2 * before > after)
         return found
 
     def end(self) -> None:
@@ -124,22 +124,27 @@ class BriefStops(Look):
             self._judge(title, blow)
 
     def _judge(self, title: str, blow: _Struck) -> None:
-        """Warn of a blow whose steps are too long."""
+        """Warn of a blow whose steps are too long, or that no second step shows."""
         change, k, c = abs(blow.before - blow.rate), blow.k, blow.c
         mass = (blow.impulse - blow.last) / change if change else 0.0
         short = pi * sqrt(max(mass, 0.0) / k) if k else inf
         if mass > 0 and c * c > k * mass:  # the force falls from c v on, by c/m - k/c in a time
             short = min(short, 1 / (c / mass - k / c))
+        alone = not change and title not in self._rates
         enough = blow.longest * RESOLVED <= 2 * short  # half as many lose a tenth of the peak
-        if not self._waits or enough or not short > 0 or blow.force <= WORTH_A_WARNING * self._most:
+        told = alone or (short > 0 and not enough)
+        if not self._waits or not told or blow.force <= WORTH_A_WARNING * self._most:
             return
         self._waits = False
         how = "went taut" if title in self._cables else "was struck"
+        peak = f"the peak of its force or torque ({blow.peak:.3g} here, a mean over a step)"
         warn(
             self._comm,
-            f"{title} {how} at t = {blow.since:.6g} s, in a blow of some {short:.2g} s: Δt "
-            "does not resolve it. Its impulse and the motion afterwards hold; the peak of its "
-            f"force or torque ({blow.peak:.3g} here, a mean over a step) does not. With "
-            f"Δt ≤ {rounded_down(short / RESOLVED):.2g} s the peak is found to a few per cent; a "
-            "smaller `stiffness` makes blows longer.",
+            f"{title} {how} in the only step of the run, which does not show how long the blow is: "
+            f"{peak} may be higher. Take shorter steps."
+            if alone
+            else f"{title} {how} at t = {blow.since:.6g} s, in a blow of some {short:.2g} s: Δt "
+            f"does not resolve it. Its impulse and the motion afterwards hold; {peak} does not. "
+            f"With Δt ≤ {rounded_down(short / RESOLVED):.2g} s the peak is found to a few per "
+            "cent; a smaller `stiffness` makes blows longer.",
         )

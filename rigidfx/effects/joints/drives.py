@@ -185,7 +185,8 @@ class Drives:
         for n, (drive, force) in enumerate(zip(self._all, abs(self.multipliers), strict=True)):
             if isinstance(stop := drive.effect, Stop):
                 (q0, q1), size = self.ends_of(n), float(force)
-                blow = Blow(stop, size * drive.size, size, (q1 - q0) / self._dt)
+                rests = 2 * abs(stop.beyond(q0)) > abs(stop.beyond(q1))
+                blow = Blow(stop, size * drive.size, size, (q1 - q0) / self._dt, rests)
                 out[self._titles[id(stop)]] = blow
         return out
 

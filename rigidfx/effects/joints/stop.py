@@ -89,9 +89,11 @@ class Blow(NamedTuple):
         effort: Size of its force or torque [N, N m].
         force: Size of that over the joint's size, where it is a torque [N].
         rate: Mean rate of the coordinate [rad/s, m/s].
+        pressed: Whether it had most of its elongation at the start of the step.
     """
 
     stop: Any
     effort: float
     force: float
     rate: float
+    pressed: bool
