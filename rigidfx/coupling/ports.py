@@ -16,6 +16,7 @@ from rigidfx.base.matrices import Matrix, Pattern, dense
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.rotation import AXES
 
 __all__ = ["Ports", "far_apart"]
@@ -129,7 +130,7 @@ class Ports:
             if bodies.of.records[body].extent is not None:  # no mass of its own: that of its joints
                 block = linkage.masses.max(initial=1.0) * np.eye(len(block))
             every[np.ix_(at[known], at[known])] = np.linalg.inv(block)
-        rows, lead = linkage.gradient(0.0), self.lead(p.increments.L)
+        rows, lead = linkage.gradient(0.0), self.lead(p.increments)
         return dense(rows @ lead), dense(abs(rows) @ abs(lead)), every
 
     def everywhere(self) -> csr_array:
@@ -182,16 +183,16 @@ class Ports:
         """Number of ports."""
         return 3 * len(self.averages) + self._of_bodies.size + self._anchors.size
 
-    def lead(self, L: Array) -> Matrix:
+    def lead(self, increments: Increments, end: bool = False) -> Matrix:
         """How averages follow ports, shape (3 · averages, ports).
 
         Args:
-            L: How the numbers of bodies follow their unknowns, shape (bodies, 3 n, 6 + m).
+            increments: Trial step of the bodies.
+            end: Whether their places at its end are meant, not their increments.
         """
         if self._free is not None:
             return self._free
-        of_arms = L.reshape(len(L), L.shape[1] // 3, 3 * L.shape[2])[self.bodies]
-        values = (self._held @ of_arms)[self._pairs].reshape(self._there.shape)
+        values = increments.led(self._held, self.bodies, end)[self._pairs]
         every = np.concatenate([np.ones(3 * self.averages.size), values[self._there]])
         out = self._pattern.filled(every)
         if not self.bodies.size:  # then it is always the same

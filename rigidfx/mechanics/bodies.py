@@ -257,9 +257,10 @@ class Bodies:
         out[:, :3, :3] = self.of.mass[:, None, None] * np.eye(3)
         out[:, 3:6, 3:6] = self.R @ self.rotated_inertia / self.of.square_length
         if (shapes := self.of.shapes) is not None:
-            B = self.R @ shapes.coupling(self.weighted) / self.of.length[:, None, None]
-            out[:, 3:6, 6:], out[:, 6:, 3:6] = B, B.swapaxes(1, 2)
-            out[:, 6:, 6:] = shapes.mass
+            at = shapes.some
+            B = self.R[at] @ shapes.coupling(self.weighted) / self.of.length[at, None, None]
+            out[at, 3:6, 6:], out[at, 6:, 3:6] = B, B.swapaxes(1, 2)
+            out[at, 6:, 6:] = shapes.mass
         return out
 
     @property
@@ -281,9 +282,10 @@ class Bodies:
     @property
     def strain_of_each(self) -> Array:
         """U(q) of each body, zero of one that is rigid, shape (bodies,) [J]."""
-        if self.of.shapes is None:
-            return np.zeros(len(self))
-        return self.of.strained + self.of.shapes.energy(self.q)
+        out = np.zeros(len(self))
+        if (shapes := self.of.shapes) is not None:
+            out[shapes.some] = self.of.strained[shapes.some] + shapes.energy(self.q[shapes.some])
+        return out
 
     @cached_property
     def moved(self) -> Array:
@@ -303,22 +305,24 @@ class Bodies:
     def weighted(self) -> Array:
         """See `ShapesOfBodies`; nothing where no body has shapes."""
         shapes = self.of.shapes
-        return read_only(np.zeros(0) if shapes is None else shapes.weighted(self.q))
+        return read_only(np.zeros(0) if shapes is None else shapes.weighted(self.q[shapes.some]))
 
     @cached_property
     def momenta_of_shapes(self) -> tuple[Array, Array]:
-        """What shapes add to J W [kg m²/s], and their own momenta p [kg m/s]."""
-        if self.of.shapes is None:
-            return read_only(np.zeros((len(self), 3))), self.q_rate
-        known = self.angular_velocity_body, self.q_rate, self.weighted
-        found = self.of.shapes.momenta(self.q, *known)
+        """Of bodies with shapes, what these add to J W [kg m²/s], and their p [kg m/s]."""
+        shapes = self.of.shapes
+        assert shapes is not None
+        W, rates = self.angular_velocity_body[shapes.some], self.q_rate[shapes.some]
+        found = shapes.momenta(self.q[shapes.some], W, rates, self.weighted)
         return read_only(found[0]), read_only(found[1])
 
     @cached_property
     def own_momentum(self) -> Array:
         """J W, with B q̇, in the bodies' frames, shape (bodies, 3) [kg m²/s]."""
         own = times(self.of.inertia, self.angular_velocity_body)
-        return read_only(own if self.of.shapes is None else own + self.momenta_of_shapes[0])
+        if self.of.shapes is not None:
+            own[self.of.shapes.some] += self.momenta_of_shapes[0]
+        return read_only(own)
 
     @cached_property
     def angular_momentum(self) -> Array:
@@ -330,7 +334,9 @@ class Bodies:
         """J of the bodies as they are deformed, shape (bodies, 3, 3) [kg m²]."""
         if (shapes := self.of.shapes) is None:
             return self.of.inertia
-        return self.of.inertia + shapes.added_inertia(self.q, self.weighted)
+        out = self.of.inertia.copy()
+        out[shapes.some] += shapes.added_inertia(self.q[shapes.some], self.weighted)
+        return out
 
     @cached_property
     def rotated_inertia(self) -> Array:
@@ -342,7 +348,7 @@ class Bodies:
         """Σ ½ m ṙ·ṙ + ½ w·A w [J]."""
         turning = np.vdot(self.own_momentum, self.angular_velocity_body)
         if self.of.shapes is not None:
-            turning += np.vdot(self.momenta_of_shapes[1], self.q_rate)
+            turning += np.vdot(self.momenta_of_shapes[1], self.q_rate[self.of.shapes.some])
         return 0.5 * float(np.vdot(self.momentum, self.velocity) + turning)
 
     @property
@@ -350,8 +356,8 @@ class Bodies:
         """Kinetic energy ½ m ṙ·ṙ + ½ w·A w of each, shape (bodies,) [J]."""
         twice = (self.momentum * self.velocity).sum(axis=1)
         twice = twice + (self.own_momentum * self.angular_velocity_body).sum(axis=1)
-        if self.of.shapes is not None:
-            twice = twice + (self.momenta_of_shapes[1] * self.q_rate).sum(axis=1)
+        if (shapes := self.of.shapes) is not None:
+            twice[shapes.some] += (self.momenta_of_shapes[1] * self.q_rate[shapes.some]).sum(axis=1)
         return np.asarray(0.5 * twice)
 
     @property
@@ -365,7 +371,7 @@ class Bodies:
         """Size of the elastic forces of shapes [N]."""
         if (shapes := self.of.shapes) is None:
             return 0.0
-        return float(np.linalg.norm(shapes.force + times(shapes.stiffness, self.q)))
+        return float(np.linalg.norm(shapes.force + times(shapes.stiffness, self.q[shapes.some])))
 
     @cached_property
     def momentum_scale(self) -> float:

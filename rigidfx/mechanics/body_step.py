@@ -33,6 +33,7 @@ from rigidfx.mechanics.rotation import IDENTITY, orthonormalized, skew
 __all__ = ["Increments", "StaticStep", "Step", "prepare"]
 
 Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 
 # f̂ v̂ = v fᵀ - (f·v) I from v fᵀ, both row by row.
 COUPLES = np.eye(9) - np.outer(IDENTITY, IDENTITY)
@@ -323,6 +324,21 @@ class Increments:
     def P(self) -> Array:
         """Derivative of `displacement`: δr + T δθ × v₁; shape (bodies, 12, 6) [1, 1/m]."""
         return self._followed(self._levers(self.R1) @ self.T)
+
+    def led(self, a: Array, of: Ints, end: bool = False) -> Array:
+        """How places follow the unknowns of their bodies: L, or P at the end of the step.
+
+        Args:
+            a: Body-fixed coordinates of the places, shape (k, places, n).
+            of: Their bodies, shape (k,).
+            end: Whether the place at the end of the step is told, not its increment.
+
+        Returns:
+            Derivatives, shape (k, places, 3, 6 + m).
+        """
+        follow, columns = self.P if end else self.L, self.unknowns.shape[1]
+        follow = follow[of].reshape(len(of), a.shape[2], 3 * columns)
+        return np.asarray((a @ follow).reshape(*a.shape[:2], 3, columns))
 
     def _levers(self, R: Array) -> Array:
         """-v̂/ℓ of the columns v of matrices R, shape (bodies, 9, 3) [1/m]."""

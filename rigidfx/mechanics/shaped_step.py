@@ -16,6 +16,8 @@ of Δr and θ are the force and the moment of the support.
 
 The derivative is complete, forces on nodes included: with v₁ = R₁ (V + Φ q₁), moments change by
 ½ (T dθ × v₁ + R₁ Φ dq) × f, and Q_k by ½ dθ · (R₀ Φ_k × f).
+
+Bodies without shapes take the step of rigid ones; arrays named (some, ...) are of the others.
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ from rigidfx.mechanics.shapes import ShapesOfBodies, contracted, times
 __all__ = ["increments_of"]
 
 Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 
 
 def increments_of(step: Step, unknowns: Array) -> Increments:
@@ -73,35 +76,58 @@ class ShapedIncrements(Increments):
         return shapes
 
     @property
+    def _some(self) -> Ints:
+        """Bodies that have shapes."""
+        return self._shapes.some
+
+    @property
     def dq(self) -> Array:
         """Δq, shape (bodies, m) [m]."""
         return self.unknowns[:, 6:]
 
+    # Of the bodies that have shapes ---------------------------------------------------------------
+
     @cached_property
-    def _q1(self) -> Array:
-        return np.asarray(self.start.q + self.dq)
+    def _q(self) -> tuple[Array, Array]:
+        """q at the start and at the end of the step, shape (some, m)."""
+        q0, dq = self.start.q[self._some], self.dq[self._some]
+        return q0, q0 + dq
+
+    @cached_property
+    def _R(self) -> tuple[Array, Array]:
+        """R₀ and R₁, shape (some, 3, 3)."""
+        return self.start.R[self._some], self.R1[self._some]
+
+    @cached_property
+    def _before(self) -> tuple[Array, Array]:
+        """W and q̇ at the start of the step."""
+        return self.start.angular_velocity_body[self._some], self.start.q_rate[self._some]
 
     @cached_property
     def _rates(self) -> tuple[Array, Array]:
         """W and q̇ at the end of the step."""
-        W = self.step.rate * (self.theta[:, None] @ self.start.R)[:, 0]
-        rates = self.step.rate * self.dq - self.start.q_rate
-        return W - self.start.angular_velocity_body, rates
+        (W, rates), rate = self._before, self.step.rate
+        turned = (self.theta[self._some, None] @ self._R[0])[:, 0]
+        return rate * turned - W, rate * self.dq[self._some] - rates
 
     @cached_property
     def _S(self) -> Array:
-        """S, with which nodes follow Δq; R₁ in statics, shape (bodies, 3, 3)."""
+        """S, with which nodes follow Δq; R₁ in statics, shape (some, 3, 3)."""
+        R0, R1 = self._R
         if self.step.share == 1.0:
-            return self.R1
-        R0 = self.start.R
-        return np.asarray(R0 + 0.5 * skew(self.theta) @ R0)
+            return R1
+        return np.asarray(R0 + 0.5 * skew(self.theta[self._some]) @ R0)
+
+    @cached_property
+    def _drift(self) -> Array:
+        return self._shapes.drift[self._some]
 
     # Inertia and elastic energy -------------------------------------------------------------------
 
     @cached_property
     def _weighted(self) -> Array:
         """E of the shapes at the end of the step: see `ShapesOfBodies.weighted`."""
-        return self._shapes.weighted(self._q1)
+        return self._shapes.weighted(self._q[1])
 
     @cached_property
     def _half(self) -> Array:
@@ -110,24 +136,29 @@ class ShapedIncrements(Increments):
 
     @cached_property
     def _momenta(self) -> tuple[Array, Array]:
-        """Z and p at the end of the step, shapes (bodies, 3) and (bodies, m)."""
-        W, rates = self._rates
-        turning, own = self._shapes.momenta(self._q1, W, rates, self._weighted)
-        return times(self.start.of.inertia, W) + turning, own
+        """Addition of shapes to J W at the end of the step, and p, shapes (some, 3), (some, m)."""
+        return self._shapes.momenta(self._q[1], *self._rates, self._weighted)
+
+    @cached_property
+    def _pi1(self) -> Array:
+        out = super().pi1.copy()
+        if self.step.rate:
+            W = times(self.start.of.inertia[self._some], self._rates[0])
+            out[self._some] = times(self._R[1], W + self._momenta[0])
+        return out
 
     @property
     def pi1(self) -> Array:
         """See `Increments`."""
-        if self.step.rate == 0.0:
-            return np.zeros((len(self), 3))
-        return times(self.R1, self._momenta[0])
+        return self._pi1
 
     @cached_property
     def end(self) -> Bodies:
         """See `Increments`."""
-        rigid, (_, rates) = super().end, self._rates
+        rigid, start = super().end, self.start
         velocities = rigid.velocity, rigid.angular_velocity_body
-        return Bodies(self.start.of, rigid.frame, *velocities, self._q1, rates)
+        rates = self.step.rate * self.dq - start.q_rate
+        return Bodies(start.of, rigid.frame, *velocities, start.q + self.dq, rates)
 
     def inertia_force(self) -> Array:
         """See `Increments`, with (p₁ - p₀)/Δt - ½ w₁·∂A/∂q w₀; shape (bodies, 6 + m) [N]."""
@@ -136,27 +167,28 @@ class ShapedIncrements(Increments):
     @cached_property
     def _inertia_force(self) -> Array:
         out = np.zeros(self.unknowns.shape)
-        out[:, :3] = self._part("force")[:, :3]
+        out[:, :6] = self._part("force")
         if self.step.rate == 0.0:
             return out
-        dt, start = self.step.dt, self.start
-        turned = self.pi1 - start.angular_momentum
-        out[:, 3:6] = turned / (dt * start.of.length)[:, None]
-        rates = start.angular_velocity_body, start.q_rate
+        some, dt, start = self._some, self.step.dt, self.start
+        turned = self.pi1[some] - start.angular_momentum[some]
+        out[some, 3:6] = turned / (dt * start.of.length[some])[:, None]
         own = (self._momenta[1] - start.momenta_of_shapes[1]) / dt
-        out[:, 6:] = own - self._shapes.gradient(self._half, self._rates, rates)
+        own -= self._shapes.gradient(self._half, self._rates, self._before)
         if self._held.size:
-            out[:, 6:] += times(self._drifts(self._S), out[:, :3])
+            own += times(self._drifts(self._S), out[some, :3])
+        out[some, 6:] = own
         return out
 
     def _drifts(self, R: Array) -> Array:
-        """How centres of mass follow shapes in frames that are held, shape (bodies, m, 3)."""
-        return self._shapes.drift @ R.swapaxes(1, 2)
+        """How centres of mass follow shapes in frames that are held, shape (some, m, 3)."""
+        return self._drift @ R.swapaxes(1, 2)
 
     def elastic_force(self) -> Array:
         """f₀ + Ω q½ + C Δq, shape (bodies, m) [N]; at the end of a step of statics."""
-        share, shapes = self.step.share, self._shapes
-        out = shapes.force + times(shapes.stiffness, self.start.q + share * self.dq)
+        out, shapes, some = np.zeros(self.dq.shape), self._shapes, self._some
+        q = self._q[0] + self.step.share * self.dq[some]
+        out[some] = shapes.force + times(shapes.stiffness, q)
         return out if self.step.damping is None else out + times(self.step.damping, self.dq)
 
     # Nodes ----------------------------------------------------------------------------------------
@@ -164,47 +196,91 @@ class ShapedIncrements(Increments):
     @cached_property
     def displacement(self) -> Array:
         """See `Increments`."""
-        rigid, m = self._part("displacement"), self.dq.shape[1]
-        both, turning = np.empty((len(self), m, 2)), np.empty((len(self), 2, 9))
-        both[:, :, 0], both[:, :, 1] = self.dq, self.start.q
-        turning[:, 0] = self.R1.swapaxes(1, 2).reshape(-1, 9)
-        turning[:, 1] = rigid[:, 1:].reshape(-1, 9)  # R₁ᵀ - R₀ᵀ
-        return np.concatenate([rigid, (both @ turning).reshape(len(self), -1, 3)], axis=1)
+        rigid, some, m = self._part("displacement"), self._some, self.dq.shape[1]
+        both, turning = np.empty((some.size, m, 2)), np.empty((some.size, 2, 9))
+        both[:, :, 0], both[:, :, 1] = self.dq[some], self._q[0]
+        turning[:, 0] = self._R[1].swapaxes(1, 2).reshape(-1, 9)
+        turning[:, 1] = rigid[some, 1:].reshape(-1, 9)  # R₁ᵀ - R₀ᵀ
+        out = np.zeros((len(self), 4 + 3 * m, 3))
+        out[:, :4] = rigid
+        out[some, 4:] = (both @ turning).reshape(some.size, -1, 3)
+        return out
 
-    def _arms(self, q: Array, R: Array) -> Array:
-        """-v̂/ℓ of the columns of R and of all q_k R, shape (bodies, 3 (n - 1), 3)."""
-        own = self._levers(R).reshape(len(self), 1, 9, 3)
-        return np.concatenate([own, q[:, :, None, None] * own], axis=1).reshape(len(self), -1, 3)
+    @cached_property
+    def _turning(self) -> tuple[Array, Array]:
+        """-v̂/ℓ of the columns of ½ (R₀ + R₁), and of R₁ times T, shape (bodies, 9, 3) [1/m]."""
+        return self._levers(self.R_av), self._levers(self.R1) @ self.T
 
-    def _followed_by(self, arms: Array, R: Array) -> Array:
-        """Derivatives of nodes' increments, by arms of rotations and R Φ of shapes."""
-        out = self.start.of.frames.copy()
-        out[:, 3:, 3:6] = arms
-        out[:, :3, 6:] = R @ self._shapes.drift.swapaxes(1, 2)
-        m = self.start.of.columns - 6
-        own = out[:, 12:, 6:].reshape(len(self), m, 3, 3, m)  # a view: out is changed
-        each = np.arange(m)
-        own[:, each, :, :, each] = R.swapaxes(1, 2) * self._shapes.known.T[:, :, None, None]
+    @cached_property
+    def _arms(self) -> tuple[Array, Array]:
+        """The same of bodies with shapes, of R₀ and of R₁ without T, shape (some, 9, 3) [1/m]."""
+        skews = self.start.of.skews[self._some]
+        R0, R1 = ((R.swapaxes(1, 2) @ skews).reshape(-1, 9, 3) for R in self._R)
+        return R0, R1
+
+    def _on_the_way(self, end: bool) -> list[tuple[float, Array, Array]]:
+        """Weights, q and arms of the ends of the step whose mean turns nodes of shapes."""
+        (q0, q1), (before, after) = self._q, self._arms
+        if end or self.step.share == 1.0:
+            return [(1.0, q1, after)]
+        return [(0.5, q0, before), (0.5, q1, after)]
+
+    def _followed_by(self, end: bool) -> Array:
+        """L, or P at the end of the step."""
+        of, some, m, R = self.start.of, self._some, self.dq.shape[1], self._R[1] if end else self._S
+        out = of.frames.copy()
+        out[:, 3:12, 3:6] = self._turning[end]
+        own = np.zeros((some.size, m, 9, 3))
+        for weight, q, arms in self._on_the_way(end):
+            own += weight * q[:, :, None, None] * arms[:, None]
+        turned = own @ self.T[some, None] if end else own
+        out[some, 12:, 3:6] = turned.reshape(some.size, 9 * m, 3)
+        out[some, :3, 6:] = R @ self._drift.swapaxes(1, 2)
+        blocks, each = np.zeros((some.size, m, 3, 3, m)), np.arange(m)
+        known = self._shapes.known[some].T[:, :, None, None]
+        blocks[:, each, :, :, each] = R.swapaxes(1, 2) * known
+        out[some, 12:, 6:] = blocks.reshape(some.size, 9 * m, m)
         return out
 
     @cached_property
     def L(self) -> Array:
         """See `Increments`: Δr + θ × (x½ - c½) + S Φ Δq."""
-        if self.step.share == 1.0:
-            return self._followed_by(self._arms(self._q1, self.R1), self.R1)
-        both = self._arms(self.start.q, self.start.R) + self._arms(self._q1, self.R1)
-        return self._followed_by(0.5 * both, self._S)
+        return self._followed_by(end=False)
 
     @cached_property
     def P(self) -> Array:
         """See `Increments`: δr + T δθ × v₁ + R₁ Φ δq."""
-        return self._followed_by(self._arms(self._q1, self.R1) @ self.T, self.R1)
+        return self._followed_by(end=True)
+
+    def led(self, a: Array, of: Ints, end: bool = False) -> Array:
+        """See `Increments`."""
+        own = np.flatnonzero(self._shapes.counts[of])
+        some, m = np.searchsorted(self._some, of[own]), self.dq.shape[1]
+        out = np.zeros((*a.shape[:2], 3, 6 + m))
+        out[..., :3] = a[:, :, :1, None] * IDENTITY
+        arms = self._turning[end][of].reshape(-1, 3, 9)
+        out[..., 3:6] = (a[:, :, 1:4] @ arms).reshape(*a.shape[:2], 3, 3)
+        shapes = a[own, :, 4:].reshape(own.size, a.shape[1], m, 3)
+        turned = np.zeros((own.size, a.shape[1], 3, 3))
+        for weight, q, at in self._on_the_way(end):
+            y = weight * (q[some, None, None] @ shapes)[:, :, 0]
+            turned += (y @ at[some].reshape(-1, 3, 9)).reshape(turned.shape)
+        out[own, :, :, 3:6] += turned @ self.T[of[own], None] if end else turned
+        R = (self._R[1] if end else self._S)[some]
+        follow = R[:, None] @ shapes.swapaxes(2, 3)
+        if self._held.size:
+            drift = R @ self._drift[some].swapaxes(1, 2)
+            follow = follow + a[own, :, :1, None] * drift[:, None]
+        out[own, :, :, 6:] = follow
+        return out
 
     @cached_property
     def _apart(self) -> Array:
         """Unknowns with Δr less its part that follows Δq, shape (bodies, 6 + m)."""
-        out = self.unknowns.copy()
-        out[:, :3] -= times(self._drifts(self._S).swapaxes(1, 2), self.dq)
+        if not self._held.size:
+            return self.unknowns
+        out, some = self.unknowns.copy(), self._some
+        out[some, :3] -= times(self._drifts(self._S).swapaxes(1, 2), self.dq[some])
         return out
 
     def work(self, forces: Array) -> float:
@@ -223,19 +299,20 @@ class ShapedIncrements(Increments):
 
     def resultant(self, moments: Array) -> Array:
         """See `Increments`; Lᵀ without L, as torques Σ (x½ - c½) × f and Q = Σ Φᵀ Sᵀ f."""
-        flat = moments[:, 1:].reshape(len(self), -1, 9)
-        both = np.empty((len(self), 2, self.dq.shape[1]))
-        both[:, 0], both[:, 1] = self.start.q, self._q1
-        ends = (both @ flat[:, 1:] + flat[:, :1]).reshape(-1, 2, 3, 3)  # Σ y fᵀ
-        turned = self.R1 @ ends[:, 1]
+        some, m = self._some, self.dq.shape[1]
+        out = np.zeros(self.unknowns.shape)
+        out[:, :6] = super().resultant(moments[:, :4])
+        flat = moments[some, 4:].reshape(some.size, m, 9)
+        both = np.stack(self._q, axis=1)
+        ends = (both @ flat).reshape(-1, 2, 3, 3)  # Σ (Φ q) fᵀ
+        turned = self._R[1] @ ends[:, 1]
         if self.step.share != 1.0:
-            turned = 0.5 * (turned + self.start.R @ ends[:, 0])
-        out = np.empty(self.unknowns.shape)
-        out[:, :3] = moments[:, 0]
-        out[:, 3:6] = axial(turned) / self.start.of.length[:, None]
-        out[:, 6:] = times(flat[:, 1:], self._S.swapaxes(1, 2).reshape(-1, 9))
+            turned = 0.5 * (turned + self._R[0] @ ends[:, 0])
+        out[some, 3:6] += axial(turned) / self.start.of.length[some, None]
+        own = times(flat, self._S.swapaxes(1, 2).reshape(-1, 9))
         if self._held.size:
-            out[:, 6:] += times(self._drifts(self._S), out[:, :3])
+            own += times(self._drifts(self._S), out[some, :3])
+        out[some, 6:] = own
         return out
 
     def balance(self, moments: Array, torques: Array) -> Array:
@@ -250,44 +327,44 @@ class ShapedIncrements(Increments):
 
     def blocks(self, moments: Array) -> Array:
         """See `Increments`."""
-        share, shapes, length = self.step.share, self._shapes, self.start.of.length
-        M = moments[:, 1:].reshape(len(self), -1, 3, 3)  # Σ V fᵀ and Σ Φ_k fᵀ
-        flat = M.reshape(len(self), -1, 9)
+        some, m, share = self._some, self.dq.shape[1], self.step.share
+        length = self.start.of.length[some, None, None]
+        M = moments[some, 4:].reshape(some.size, m, 3, 3)  # Σ Φ_k fᵀ
         every = moments[:, :4].copy()
-        every[:, 1:] += (self._q1[:, None] @ flat[:, 1:]).reshape(-1, 3, 3)
+        flat = self._q[1][:, None] @ M.reshape(some.size, m, 9)
+        every[some, 1:] += flat.reshape(-1, 3, 3)  # Σ (V + Φ q) fᵀ
         G = np.zeros((len(self), *2 * self.unknowns.shape[1:]))
         G[:, :6, :6] = super().tangent(super().couples(every))
-        torques = axial(self.R1[:, None] @ M[:, 1:])  # Σ R₁ Φ_k × f
-        G[:, 3:6, 6:] = share * torques.swapaxes(1, 2)
-        if share == 1.0:
-            G[:, 6:, 3:6] = torques @ self.T
-        else:
-            G[:, 6:, 3:6] = 0.5 * axial(self.start.R[:, None] @ M[:, 1:])
-        G[:, 6:, 6:] = share * shapes.stiffness
+        torques = axial(self._R[1][:, None] @ M)  # Σ R₁ Φ_k × f
+        by_q = share * torques.swapaxes(1, 2)
+        middle = 0.5 * axial(self._R[0][:, None] @ M)
+        by_turn = torques @ self.T[some] if share == 1.0 else middle
+        own = share * self._shapes.stiffness
+        if self.step.rate:
+            turn, more = self._of_inertia()
+            G[some, 3:6, 3:6] += turn[0] / length**2
+            by_q, by_turn, own = by_q + turn[1], by_turn + turn[2], own + more
+        G[some, 3:6, 6:], G[some, 6:, 3:6] = by_q / length, by_turn / length
+        G[some, 6:, 6:] = own
         if self.step.damping is not None:
             G[:, 6:, 6:] += self.step.damping
-        if self.step.rate:
-            self._add_inertia(G)
-        G[:, 3:6, 6:] /= length[:, None, None]
-        G[:, 6:, 3:6] /= length[:, None, None]
         return G
 
-    def _add_inertia(self, G: Array) -> None:
-        """Add the inertia of shapes to G, whose rotations are not scaled yet."""
-        shapes, start, dt = self._shapes, self.start, self.step.dt
-        (W1, rates), W0 = self._rates, start.angular_velocity_body
-        back, rate, E, half = start.R.swapaxes(1, 2), 2 / dt, self._weighted, self._half
+    def _of_inertia(self) -> tuple[tuple[Array, Array, Array], Array]:
+        """Inertia of shapes: rows of θ by θ and by q, rows of q by θ, and rows of q by q."""
+        shapes, start, dt, (_, R1) = self._shapes, self.start, self.step.dt, self._R
+        (W1, rates), (W0, before), back = self._rates, self._before, self._R[0].swapaxes(1, 2)
+        rate, E, half, some = 2 / dt, self._weighted, self._half, self._some
         B = shapes.coupling(E)
-        inertia = start.of.inertia + shapes.added_inertia(self._q1, E)
-        gained = self.R1 @ (inertia - start.inertia) @ back
-        G[:, 3:6, 3:6] += rate / dt * gained / start.of.square_length
-        by_q = shapes.gained(E, W1) + shapes.twisting(rates)
-        G[:, 3:6, 6:] += self.R1 @ (rate * B + by_q) / dt
-        by_W = 0.5 * (shapes.gained(half, W0) + shapes.twisting(start.q_rate))
-        G[:, 6:, 3:6] += rate * (B / dt - by_W).swapaxes(1, 2) @ back
+        gained = start.of.inertia[some] - start.inertia[some]
+        gained += shapes.added_inertia(self._q[1], E)
+        by_q = rate * B + shapes.gained(E, W1) + shapes.twisting(rates)
+        by_W = 0.5 * (shapes.gained(half, W0) + shapes.twisting(before))
         own = (rate * shapes.mass - shapes.twisted(W1 + W0)) / dt
         own -= 0.5 * shapes.curvature(contracted(W1, W0))
-        G[:, 6:, 6:] += own
         if self._held.size:
-            drifting = self._drifts(self._S) @ self._drifts(self.R1).swapaxes(1, 2)
-            G[:, 6:, 6:] += rate / dt * start.of.mass[:, None, None] * drifting
+            drifting = self._drifts(self._S) @ self._drifts(R1).swapaxes(1, 2)
+            own += rate / dt * start.of.mass[some, None, None] * drifting
+        turn = rate / dt * R1 @ gained @ back
+        by_turn = rate * (B / dt - by_W).swapaxes(1, 2) @ back
+        return (turn, np.asarray(R1 @ by_q / dt), by_turn), own

@@ -25,8 +25,8 @@ which is of second order in q, as the rest of J is.
 All of it comes from the second moments G_kl = Σ m Φ_k Φ_lᵀ, with Φ₀ = ξ, which are summed once; a
 step then costs the same whatever the mesh.
 
-Arrays of several bodies have an axis over these first. Bodies may have different numbers of shapes:
-what a body lacks up to the largest number is zero.
+Arrays of several bodies have an axis over those first that have shapes: those without cost nothing.
+Bodies may have different numbers of shapes: what a body lacks up to the largest number is zero.
 """
 
 from __future__ import annotations
@@ -87,18 +87,19 @@ class Shapes:
 
 
 class ShapesOfBodies:
-    """The shapes of some bodies as arrays.
+    """The shapes of some bodies as arrays; `some` of all bodies have any.
 
     Attributes:
-        counts: m of each body, shape (bodies,).
+        some: Numbers of these, sorted.
+        counts: m of each of all bodies.
         most: The largest m.
-        moments: G of each, with what spin stiffens, shape (bodies, most + 1, most + 1, 3, 3).
-        couplings: Σ m Φ_j × Φ_k, shape (bodies, most, most, 3).
-        mass: D, shape (bodies, most, most) [kg].
+        moments: G, with what spin stiffens, shape (some, most + 1, most + 1, 3, 3).
+        couplings: Σ m Φ_j × Φ_k, shape (some, most, most, 3).
+        mass: D, shape (some, most, most) [kg].
         stiffness: Ω, likewise [N/m].
-        force: f₀, shape (bodies, most) [N].
-        drift: See `Shapes`, shape (bodies, most, 3); zero of bodies that move freely.
-        held: Whether the frame of a body is held, shape (bodies,).
+        force: f₀, shape (some, most) [N].
+        drift: See `Shapes`, of all bodies, shape (all, most, 3); zero of those that move freely.
+        held: Whether the frame of each of all bodies is held.
     """
 
     def __init__(self, each: Sequence[Shapes | None]) -> None:
@@ -108,44 +109,45 @@ class ShapesOfBodies:
             each: The shapes of each body, one of them at least; None if it is rigid.
         """
         self.counts = np.array([0 if own is None else len(own) for own in each])
-        self.most = m = int(self.counts.max(initial=0))
-        self.moments = np.zeros((len(each), m + 1, m + 1, 3, 3))
-        self.stiffness, self.force = np.zeros((len(each), m, m)), np.zeros((len(each), m))
+        self.some, self.most = np.flatnonzero(self.counts), int(self.counts.max(initial=0))
+        k, m = self.some.size, self.most
+        self.moments = np.zeros((k, m + 1, m + 1, 3, 3))
+        self.stiffness, self.force = np.zeros((k, m, m)), np.zeros((k, m))
         self.drift, added = np.zeros((len(each), m, 3)), np.zeros_like(self.moments)
         self.held = np.array([own is not None and own.drift is not None for own in each])
-        for k, own in enumerate(each):
-            if own is not None:
-                n = len(own)
-                if own.drift is not None:
-                    self.drift[k, :n] = own.drift
-                self.moments[k, : n + 1, : n + 1] = own.moments
-                if own.spun is not None:  # as second moments Y whose tr Y - Y is N
-                    half = 0.5 * np.trace(own.spun, axis1=2, axis2=3)[:, :, None, None]
-                    added[k, 1 : n + 1, 1 : n + 1] = half * IDENTITY - own.spun
-                self.stiffness[k, :n, :n], self.force[k, :n] = own.stiffness, own.force
+        for k, body in enumerate(self.some):
+            own, n = each[int(body)], self.counts[body]
+            assert own is not None
+            if own.drift is not None:
+                self.drift[body, :n] = own.drift
+            self.moments[k, : n + 1, : n + 1] = own.moments
+            if own.spun is not None:  # as second moments Y whose tr Y - Y is N
+                half = 0.5 * np.trace(own.spun, axis1=2, axis2=3)[:, :, None, None]
+                added[k, 1 : n + 1, 1 : n + 1] = half * IDENTITY - own.spun
+            self.stiffness[k, :n, :n], self.force[k, :n] = own.stiffness, own.force
         self.couplings = axial(self.moments[:, 1:, 1:])
         self.mass = np.einsum("bklii->bkl", self.moments[:, 1:, 1:])
         self.moments += added
-        self._rows = self.moments.reshape(len(each), m + 1, -1)
-        self._inner = self.moments[:, 1:, 1:].reshape(len(each), m * m, 9)
-        self._coupled = self.couplings.reshape(len(each), m, -1)
+        self._rows = self.moments.reshape(len(self.some), m + 1, -1)
+        self._inner = self.moments[:, 1:, 1:].reshape(len(self.some), m * m, 9)
+        self._coupled = self.couplings.reshape(len(self.some), m, -1)
         seal(self)
 
     @cached_property
     def known(self) -> npt.NDArray[np.bool_]:
-        """Which coordinates there are, shape (bodies, most)."""
+        """Which coordinates there are, of all bodies, shape (all, most)."""
         return np.arange(self.most) < self.counts[:, None]
 
-    # Functions of q, shape (bodies, most) ---------------------------------------------------------
+    # Functions of q, shape (some, most) ---------------------------------------------------------
 
     def weighted(self, q: Array) -> Array:
-        """E_k = Σ m y Φ_kᵀ, but for the part of ξ ξᵀ, row by row, shape (bodies, most + 1, 9)."""
+        """E_k = Σ m y Φ_kᵀ, but for the part of ξ ξᵀ, row by row, shape (some, most + 1, 9)."""
         out = (q[:, None] @ self._rows[:, 1:])[:, 0]
         out += self._rows[:, 0]
         return np.asarray(out.reshape(len(q), self.most + 1, 9))
 
     def added_inertia(self, q: Array, E: Array) -> Array:
-        """Addition of the shapes to J, shape (bodies, 3, 3) [kg m²].
+        """Addition of the shapes to J, shape (some, 3, 3) [kg m²].
 
         Args:
             q: The coordinates.
@@ -156,7 +158,7 @@ class ShapesOfBodies:
 
     @staticmethod
     def coupling(E: Array) -> Array:
-        """B, shape (bodies, 3, most) [kg m]."""
+        """B, shape (some, 3, most) [kg m]."""
         return axial(E[:, 1:].reshape(len(E), -1, 3, 3)).swapaxes(1, 2)
 
     def momenta(self, q: Array, W: Array, rates: Array, E: Array) -> tuple[Array, Array]:
@@ -164,12 +166,12 @@ class ShapesOfBodies:
 
         Args:
             q: The coordinates.
-            W: Angular velocities in the bodies' frames, shape (bodies, 3) [rad/s].
-            rates: q̇, shape (bodies, most) [m/s].
+            W: Angular velocities in the bodies' frames, shape (some, 3) [rad/s].
+            rates: q̇, shape (some, most) [m/s].
             E: See `weighted`.
 
         Returns:
-            Shapes (bodies, 3) and (bodies, most).
+            Shapes (some, 3) and (some, most).
         """
         own, both = E[:, 1:], np.empty((len(q), 2, self.most))
         both[:, 0], both[:, 1] = q, rates
@@ -179,11 +181,11 @@ class ShapesOfBodies:
         return turning, times(own, skew(-W).reshape(-1, 9)) + times(self.mass, rates)
 
     def gradient(self, E: Array, w: tuple[Array, Array], v: tuple[Array, Array]) -> Array:
-        """½ w·∂A/∂q v, shape (bodies, most) [N].
+        """½ w·∂A/∂q v, shape (some, most) [N].
 
         Args:
             E: See `weighted`.
-            w: W and q̇, shapes (bodies, 3) and (bodies, most).
+            w: W and q̇, shapes (some, 3) and (some, most).
             v: Others.
         """
         outer = v[1][:, :, None] * w[0][:, None] + w[1][:, :, None] * v[0][:, None]
@@ -192,32 +194,32 @@ class ShapesOfBodies:
         return out
 
     def curvature(self, C: Array) -> Array:
-        """C : Σ m Φ_k Φ_lᵀ of matrices C, shape (bodies, most, most)."""
+        """C : Σ m Φ_k Φ_lᵀ of matrices C, shape (some, most, most)."""
         return times(self._inner, C.reshape(-1, 9)).reshape(-1, self.most, self.most)
 
     def gained(self, E: Array, W: Array) -> Array:
-        """∂(J W)/∂q = 2 tr(E_k) W - (E_k + E_kᵀ) W, shape (bodies, 3, most)."""
+        """∂(J W)/∂q = 2 tr(E_k) W - (E_k + E_kᵀ) W, shape (some, 3, most)."""
         own = E[:, 1:].reshape(len(E), -1, 3, 3)
         both = (own + own.swapaxes(2, 3)) @ W[:, None, :, None]
         traces = 2 * times(E[:, 1:], np.broadcast_to(IDENTITY.reshape(-1), (len(E), 9)))
         return np.asarray((traces[:, :, None] * W[:, None] - both[:, :, :, 0]).swapaxes(1, 2))
 
     def twisted(self, a: Array) -> Array:
-        """a · Σ m Φ_j × Φ_k, shape (bodies, most, most), of vectors a, shape (bodies, 3)."""
+        """a · Σ m Φ_j × Φ_k, shape (some, most, most), of vectors a, shape (some, 3)."""
         return np.asarray((self.couplings @ a[:, None, :, None])[..., 0])
 
     def twisting(self, rates: Array) -> Array:
-        """Σ m Φ_j × Φ_k q̇_k, shape (bodies, 3, most)."""
+        """Σ m Φ_j × Φ_k q̇_k, shape (some, 3, most)."""
         own = rates[:, None, None] @ self.couplings
         return np.asarray(own[:, :, 0].swapaxes(1, 2))
 
     def energy(self, q: Array) -> Array:
-        """U(q) - U₀ of each body, shape (bodies,) [J]."""
+        """U(q) - U₀ of each body, shape (some,) [J]."""
         return np.asarray(((self.force + 0.5 * times(self.stiffness, q)) * q).sum(axis=1))
 
 
 def contracted(a: Array, b: Array) -> Array:
-    """C with a·δJ b = C : δY for J = tr Y - Y: (a·b) 1 - ½ (a bᵀ + b aᵀ), shape (bodies, 3, 3)."""
+    """C with a·δJ b = C : δY for J = tr Y - Y: (a·b) 1 - ½ (a bᵀ + b aᵀ), shape (some, 3, 3)."""
     outer = a[:, :, None] * b[:, None, :]
     both = 0.5 * (outer + outer.swapaxes(1, 2))
     return np.asarray((a * b).sum(axis=1)[:, None, None] * IDENTITY - both)

@@ -62,7 +62,7 @@ class Closing:
         self._linkage, self._comm = linkage, prolongation.comm
         ports = Ports(prolongation, linkage)
         self._E = ports.entries
-        self._D = linkage.test() @ ports.lead(prolongation.increments.L)
+        self._D = linkage.test() @ ports.lead(prolongation.increments)
         Y = parted(mass, self._E).responses(solve)
         self._by_impulses = Y @ self._D.T
         resisted = self._D @ self._sum((self._E.T @ Y).toarray()) @ self._D.T

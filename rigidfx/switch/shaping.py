@@ -417,7 +417,8 @@ class Shaping:
             return {}
         self._limits.check(state)
         q, least = state.bodies.q, np.sqrt(np.finfo(np.float64).eps)
-        energies = 0.5 * np.einsum("bk,bkl,bl->b", q, shapes.stiffness, q)
+        some, energies = q[shapes.some], np.zeros(len(q))
+        energies[shapes.some] = 0.5 * np.einsum("bk,bkl,bl->b", some, shapes.stiffness, some)
         most = max([energies.max(), *(energy for energy, _ in self.looked.values())])
         for body, own, energy in zip(state.bodies, q, energies, strict=True):
             before, nu = self.looked.get(body.data.name, (0.0, 0.0))

@@ -56,7 +56,7 @@ class HeldState(JoinedEquilibrium):
         """
         super().__init__(linkage, bodies, *given)
         rows, terms, compliance = self.ports.resisted(linkage, bodies)
-        self._lead = self.ports.lead(self.prolongation.increments.L)
+        self._lead = self.ports.lead(self.prolongation.increments)
         self._everywhere = self.ports.everywhere()
         locked = np.array([effect.prescribes for effect in linkage.drives.effects], dtype=bool)
         locks = linkage.test()[linkage.active.size + np.flatnonzero(locked)]

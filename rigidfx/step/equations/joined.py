@@ -96,7 +96,7 @@ class JoinedEquilibrium(Equilibrium):
         drives = self.linkage.drives
         if not drives.prescribing:
             return
-        lead = self.ports.lead(self.prolongation.increments.L)
+        lead = self.ports.lead(self.prolongation.increments)
         given = self.linkage.test()[self.linkage.active.size :]
         for k, effect in enumerate(drives.effects):
             if not effect.prescribes:
@@ -210,8 +210,8 @@ class JoinedEquilibrium(Equilibrium):
             (rows, ports) twice, and (rows,).
         """
         increments, linkage = self.prolongation.increments, self.linkage
-        test = self.ports.lead(increments.L)
-        trial = self.ports.lead(increments.P) if self.ports.bodies.size else test
+        test = self.ports.lead(increments)
+        trial = self.ports.lead(increments, end=True) if self.ports.bodies.size else test
         H = test.T @ (linkage.curvature() @ trial)
         if self._sprung is not None:
             H = H - compact(dia_array((self._springs[None], [0]), shape=H.shape).tocsr())

@@ -217,7 +217,7 @@ class BorderedFactors:
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """PETSc's call. Collective."""
-        self._border.solve(self.inner.solve, r, z)
+        self._border.solve(self.inner.solve, r, z, kept=True)
 
     def destroy(self, pc: PETSc.PC) -> None:
         """PETSc's call: free the inner solver. Collective."""

@@ -9,6 +9,7 @@ solutions stop there. The change of energy and momenta is measured in any case, 
 from __future__ import annotations
 
 from rigidfx.step.newton.stopping_test import (
+    HIDDEN,
     MARGIN,
     MAX_ITERATIONS,
     RELATIVE_TOLERANCE,
@@ -19,8 +20,6 @@ from rigidfx.step.newton.stopping_test import (
 
 __all__ = ["ChordTest"]
 
-HIDDEN = 0.1  # of Newton's tolerance, whose last correction squares what is left
-
 
 class ChordTest(StoppingTest):
     """The stopping test of solves with tangents that are kept."""
@@ -28,17 +27,12 @@ class ChordTest(StoppingTest):
     def __init__(self, rtol: float = RELATIVE_TOLERANCE, max_it: int = MAX_ITERATIONS) -> None:
         """Begin with no tangent."""
         super().__init__(HIDDEN * rtol, max_it)
-        self._renewed_at = -1  # iterate; -1 if the tangent is an earlier step's
         self._floor = 0.0  # ‖R‖ at which a new tangent did no better, as a part of what R is of
 
-    def restart(self, first: float = 0.0) -> None:
-        """Forget the iterates, not where rounding has been met."""
-        super().restart(first)
-        self._renewed_at = -1
-
-    def renewed(self) -> None:
-        """Take note of a new tangent at the last iterate."""
-        self._renewed_at = len(self.history) - 1
+    @property
+    def _goal(self) -> float:
+        """See `StoppingTest`; kept tangents are the rule here."""
+        return self.rtol
 
     @property
     def target(self) -> float:

@@ -232,11 +232,12 @@ class Newton:
                 self._chord.renew()
             elif self.conserving.doubtful:
                 self._chord.make()
-        else:
+        elif self._bordered is None or not self.stop.steep:
             self.equilibrium.tangent()
             if self._bordered is not None:
                 self._bordered.renew()
             self._tangents += 1
+            self.stop.renewed()
 
     def _iterate(self, guesses: Sequence[Guess]) -> int:
         if self._failed and not self._keeping and self._bordered is None:

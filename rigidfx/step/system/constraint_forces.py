@@ -137,7 +137,7 @@ class JointForces:
             if not found:
                 off = gained_across(linkage, start, end, given)
                 more, bound = np.zeros(off.size), linkage.compliance() == 0.0
-                D = dense(linkage.test() @ self._ports.lead(increments.L))[bound]
+                D = dense(linkage.test() @ self._ports.lead(increments))[bound]
                 more[bound] = _inverse(D @ self._turned(increments) @ D.T) @ off[bound] / dt
                 found.append((more, linkage.on_vectors(more)))
             return found[0]
