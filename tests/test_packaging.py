@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import json
 import re
+import runpy
+import shutil
+import subprocess
 import sys
+import types
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -16,7 +21,7 @@ pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="needs no ranks"
 
 ROOT = Path(__file__).resolve().parent.parent
 # What a dependency of pyproject.toml is called elsewhere, if it has another name.
-CONDA, SPACK = {"matplotlib": "matplotlib-base"}, "py-"
+CONDA = {"matplotlib": "matplotlib-base"}
 
 
 def text(name):
@@ -44,14 +49,74 @@ def test_conda_recipe_is_that_of_pyproject():
     assert re.search(r'^description = "(.*?)"$', project, re.M)[1] in recipe
 
 
-def test_spack_recipe_is_that_of_pyproject():
-    recipe = text(".packaging/spack/package.py")
-    compile(recipe, "package.py", "exec")
-    assert f'version("{rigidfx.__version__}", tag="v{rigidfx.__version__}")' in recipe
-    assert {SPACK + name for name in dependencies()} <= set(re.findall(r'on\("([\w-]+)', recipe))
-    assert "py-fenics-dolfinx@0.9:0.11+" in recipe
-    python = re.search(r'requires-python = ">=(.*?)"', text("pyproject.toml"))[1]
-    assert f"python@{python}:" in recipe
+def test_spack_recipe_is_that_of_pyproject(monkeypatch):
+    """It runs as Spack runs it, with directives that only note what they are given."""
+    told = {name: {} for name in ("license", "version", "depends_on")}
+    directives = {
+        name: lambda first, told=given, **more: told.update({first: more})
+        for name, given in told.items()
+    }
+    kinds = {"spack_repo.builtin.build_systems.python": {"PythonPackage": object}}
+    for name, members in {"spack.package": directives, **kinds}.items():
+        monkeypatch.setitem(sys.modules, name, types.SimpleNamespace(**members))
+    runpy.run_path(str(ROOT / ".packaging" / "spack" / "package.py"))
+    project = text("pyproject.toml")
+    assert told["license"] == {re.search(r'^license = "(.*?)"', project, re.M)[1]: {}}
+    assert told["version"] == {rigidfx.__version__: {"tag": f"v{rigidfx.__version__}"}}
+    needed = told["depends_on"]
+    assert {"py-gmsh", "py-h5py", "py-mpi4py", *("py-" + name for name in dependencies())} <= set(
+        needed
+    )
+    assert "py-fenics-dolfinx@0.9:0.11+petsc4py+slepc4py" in needed
+    python = re.search(r'requires-python = ">=(.*?)"', project)[1]
+    builder = re.search(r'requires = \["setuptools>=(.*?)"\]', project)[1]
+    assert needed[f"python@{python}:"]["type"] == ("build", "run")
+    assert needed[f"py-setuptools@{builder}:"]["type"] == "build"
+
+
+def test_container_and_workflows_run_the_commands_that_run_here():
+    """Packages of apt are some that ./fenicsx installs, extras are pyproject's, scripts exist."""
+    listed = re.search(r"^packages=\((.*?)^\)", text("fenicsx"), re.M | re.S)[1]
+    extras = set(re.findall(r"^(\w+) = \[", text("pyproject.toml"), re.M))
+    files = [".devcontainer/Dockerfile", ".devcontainer/devcontainer.json"]
+    files += [str(path) for path in (ROOT / ".github" / "workflows").glob("*.yml")]
+    for name in files:
+        commands = text(name)
+        for names in re.findall(r"apt-get install ((?:-\S+ |[\w-]+ ?)+)", commands):
+            assert {n for n in names.split() if n[0] != "-"} <= set(listed.split()), name
+        used = re.findall(r"pip install .*?\[([\w,]+)\]", commands)
+        assert set(",".join(used).split(",")) <= extras, name
+        for script in re.findall(r"python3 (\S+\.py)", commands):
+            assert (ROOT / script).exists(), script
+    assert "python3 demos/first/bar.py" in text(files[1])  # tests/test_demos.py runs it
+
+
+def test_sdist_becomes_a_wheel_with_all_files_of_the_package(tmp_path):
+    """Demos and tests come with the tag's archive, which both recipes take."""
+    pytest.importorskip("setuptools", minversion="77")
+    build = (
+        "import sys; from setuptools import build_meta as b; print(getattr(b, sys.argv[1])('..'))"
+    )
+
+    def built(kind, folder):
+        command = [sys.executable, "-c", build, f"build_{kind}"]
+        run = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
+        return tmp_path / run.stdout.splitlines()[-1]
+
+    hidden = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(ROOT / "rigidfx", tmp_path / "tree" / "rigidfx", ignore=hidden)
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, tmp_path / "tree")
+    shutil.unpack_archive(built("sdist", tmp_path / "tree"), tmp_path, filter="data")
+    (folder,) = tmp_path.glob("rigidfx-*/")
+    files = {
+        path.relative_to(tmp_path / "tree") for path in (tmp_path / "tree" / "rigidfx").rglob("*.*")
+    }
+    with zipfile.ZipFile(built("wheel", folder)) as wheel:
+        packed = {Path(name) for name in wheel.namelist() if name.startswith("rigidfx/")}
+        assert packed == files
+        (scripts,) = (n for n in wheel.namelist() if n.endswith("entry_points.txt"))
+        assert b"rigidfx = rigidfx.command.main:run" in wheel.read(scripts)
 
 
 def test_the_address_is_the_same_everywhere():

@@ -1,6 +1,7 @@
-"""Recipe for Spack: a folder py-rigidfx of a repository's packages takes this file."""
+"""Recipe for Spack: a folder py_rigidfx of a repository's packages takes this file."""
 
 from spack.package import *
+from spack_repo.builtin.build_systems.python import PythonPackage
 
 
 class PyRigidfx(PythonPackage):
@@ -18,7 +19,7 @@ class PyRigidfx(PythonPackage):
     depends_on("py-fenics-dolfinx@0.9:0.11+petsc4py+slepc4py", type="run")
     depends_on("petsc~complex+mumps", type="run")
     depends_on("py-mpi4py", type="run")
-    depends_on("gmsh", type="run")
+    depends_on("py-gmsh", type="run")
     depends_on("py-h5py", type="run")
     depends_on("py-matplotlib", type="run")
     depends_on("py-numpy", type="run")
