@@ -32,7 +32,7 @@ from known.picture import draw_errors
 import rigidfx as rf
 
 SAME = 1e-6  # largest difference between runs on different ranks, relative
-SAME_SHAPES = 1e-4  # that of reduced parts: which shapes of a symmetric part are kept, ranks decide
+SAME_SHAPES = 1e-4  # that of reduced parts, the last of whose Ritz vectors rest on rounding
 
 Row = dict[str, Any]
 

@@ -4,7 +4,7 @@ from .contacts import BARS, CAPSTAN
 from .machines import ANDREWS, BRICARD, FOUR_BARS, HEAVY_TOP, SLIDER_CRANK
 from .motions import EL_CENTRO, PENDULUM, TURNING_BAR
 from .nafems import BEND, DEEP_BEAM, PLATE, THICK_PLATE
-from .princeton import PRINCETON
+from .princeton import FIRST_ORDER, PRINCETON
 from .row import Found, Problem
 from .slender import CHAIN, PRESTRESSED, SOFT_CANTILEVER
 from .spin_up import SPIN_UP
@@ -13,6 +13,7 @@ __all__ = ["PROBLEMS", "Found", "Problem"]
 
 PROBLEMS: dict[str, Problem] = {
     "Princeton beam": PRINCETON,
+    "its first-order cells": FIRST_ORDER,
     "spin-up beam": SPIN_UP,
     "turning bar": TURNING_BAR,
     "heavy top": HEAVY_TOP,

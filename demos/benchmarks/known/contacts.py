@@ -22,7 +22,7 @@ from .row import Found, Problem
 
 __all__ = ["BARS", "CAPSTAN"]
 
-SLIP = 0.004  # m: the belt is stretched by 0.0006 m and then slips; much more would unwind it
+SLIP = 0.002  # m: the belt is stretched by 0.0006 m and then slips; 0.004 unwinds it by 0.9 %
 
 
 def bars(short: bool) -> Iterator[list[Found]]:
@@ -85,7 +85,7 @@ def capstan(short: bool) -> Iterator[list[Found]]:
     scene = rf.Scene(belt, rubber, [grip, load, lead, rf.Fixed("y0", "y"), rf.Fixed("y1", "y")])
     *_, report = rf.static(scene, 10, verbose=False)
     ratio = float(abs(report.reactions["x1"][2])) / pull
-    allowed = 0.03 if short else 0.01  # it falls with the length of a cell, squared
+    allowed = 0.02 if short else 0.01  # it falls with the length of a cell, squared
     yield [Found("ratio of tensions", float(np.exp(mu * np.pi)), ratio, allowed)]
 
 

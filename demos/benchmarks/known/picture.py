@@ -9,7 +9,7 @@ import matplotlib as mpl
 
 __all__ = ["draw_errors"]
 
-LEAST = 1e-7  # error that is drawn at the left edge
+LEAST = 1e-8  # error that is drawn at the left edge
 MARKS = {"flexible": "o", "reduced": "s", "rigid": "^", "found": "D"}
 
 
@@ -33,6 +33,6 @@ def draw_errors(rows: list[dict[str, Any]], path: Path) -> None:
     places = [names.index(row["problem"]) for row in bounded]
     axes.plot([row["allowed"] for row in bounded], places, "k|", markersize=12, label="bound")
     axes.set(xscale="log", xlabel="relative error", yticks=range(len(names)), yticklabels=names)
-    axes.legend(loc="lower left", fontsize="small")
+    figure.legend(loc="outside upper center", ncols=5, fontsize="small")
     figure.savefig(path, dpi=120)
     plt.close(figure)
