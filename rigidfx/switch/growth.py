@@ -265,7 +265,7 @@ class Growth(Watch):
             found, Q = self._of(data)
             G[data.nodes] = found.outside(data, self._resonance.momenta[data.nodes] @ Q.T) @ Q
         cells = np.concatenate([data.cells for data, _ in lacking])
-        rates = self._rates(G / dt, dt, cells, limits())
+        rates = self._rates(np.asarray(G / dt), dt, cells, limits())
         most = self._scene.comm.allreduce(float(rates.max(initial=0.0)), op=MPI.MAX)
         self._swing = most / size
         if not most > control.wakes:

@@ -76,7 +76,7 @@ def _facets(scene: Any, owner: str, where: str) -> tuple[Array, Array, Array]:
     n = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
     total = np.asarray(scene.sum(np.r_[x.sum(axis=(0, 1)), float(x[..., 0].size)]))
     middle = total[:3] / max(total[3], 1.0)  # a fit about a far origin would lose digits
-    return x - middle, middle, n
+    return x - middle, middle, np.asarray(n)
 
 
 def _fitted(scene: Any, x: Array) -> tuple[Array, float, float]:
