@@ -43,7 +43,7 @@ RECORD = ROOT / "tests" / "data" / "el_centro_1940_ns.txt"
 
 
 def pendulum(short: bool) -> Iterator[list[Found]]:
-    """The largest speed of a corner, and its time: flexible, found rigid and named rigid."""
+    """The largest speed of a corner, and its time: flexible, reduced, found and named rigid."""
     dt = 0.01 if short else 0.002
     slope = np.array([[1.0, 0.0, -1.0], [0.0, np.sqrt(2), 0.0], [1.0, 0.0, 1.0]]) / np.sqrt(2)
     domain = rf.box((-0.05, -0.05, 0), (0.05, 0.05, 1), (1, 1, 6)).with_cells(
@@ -51,10 +51,11 @@ def pendulum(short: bool) -> Iterator[list[Found]]:
     )
     domain.mesh.geometry.x[:] = domain.mesh.geometry.x @ slope
     corner = np.array([0.05, 0.05, 1.0]) @ slope
-    for kind in ("flexible", "found", "rigid"):
+    named = {"rigid": [rf.Rigid("bar")], "reduced": [rf.Reduced("bar")]}
+    for kind in ("flexible", "reduced", "found", "rigid"):
         side = "bar" if kind == "rigid" else rf.MeanFace("z0")
         hinge = rf.Revolute("ground", side, (0, 0, 0), (0, 1, 0), name="hinge")
-        given = [hinge, rf.Gravity((0, 0, -G)), *[rf.Rigid("bar")] * (kind == "rigid")]
+        given = [hinge, rf.Gravity((0, 0, -G)), *named.get(kind, [])]
         probes = {"corner": tuple(corner)}
         scene = rf.Scene(domain, STEEL, given, element="enhanced", mass="consistent", probes=probes)
         rigidify = rf.StrainRate(tol=1.0, window=5 * dt) if kind == "found" else None
