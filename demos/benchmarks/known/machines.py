@@ -49,7 +49,7 @@ def four(short: bool) -> Iterator[list[Found]]:
         given = {"kind": "four-bars", "n": 2, "dt": dt, "steps": round(10 / dt)}
         found = exudyn(python, ROOT / "out" / "exudyn", given)
         yield components("after 10 s", exact, found["end"], None, kind="Exudyn")
-    n = 10 if short else 40
+    n = 6 if short else 40
     run = own.Followed(four_bars(n), 0.01, 0.02 if short else 0.2, own.UP)
     title = f"redundant equations of {n} linkages"
     yield [Found(title, 3 * n, run.redundant, 0.0, kind="rigid", unknowns=run.unknowns)]
