@@ -13,7 +13,7 @@ from rigidfx.base.failures import Failures
 from rigidfx.decide.criteria.heeded import heeded_indicator
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.policy import Policy
-from rigidfx.effects import Contact, Joint, Reduced, Resultant, rigid_faces
+from rigidfx.effects import Contact, Joint, Resultant, rigid_faces
 from rigidfx.error.ending import Promise
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.forces.body_forces import BodyForces
@@ -69,13 +69,6 @@ def prepare(
     PETSc.garbage_cleanup(scene.comm)  # of runs that were given up
     for support, _ in scene.supports:
         support.check_run(scene, timeline.t_end)
-    reduced = scene.named(Reduced)
-    if reduced and rigidify is not None and rigidify.wake == "local":
-        raise SceneError(
-            f"{reduced[0].owner}: a criterion that wakes locally, as StrainRate and Accuracy do by "
-            "default, follows rigid parts only. Take StrainRate(…, wake='all') for the flexible "
-            "cells beside it, or no criterion."
-        )
     probes, state = Probes(scene), State(scene)
     starts = {0.0, *(t for t in scene.breakpoints if t > 0)}
     acting = [scene.acting(timeline.after(t)) for t in sorted(starts, reverse=True)]

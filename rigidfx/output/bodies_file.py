@@ -23,7 +23,7 @@ from rigidfx.base.inputs import numbers, path_of
 from rigidfx.base.text_files import write_text
 from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.domain.domain import Domain
-from rigidfx.effects import Rigid
+from rigidfx.effects import Reduced, Rigid
 from rigidfx.output.joints_file import joints_as_data
 from rigidfx.report.current import check_report, check_scene
 from rigidfx.report.report import Report
@@ -76,6 +76,7 @@ def write_bodies(path: str | Path, scene: Scene, report: Report) -> None:
                 "name": body.name,
                 "number": body.number,
                 "given": body.given,
+                "shapes": body.deforms_by,
                 "mass": body.mass,
                 "centre": motion.r.tolist(),
                 "orientation": motion.R.tolist(),
@@ -101,16 +102,17 @@ def write_bodies(path: str | Path, scene: Scene, report: Report) -> None:
 
 
 def read_bodies(path: str | Path, domain: Domain) -> tuple[Domain, tuple[Rigid, ...]]:
-    """Bodies of a file as rigid parts of the same mesh. Collective; every rank reads.
+    """Bodies of a file as parts of the same mesh. Collective; every rank reads.
 
     Args:
         path: JSON file of `write_bodies`.
         domain: The mesh that the bodies were found on, from the same file or script.
 
     Returns:
-        The domain with a set of cells for each body, and the effects that make them rigid from the
-        beginning. The sets have the bodies' names, but "part 2" is called "body 2" here, as parts
-        may be found again, and a name that the domain has for other cells gets "found" behind it.
+        The domain with a set of cells for each body, and the effects that make them rigid, or
+        `Reduced` where they have shapes, from the beginning. The sets have the bodies' names, but
+        "part 2" is called "body 2" here, as parts may be found again, and a name that the domain
+        has for other cells gets "found" behind it.
 
     Raises:
         SceneError: On every rank, if the file cannot be read or is of another mesh.
@@ -154,7 +156,7 @@ def read_bodies(path: str | Path, domain: Domain) -> tuple[Domain, tuple[Rigid, 
                 f"were around {body['place']} m, here they are around {place.tolist()} m."
             )
         own = _own_mass(body) if body["given"] else {}
-        effects.append(Rigid(name, **own))
+        effects.append(Reduced(name) if body.get("shapes") else Rigid(name, **own))
     return domain, tuple(effects)
 
 

@@ -131,7 +131,9 @@ class Withheld:
         turning = _Turning(gained, W @ Vt, Vt.mT * shorter[:, None] @ Vt)
         out = self._resisted(turning, increments.displacement[self._of], dt, given)
         for k, (body, at) in enumerate(zip(self._parts.bodies, self._parts.at, strict=True)):
-            if body.shapes is not None:
+            if body.shapes is not None and not body.shapes.images.size:
+                out[at] = 0.0  # a part named `Reduced`: see ν
+            elif body.shapes is not None:
                 half = 0.5 * (start.q + end.q)[self._of[k], : body.deforms_by]
                 out[at] -= np.einsum("nka,k->na", body.shapes.images, half)
         self._parts.balance(out)
