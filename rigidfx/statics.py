@@ -265,7 +265,7 @@ def _shaping(scene: Scene, forces: InternalForces, ends: Sequence[float]) -> Sha
     if not scene.named(Reduced) or scene.named(Contact):
         return None
     acting = [e for e in scene.named(Windowed) if e.acts(0.5 * ends[0])]
-    return Shaping(scene, forces, acting, ends[-1])
+    return Shaping(scene, forces, acting, ends[-1], np.inf)
 
 
 def _ends(steps: int | Sequence[float], t_end: float) -> list[float]:

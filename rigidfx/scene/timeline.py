@@ -21,6 +21,7 @@ class Timeline:
 
     Attributes:
         dt: Nominal Δt at the start [s].
+        least: The shortest Δt that is taken [s].
         t_end: End of the run [s].
         resolution: Times closer than this are the same [s].
     """
@@ -69,7 +70,7 @@ class Timeline:
         """
         pairs = zip(self._times, self._steps, strict=True)
         taken = [dt for t, dt in pairs if t < self.t_end]
-        finest = min(taken) if finest is None else finest
+        self.least = finest = min(taken) if finest is None else finest
         apart = ulp(self.t_end)
         if finest < LEAST * apart:
             raise SceneError(

@@ -33,7 +33,7 @@ from rigidfx.shapes.orthonormal import Basis
 from rigidfx.shapes.part import LACKING, MOST, Part, PartShapes
 from rigidfx.shapes.patterns import of_springs, patterns
 from rigidfx.shapes.responses import Responses
-from rigidfx.shapes.ritz import grown, shapes_of
+from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz, shapes_of
 from rigidfx.state import State
 from rigidfx.step.system.supports import supports_of
 from rigidfx.switch.inventory import divide
@@ -62,7 +62,12 @@ class Shaping:
     remembered: ClassVar[Remembered] = {"start": ON_DOFS} | same("looked", "_large")
 
     def __init__(
-        self, scene: Scene, forces: InternalForces, acting: Sequence[Windowed], until: float
+        self,
+        scene: Scene,
+        forces: InternalForces,
+        acting: Sequence[Windowed],
+        until: float,
+        dt: float,
     ) -> None:
         """Nothing is computed.
 
@@ -71,8 +76,10 @@ class Shaping:
             forces: Internal forces, which know the cells of each material.
             acting: The effects with a time window that act at the start.
             until: When the run ends [s].
+            dt: Shortest of its steps, whose frequencies shapes follow [s].
         """
         self._scene, self._forces, self._acting, self._until = scene, forces, acting, until
+        self._dt = dt
         self.start: Array | None = None
         self._responses: Responses | None = None
         self._loads: Array | None = None  # patterns of forces from the start on
@@ -122,7 +129,7 @@ class Shaping:
         if self._loads is None:
             self._loads = patterns(responses, state, self._until)
         part, loads = self._part(body.data), self._loads
-        others = count, of_springs(responses), of_faces(responses)
+        others = count, of_springs(responses), of_faces(responses), self._dt / RESOLVED
         found = shapes_of(part, responses, loads, *others)
         if count is not None and len(found.force) < count:
             found = shapes_of(part, responses, self._with_spins(loads), *others)
@@ -331,8 +338,9 @@ class Shaping:
             main, fit = part.unspanned(known, responses.balanced(F), room)
             fits.append(fit)
             if main.shape[2]:
-                vectors = grown(responses, main, room, dt if follow else np.inf)
-                part.extend(basis, vectors, main.shape[2])
+                load, resolved = (main, DEPTH if follow else 1), dt / RESOLVED
+                vectors, n = ritz(responses, load, resolved=resolved, most=room)
+                part.extend(basis, vectors[:, :, :n], main.shape[2])
         new = basis.vectors[:, :, m:]
         largest = np.linalg.norm(new, axis=1).max(axis=0, initial=0.0)
         scene.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)

@@ -84,7 +84,7 @@ class Switch:
         kind = LumpedExchange if grouped else ConsistentExchange
         self._exchange: Exchange = self._joints or kind(scene, stepper.forces)
         self.acting = scene.acting(timeline.after(0.0))
-        self.shaping = Shaping(scene, stepper.forces, self.acting, timeline.t_end)
+        self.shaping = Shaping(scene, stepper.forces, self.acting, timeline.t_end, timeline.least)
         self._pending = self._breakpoints_after(0.0)
 
     def _breakpoints_after(self, t: float) -> tuple[float, ...]:

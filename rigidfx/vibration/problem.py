@@ -133,7 +133,7 @@ class Problem:
         named = {effect.name for effect in scene.named(Reduced)}
         if named and not self.spin.turns:
             until = max([t, *(b for b in scene.breakpoints if np.isfinite(b))]) + 1.0
-            shaping = Shaping(scene, forces, acting, until)
+            shaping = Shaping(scene, forces, acting, until, 0.0)
             found = divide(scene, forces, state, active, (), partial(shaping.shaped, state))
             shapes = [b.shapes for b in found.bodies.of.records if b.name in named]
             if all(own is not None for own in shapes):
