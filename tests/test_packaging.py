@@ -159,3 +159,8 @@ def test_figures_of_the_paper_are_those_of_readme():
     assert len(rows) >= 3
     plain = re.sub(r"\[(.*?)\]\(.*?\)", r"\1", text("README.md"))
     assert all(row in plain for row in rows)
+
+
+def test_the_gallery_has_every_picture_of_the_demos():
+    shown = re.findall(r'src="../demos/pictures/(\S+)"', text("docs/gallery.md"))
+    assert sorted(shown) == sorted(p.name for p in (ROOT / "demos" / "pictures").glob("*.png"))
