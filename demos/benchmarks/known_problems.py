@@ -9,10 +9,9 @@ modules in `known/` say all.
     ./fenicsx mpirun -n 2 python3 demos/benchmarks/known_problems.py --out out/two \\
         --beside out/known_problems
 
-The second command checks that two ranks give the same numbers, to 1e-6 or, of reduced parts, 1e-4.
+The second command checks that two ranks give the same numbers, to 1e-7 or, of reduced parts, 1e-4.
 Exudyn is a peer of two mechanisms, as `mechanisms.py` says, and CalculiX of the Princeton beam, on
-one rank, as `peers.py` says. `summary.json` has the rows,
-`errors.png` the errors and their bounds.
+one rank, as `peers.py` says. `summary.json` has the rows, `errors.png` the errors and their bounds.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ from known.picture import draw_errors
 
 import rigidfx as rf
 
-SAME = 1e-6  # largest difference between runs on different ranks, relative
+SAME = 1e-7  # largest difference between runs on different ranks, relative
 SAME_SHAPES = 1e-4  # that of reduced parts, the last of whose Ritz vectors rest on rounding
 
 Row = dict[str, Any]
