@@ -405,10 +405,6 @@ BAD = {
         lambda: run(bar(rf.Reduced("half"), rf.Fixed("x0"), rf.Preload(SQUASH), SQUASH)),
         "buckles.* before the limit load",
     ),
-    "waking": (
-        lambda: run(bar(rf.Reduced("half")), rigidify=rf.StrainRate(0.1, 0.02)),
-        "wake='all'",
-    ),
 }
 
 
