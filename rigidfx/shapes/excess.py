@@ -1,26 +1,13 @@
-"""The energy of a part beside the expansion of second order that its shapes have.
-
-With d = Φ q the displacement by shapes and w = d + δ, where δ is the response of second order,
-δ = -K⁻¹(½ [f(d) + f(-d)] - f(0)), and with forces f and energy V of the cells about the shape,
-
-    ν = |V(w) - V(0) - f(0)·w - ½ d·K d| / (½ d·K d).
-
-The energy is that of the corrected place: a shape that bends a leaf stretches it by the square of
-the rotation, which the structure relieves.
-"""
+"""How far a part is from the expansion that its shapes have, and where."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
 from mpi4py import MPI
 
 from rigidfx.error.linear_motion import assembled
-from rigidfx.flexible.internal_forces import Cells, InternalForces
+from rigidfx.flexible.internal_forces import Cells
 from rigidfx.shapes.part import Part
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.stiffness import times
@@ -31,57 +18,25 @@ Array = npt.NDArray[np.float64]
 
 
 class Excess:
-    """The expansion of a part at one displacement.
+    """The expansion of a part at one displacement: see `Expanded`.
 
     Attributes:
         energy: ½ d·K d [J].
         nu: ν of the whole part.
     """
 
-    def __init__(self, responses: Responses, forces: InternalForces, part: Part, d: Array) -> None:
+    def __init__(self, responses: Responses, part: Part, d: Array) -> None:
         """Evaluate. Collective.
 
         Args:
             responses: Of the whole structure.
-            forces: Internal forces, which know the energy of each material.
             part: The part.
             d: Displacement by shapes at its owned nodes, shape (nodes, 3) [m].
         """
-        self._scene, self._stiffness = responses.scene, responses.stiffness
-        self._forces, self._part, self._d = forces, part, d
-        F = np.zeros((self._scene.owned_nodes, 3, 1))
-        even = 0.5 * (self._internal(d) + self._internal(-d))
-        at_rest = self._internal(0 * d)
-        F[part.nodes, :, 0] = at_rest - even
-        w = d + part.unmoved(responses.solve(F))[:, :, 0]
-        self.energy = 0.5 * self._sum(d * part.times_stiffness(d[:, :, None])[:, :, 0])
-        gained = self._energy(w) - self._energy(0 * d)
-        work = self._sum(at_rest * w)
-        self.nu = abs(gained - work - self.energy) / self.energy
-
-    def _sum(self, values: Array) -> float:
-        return float(self._scene.sum(values.sum()))
-
-    @contextmanager
-    def _displaced(self, d: Array) -> Iterator[fem.Function]:
-        """Displace the shape by d. Collective."""
-        made, nodes = self._stiffness.linear.shape, self._part.nodes
-        before = made.x.array.copy()
-        made.x.array[: 3 * self._scene.owned_nodes].reshape(-1, 3)[nodes] += d
-        made.x.scatter_forward()
-        yield made
-        made.x.array[:] = before
-
-    def _internal(self, d: Array) -> Array:
-        """Forces at the part's nodes, shape (nodes, 3) [N]. Collective."""
-        with self._displaced(d):
-            return self._stiffness.internal_forces(self._part.cells)[self._part.nodes]
-
-    def _energy(self, d: Array) -> float:
-        """Stored energy [J]. Collective."""
-        with self._displaced(d) as made:
-            form = self._forces.bind_energy(self._part.cells, made)
-            return float(self._scene.sum(fem.assemble_scalar(form)))
+        self._scene, self._linear = responses.scene, responses.stiffness.linear
+        self._part, self._d = part, d
+        self.energy = part.energy(d)
+        self.nu = abs(float(self._scene.sum(part.missed(d, responses.of_nodes(part.nodes)).sum())))
 
     def spent(self) -> tuple[int, Array, Array]:
         """A box with two thirds of ½ d·K d or more, halved as long as one half has. Collective.
@@ -115,7 +70,7 @@ class Excess:
     def _in(self, cells: Cells) -> float:
         """½ d·K d of some of its cells [J]. Collective."""
         rows, d = self._part.rows, self._d.reshape(-1, 1)
-        K = assembled(rows, self._stiffness.linear.tangent(cells))
+        K = assembled(rows, self._linear.tangent(cells))
         image = times(K, d, rows.vector)
         K.destroy()
-        return 0.5 * self._sum(d * image)
+        return 0.5 * float(self._scene.sum((d * image).sum()))

@@ -6,38 +6,26 @@ stresses there, so that forces do not jump at the freeze.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, la
-from mpi4py import MPI
 
-from rigidfx.coupling.mass import mass_operator
-from rigidfx.coupling.rows import Rows
-from rigidfx.error.linear_motion import assembled
 from rigidfx.flexible.internal_forces import InternalForces
-from rigidfx.flexible.kernels import add_vector
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.rigid_body import Body, Frozen, RigidBody
-from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.scene import Scene
+from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.linear import resolved
-from rigidfx.shapes.orthonormal import columns, normalised
-from rigidfx.shapes.stiffness import times
+from rigidfx.shapes.orthonormal import columns, to_one
 
 __all__ = ["Found"]
 
 Array = npt.NDArray[np.float64]
 
-# Size of a vector, once rigid motions and other shapes are taken out of it, over that before: what
-# is less is a combination of these.
-NEW = 1e-6
 
-
-class Found:
+class Found(Expanded):
     """Stiffness and mass of a body about the shape that it is frozen in; `destroy` frees them."""
 
     def __init__(
@@ -48,19 +36,11 @@ class Found:
         Args:
             scene: The problem.
             forces: Internal forces, which know the cells of each material.
-            linear: Forms, which get the shape.
+            linear: Forms, whose shape is moved and brought back.
             data: The body.
         """
-        self._scene, self._linear, self._data = scene, linear, data
-        self._cells = cells = forces.cells(data.cells)
-        self._rows = Rows(scene.space, data.nodes)
-        own = np.ones(data.nodes.size, dtype=bool)
-        self._mass = mass_operator(scene, self._rows, cells, own)
-        self._internal = self.forces(np.zeros_like(data.offsets))
-        self._K = assembled(self._rows, linear.tangent(cells))
-        R = rigid_motions(data.offsets, data.length)
-        self._rigid = normalised(R, self.dot(R, self.times_mass(R)))
-        self._momenta = self.times_mass(self._rigid)
+        cells = forces.cells(data.cells)
+        super().__init__(scene, linear, cells, data.nodes, data.displacement)
 
     def modes(self, dt: float, above: float) -> tuple[Array, float]:
         """Its own modes that Δt resolves, where it moves freely: see `resolved`. Collective.
@@ -73,53 +53,10 @@ class Found:
             φ at its nodes, shape (nodes, 3, k); and the lowest ω that is left out [1/s].
         """
         M = self._mass.matrix()
-        y, omega, cut = resolved(self._K, M, columns(self._rigid), self._rows.vector, dt)
+        y, omega, cut = resolved(self._K, M, columns(self.motions), self.rows.vector, dt)
         M.destroy()
         y = y[:, omega > above]
-        return y.reshape(*self._rigid.shape[:2], y.shape[1]), max(cut, above)
-
-    def forces(self, w: Array) -> Array:
-        """Internal forces of its cells at the frozen shape and w beside it [N]. Collective.
-
-        Args:
-            w: At its nodes in its frame, shape (nodes, 3) [m].
-        """
-        shape, b = self._linear.shape.x, fem.Function(self._scene.space)
-        shape.array[:] = 0.0
-        shape.array.reshape(-1, 3)[self._data.nodes] = self._data.displacement + w
-        shape.scatter_forward()
-        add_vector(b.x.array, self._linear.force(self._cells))
-        b.x.scatter_reverse(la.InsertMode.add)
-        return np.array(b.x.array.reshape(-1, 3)[self._data.nodes])
-
-    def missed(self, shapes: Shapes, q: Array, respond: Callable[[Array], Array]) -> Array:
-        """Energy that the expansion in q misses, by nodes, over ½ q·Ωq, shape (nodes,). Collective.
-
-        The structure relieves what shapes strain it by in second order: a shape that bends a leaf
-        stretches it. So the energy is that at w = Φq + δ₂, with δ₂ the response to the mean of the
-        forces at Φq and -Φq, by Simpson's rule along w. Sum and largest are |V - U|/½ q·Ωq.
-
-        Args:
-            shapes: The body's.
-            q: Their coordinates, not zero [m].
-            respond: Static responses of the whole to forces on the body's nodes, in its frame.
-        """
-        bent = np.einsum("nka,k->na", shapes.modes, q)
-        both = 0.5 * (self.forces(bent) + self.forces(-bent)) - self._internal
-        w = bent - respond(both)
-        mean = (self.forces(w) + 4 * self.forces(0.5 * w) - 5 * self._internal) / 6
-        linear = np.einsum("nka,k->na", shapes.images, q)
-        return np.asarray(
-            (w * mean - 0.5 * bent * linear).sum(axis=1) / (0.5 * q @ shapes.stiffness @ q)
-        )
-
-    def dot(self, a: Array, b: Array) -> Array:
-        """aᵀb of all columns of fields, shape (k, l). Collective."""
-        return np.asarray(self._scene.sum(columns(a).T @ columns(b)))
-
-    def times_mass(self, u: Array) -> Array:
-        """M u, shape (nodes, 3, k). Collective."""
-        return times(self._mass, columns(u), self._rows.vector).reshape(u.shape)
+        return y.reshape(*self.motions.shape[:2], y.shape[1]), max(cut, above)
 
     def outside(self, data: RigidBody, force: Array) -> Array:
         """Forces without those that shapes follow, by the mass, shape (nodes, 3). Collective.
@@ -154,12 +91,12 @@ class Found:
         new = self._new(old, vectors)
         if not new.shape[2]:
             return None
-        K = times(self._K, columns(new), self._rows.vector).reshape(new.shape)
+        K = self.times_stiffness(new)
         modes = np.concatenate([old, new], axis=2)
         stiffness = np.zeros((modes.shape[2], modes.shape[2]))
         stiffness[:, m:] = self.dot(modes, K)
         stiffness[m:] = stiffness[:, m:].T
-        force = self._internal if held is None else self._internal + held
+        force = self.internal if held is None else self.internal + held
         on = self.dot(new, force[:, :, None])[:, 0]
         images = K
         if data.shapes is not None:
@@ -185,21 +122,11 @@ class Found:
 
     def _new(self, old: Array, vectors: Array) -> Array:
         """The new part of vectors, their largest displacement 1, (nodes, 3, k). Collective."""
-        scene, every = self._scene, normalised(old, self.dot(old, self.times_mass(old)))
-        for k in range(vectors.shape[2]):
-            y = vectors[:, :, k : k + 1]
-            before = float(self.dot(y, self.times_mass(y))[0, 0])
-            basis = np.concatenate([self._rigid, every], axis=2)
-            for _ in range(2):  # once more for what rounding leaves
-                parts = self.dot(basis, self.times_mass(y))[:, 0]
-                y = y - (basis @ parts)[:, :, None]
-            left = float(self.dot(y, self.times_mass(y))[0, 0])
-            if left > NEW**2 * before:
-                every = np.concatenate([every, y / np.sqrt(left)], axis=2)
-        new = every[:, :, old.shape[2] :]
-        largest = np.linalg.norm(new, axis=1).max(axis=0, initial=0.0)
-        scene.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-        return np.asarray(new / largest)
+        basis, m = self.begun(old), old.shape[2]
+        own = self.unmoved(vectors)
+        squares = self._scene.sum(np.einsum("nak,nak->k", vectors, self.times_mass(vectors)))
+        basis.grow(own, self.times_mass(own), np.sqrt(np.asarray(squares)), m + own.shape[2])
+        return to_one(self._scene.comm, basis.vectors[:, :, m:])[0]
 
     def moving(self, body: Body) -> Body:
         """A body frozen just now, whose shapes have of its nodes' velocities what they can.
@@ -214,8 +141,3 @@ class Found:
         vibration = data.frozen.vibration - 0.5 * float(rates @ (D * rates))
         left = Frozen(data.nodes, lost - modes @ rates, data.frozen.strain, max(vibration, 0.0))
         return Body(replace(data, frozen=left), replace(body.motion, q_rate=rates))
-
-    def destroy(self) -> None:
-        """Free the PETSc objects. Collective."""
-        self._mass.destroy()
-        self._K.destroy()

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-__all__ = ["INDEPENDENT", "Basis", "columns", "normalised", "slowest", "whole_groups"]
+__all__ = ["INDEPENDENT", "Basis", "columns", "normalised", "slowest", "to_one", "whole_groups"]
 
 Array = npt.NDArray[np.float64]
 
@@ -84,6 +84,13 @@ def normalised(u: Array, gram: Array) -> Array:
         gram: Their products, shape (k, k).
     """
     return np.linalg.solve(np.linalg.cholesky(gram), columns(u).T).T.reshape(u.shape)
+
+
+def to_one(comm: MPI.Intracomm, u: Array) -> tuple[Array, Array]:
+    """Vectors with 1 as the largest displacement of each, and that before. Collective."""
+    largest = np.linalg.norm(u, axis=1).max(axis=0, initial=0.0)
+    comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+    return np.asarray(u / largest), largest
 
 
 def slowest(comm: MPI.Intracomm, flexibility: Array) -> tuple[Array, Array]:

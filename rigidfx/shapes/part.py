@@ -14,18 +14,17 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
-from rigidfx.coupling.mass import mass_operator
-from rigidfx.coupling.rows import Rows
 from rigidfx.error.linear_motion import assembled
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.surface import SMALL_WAY
-from rigidfx.mechanics.rigid_motions import free_motions, rigid_motions
+from rigidfx.scene.scene import Scene
+from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.orthonormal import (
     INDEPENDENT,
     Basis,
     columns,
-    normalised,
     slowest,
+    to_one,
     whole_groups,
 )
 from rigidfx.shapes.responses import Responses
@@ -63,13 +62,10 @@ class PartShapes:
     force: Array
 
 
-class Part:
-    """Cells and nodes of a part, with its own stiffness and mass; `destroy` frees them.
+class Part(Expanded):
+    """Cells and nodes of a part about the state of the whole; `destroy` frees matrices.
 
     Attributes:
-        nodes: Its owned nodes on this rank.
-        cells: Its owned cells by subdomain id.
-        rows: Its nodes as rows of vectors.
         room: Number of its free unknowns less its rigid motions.
     """
 
@@ -87,40 +83,23 @@ class Part:
         Raises:
             SceneError: On every rank, if it is a single cell, or supports hold all of it.
         """
-        self._scene, self._responses = responses.scene, responses
-        self.nodes, self.cells, self._name = nodes, cells, name
-        scene, stiffness = responses.scene, responses.stiffness
-        self._check(cells)
-        self.rows = Rows(scene.space, nodes)
-        self._mass = mass_operator(scene, self.rows, cells, np.ones(nodes.size, dtype=bool))
-        self._K = assembled(self.rows, stiffness.linear.tangent(cells))
-        self._internal = stiffness.internal_forces(cells)[nodes]
-        self._motions = self._rigid_motions()
-        self.room -= self._motions.shape[2]
-        self._momenta = self.times_mass(self._motions)
+        self._responses, self._name = responses, name
+        stiffness = responses.stiffness
+        held, state = stiffness.held.reshape(-1, 3)[nodes], stiffness.linear.shape.x.array
+        free = self._checked(responses.scene, cells, held)
+        known = responses.scene, stiffness.linear, cells, nodes
+        super().__init__(*known, state.reshape(-1, 3)[nodes], held)
+        self.room = free - self.motions.shape[2]
 
-    def _check(self, cells: Cells) -> None:
-        """Find how many of its dofs are free; see that it can deform, as it is held. Collective."""
-        scene, held = self._scene, self._responses.stiffness.held.reshape(-1, 3)[self.nodes]
+    def _checked(self, scene: Scene, cells: Cells, held: npt.NDArray[np.bool_]) -> int:
+        """Number of its dofs that are free; it can deform, as it is held. Collective."""
         count = sum(len(own) for own in cells.values())
         cells_in, free = map(int, scene.sum([count, int((~held).sum())]))
         few = f"it has {cells_in} cell, which no shapes divide. Name it Rigid, or refine its mesh"
         wrong = few if cells_in < 2 else "supports hold all of it. Take the Reduced away"
         if cells_in < 2 or not free:
             raise SceneError(f"Reduced '{self._name}': {wrong}.")
-        self.room = free
-
-    def _rigid_motions(self) -> Array:
-        """Its rigid motions that supports in it leave free, RᵀMR = 1. Collective."""
-        scene, stiffness = self._scene, self._responses.stiffness
-        x = stiffness.places[self.nodes]
-        sums = np.asarray(scene.sum(np.r_[x.sum(axis=0), len(x)]))
-        x = x - sums[:3] / sums[3]
-        length = float(np.sqrt(scene.sum((x * x).sum()) / sums[3]))
-        held = stiffness.held.reshape(-1, 3)[self.nodes]
-        R = rigid_motions(x, length) @ free_motions(x, held, length, scene.comm)
-        columns(R)[held.reshape(-1)] = 0.0
-        return normalised(R, self._dot(R, self.times_mass(R)))
+        return free
 
     def bears(self, F: Array) -> npt.NDArray[np.bool_]:
         """Which forces act on it, or on what it holds together with, shape (k,). Collective.
@@ -131,31 +110,6 @@ class Part:
         scene, part = self._scene, self._responses.rigid.part
         own = np.concatenate(scene.comm.allgather(np.unique(part[self.nodes])))
         return np.asarray(scene.sum((F[np.isin(part, own)] ** 2).sum(axis=(0, 1)))) > 0.0
-
-    def times_mass(self, u: Array) -> Array:
-        """M u of its own mass, shape (nodes, 3, k). Collective."""
-        return times(self._mass, columns(u), self.rows.vector).reshape(u.shape)
-
-    def times_stiffness(self, u: Array) -> Array:
-        """K u of its own cells, shape (nodes, 3, k). Collective."""
-        return times(self._K, columns(u), self.rows.vector).reshape(u.shape)
-
-    def _dot(self, a: Array, b: Array) -> Array:
-        return self._responses.dot(a, b)
-
-    def unmoved(self, vectors: Array) -> Array:
-        """Vectors of the whole at its nodes, without its rigid motion there. Collective.
-
-        Args:
-            vectors: Shape (owned nodes, 3, k).
-
-        Returns:
-            Shape (nodes, 3, k).
-        """
-        own = vectors[self.nodes]
-        for _ in range(2):  # once more for what rounding leaves
-            own = own - self._motions @ self._dot(self._momenta, own)
-        return np.asarray(own)
 
     def shapes(self, vectors: Array, count: int = MOST, block: int = 1) -> PartShapes:
         """Shapes from vectors of the whole; dependent ones are left out. Collective.
@@ -176,7 +130,7 @@ class Part:
                 f"unknowns beside its rigid motions. Ask for {self.room} at most."
             )
         before = np.einsum("nak,nak->k", own, self.times_mass(own))
-        deformed = self.unmoved(vectors)
+        deformed = self.unmoved(own)
         images = self.times_mass(deformed)
         after = np.einsum("nak,nak->k", deformed, images)
         before, after = np.sqrt(np.maximum(scene.sum(np.stack([before, after])), 0.0))
@@ -186,7 +140,7 @@ class Part:
         m = len(basis)
         m -= m % block if m > block else 0
         Y = basis.vectors[:, :, :m]
-        K = self._dot(Y, self.times_stiffness(Y))
+        K = self.dot(Y, self.times_stiffness(Y))
         squares, turn = scene.comm.bcast(np.linalg.eigh(0.5 * (K + K.T)))
         if m and squares[0] <= 0:
             raise SceneError(
@@ -194,10 +148,8 @@ class Part:
                 "buckles. Reduce it in a state before the limit load, or leave it flexible."
             )
         Y = Y @ turn
-        largest = np.linalg.norm(Y, axis=1).max(axis=0, initial=0.0)
-        scene.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-        Y = Y / largest
-        force = np.asarray(scene.sum(np.einsum("nak,na->k", Y, self._internal)))
+        Y, largest = to_one(scene.comm, Y)
+        force = np.asarray(scene.sum(np.einsum("nak,na->k", Y, self.internal)))
         return PartShapes(Y, np.diag(squares / largest**2), force)
 
     def extend(self, basis: Basis, vectors: Array, loads: int) -> None:
@@ -209,7 +161,7 @@ class Part:
                 their followers, of which `LACKING` may be left out, shape (owned nodes, 3, k).
             loads: How many are those of loads.
         """
-        own = self.unmoved(vectors)
+        own = self.unmoved(vectors[self.nodes])
         images = self.times_mass(own)
         sizes = np.sqrt(np.asarray(self._scene.sum(np.einsum("nak,nak->k", own, images))))
         sizes[loads:] *= LACKING / INDEPENDENT
@@ -221,8 +173,8 @@ class Part:
         Args:
             modes: At its nodes, shape (nodes, 3, m).
         """
-        K = self._dot(modes, self.times_stiffness(modes))
-        force = np.asarray(self._scene.sum(np.einsum("nak,na->k", modes, self._internal)))
+        K = self.dot(modes, self.times_stiffness(modes))
+        force = np.asarray(self._scene.sum(np.einsum("nak,na->k", modes, self.internal)))
         return PartShapes(modes, 0.5 * (K + K.T), force)
 
     def spun(self, modes: Array) -> Array:
@@ -252,7 +204,7 @@ class Part:
                 shape.x.scatter_forward()
                 K = assembled(self.rows, responses.stiffness.linear.tangent(self.cells))
                 image = times(K, columns(modes), self.rows.vector).reshape(modes.shape)
-                sides.append(self._dot(modes, image))
+                sides.append(self.dot(modes, image))
                 K.destroy()
             change = (sides[0] - sides[1]) / (2 * h) if h else sides[0] * 0.0
             N[:, :, a, b] = N[:, :, b, a] = -0.5 * (change + change.T)
@@ -275,10 +227,10 @@ class Part:
             n); and whether these are all.
         """
         u = self._responses.solve(F)
-        deformed = self.unmoved(u)
+        deformed = self.unmoved(u[self.nodes])
         forces = self.times_stiffness(deformed)
-        own, whole = self._dot(deformed, forces), self._dot(F, u)
-        h = self._dot(shapes.modes, forces)
+        own, whole = self.dot(deformed, forces), self.dot(F, u)
+        h = self.dot(shapes.modes, forces)
         lack = own - h.T @ np.linalg.solve(shapes.stiffness, h)
         values, T = slowest(self._scene.comm, lack)
         own, whole = (np.einsum("ki,kl,li->i", T, A, T) for A in (own, whole))
@@ -286,8 +238,3 @@ class Part:
         some = values > np.maximum(LACKING**2 * bound, INDEPENDENT**2 * bound.max(initial=0.0))
         count = whole_groups(values[some], most)
         return np.asarray((F @ T[:, some])[:, :, :count]), count == np.count_nonzero(some)
-
-    def destroy(self) -> None:
-        """Free the PETSc objects. Collective."""
-        self._mass.destroy()
-        self._K.destroy()

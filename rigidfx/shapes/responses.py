@@ -9,7 +9,7 @@ factor, made when it is first asked for.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,7 @@ from rigidfx.state import State
 __all__ = ["Responses"]
 
 Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int32]
 
 BALANCED = 1e-9  # part of forces that rounding leaves where inertia balances them
 
@@ -103,6 +104,22 @@ class Responses:
             stressed = bool(self.scene.sum(np.count_nonzero(self.rigid.internal)))
             self._solver = Solver(self.stiffness, self.motions, self._momenta, stressed)
         return self._solver.solve(self.balanced(F))
+
+    def of_nodes(self, nodes: Ints, Q: Array | None = None) -> Callable[[Array], Array]:
+        """Responses of some owned nodes to forces on them, both of the shape (nodes, 3).
+
+        Args:
+            nodes: The nodes.
+            Q: Rotation to the frame of the forces, shape (3, 3); none if None.
+        """
+
+        def respond(force: Array) -> Array:
+            F = np.zeros((self.scene.owned_nodes, 3, 1))
+            F[nodes, :, 0] = force if Q is None else force @ Q
+            u = self.solve(F)[nodes, :, 0]
+            return np.asarray(u if Q is None else u @ Q.T)
+
+        return respond
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

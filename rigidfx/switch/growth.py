@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -27,16 +26,14 @@ from rigidfx.error.forces.body_forces import BodyForces
 from rigidfx.error.frames import Frames
 from rigidfx.error.strained import Limits, part_of
 from rigidfx.flexible.indicator import Indicator
-from rigidfx.flexible.linear_forms import LinearForms
-from rigidfx.mechanics.bodies import Bodies, Ensemble
+from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.shapes.found import Found
 from rigidfx.shapes.linear import Linear
-from rigidfx.shapes.responses import Responses
-from rigidfx.state import State
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.step.watches.watch import Watch
+from rigidfx.switch.inventory import about_start
 from rigidfx.switch.resonance import Resonance
 
 __all__ = ["Growth", "GrowthControl", "Looked"]
@@ -128,7 +125,6 @@ class Growth(Watch):
         scene, self.control = stepper.scene, GrowthControl()
         self._scene = scene
         self._strains = CellStrains(scene, stepper.forces, indicator)
-        self._forms: LinearForms | None = None
         self._start: Array = stepper.state.u.x.array[: 3 * scene.owned_nodes].copy()
         self._linear: Linear | None = None
         self._frames: Frames | None = None
@@ -155,14 +151,8 @@ class Growth(Watch):
         """Equations of the whole about its start. Collective."""
         if self._linear is None:
             stepper, scene = self._stepper, self._scene
-            at_start, state = State(scene), stepper.state
-            at_start.u.x.array[: self._start.size] = self._start
-            at_start.u.x.scatter_forward()
-            at_start.clamp(state.clamped)
-            named = [data for data in state.bodies.of.records if not self._grows(data)]
-            rigid = Ensemble(named).at_rest
             acting = stepper.system.acting
-            responses = Responses(scene, stepper.forces, at_start, acting, rigid)
+            responses = about_start(scene, stepper.forces, self._start, acting)
             self._linear = Linear(responses)
             self._frames = Frames(scene, responses.stiffness.places)
             if not self._vectors.shape[2]:
@@ -182,10 +172,8 @@ class Growth(Watch):
         if known is None or not np.array_equal(known[0].origin, data.origin):
             if known is not None:
                 known[1].destroy()
-            self._bound()
-            if self._forms is None:
-                self._forms = LinearForms(self._scene, self._stepper.forces)
-            found = Found(self._scene, self._stepper.forces, self._forms, data)
+            linear = self._bound().responses.stiffness.linear
+            found = Found(self._scene, self._stepper.forces, linear, data)
             assert self._frames is not None
             x = self._stepper.state.X[: self._scene.owned_nodes].copy()
             x[data.nodes] += data.displacement
@@ -294,8 +282,10 @@ class Growth(Watch):
             if energy <= max(control.least * self._largest, control.doubled * before):
                 continue
             known[number] = energy
-            found, _ = self._of(body.data)
-            missed = found.missed(shapes, q, partial(self._respond, body.data))
+            found, Q = self._of(body.data)
+            d = np.einsum("nka,k->na", shapes.modes, q)
+            respond = self._bound().responses.of_nodes(body.data.nodes, Q)
+            missed = found.missed(d, respond)
             nu = abs(float(self._scene.sum(missed.sum())))
             if nu <= control.nonlinear:
                 continue
@@ -306,13 +296,6 @@ class Growth(Watch):
             tell(comm, f"{body.data.name} bends by more than its shapes follow: ν = {nu:.3g}")
             return self._with_nodes(marks, body.data.cells)
         return None
-
-    def _respond(self, data: RigidBody, force: Array) -> Array:
-        """Static response of the whole to forces on a body's nodes, in its frame. Collective."""
-        _, Q = self._of(data)
-        F = np.zeros((*self._before.shape, 1))
-        F[data.nodes, :, 0] = force @ Q
-        return np.asarray(self._bound().responses.solve(F)[data.nodes, :, 0] @ Q.T)
 
     def _with_nodes(self, marks: Bools, cells: npt.NDArray[np.int32]) -> Bools:
         """Those of some owned cells that have a marked node. Collective."""

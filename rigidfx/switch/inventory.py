@@ -14,20 +14,22 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.decide.decision import PlannedBody
-from rigidfx.effects import Reduced, Resultant, Rigid, Support
+from rigidfx.effects import Reduced, Resultant, Rigid, Support, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
+from rigidfx.shapes.responses import Responses
 from rigidfx.state import State
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.supports import dofs_of, supports_of
 from rigidfx.switch.exchange import freeze
 from rigidfx.switch.faces import face_bodies
 
-__all__ = ["check_clamps", "divide"]
+__all__ = ["about_start", "check_clamps", "divide"]
 
+Array = npt.NDArray[np.float64]
 Nodes = npt.NDArray[np.int32]
 Shape = Callable[[Any, Body, bool], Body]  # of a `Reduced` part
 
@@ -151,6 +153,28 @@ def divide(
         clamped,
         held,
     )
+
+
+def about_start(
+    scene: Scene, forces: InternalForces, start: Array, acting: Sequence[Windowed]
+) -> Responses:
+    """Responses of a structure about its start, in which rigid parts and faces stay rigid.
+
+    Collective.
+
+    Args:
+        scene: The problem.
+        forces: Internal forces, which know the cells of each material.
+        start: Displacement of the owned dofs at the start [m].
+        acting: The effects with a time window that act.
+    """
+    at_start = State(scene)
+    at_start.u.x.array[: start.size] = start
+    at_start.u.x.scatter_forward()
+    rigid = divide(scene, forces, at_start, supports_of(acting))
+    at_start.clamp(rigid.clamped)
+    bodies = [body for body in rigid.bodies if scene.sum(body.data.nodes.size)]
+    return Responses(scene, forces, at_start, acting, Bodies.of_each(bodies))
 
 
 def _named(scene: Scene, flexible: bool) -> list[Rigid]:

@@ -14,7 +14,6 @@ from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.log import tell
@@ -29,14 +28,13 @@ from rigidfx.scene.mesh_order import mesh_order
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.excess import Excess
 from rigidfx.shapes.faces import of_faces
-from rigidfx.shapes.orthonormal import Basis
+from rigidfx.shapes.orthonormal import to_one
 from rigidfx.shapes.part import LACKING, MOST, Part, PartShapes
 from rigidfx.shapes.patterns import of_springs, patterns
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz, shapes_of
 from rigidfx.state import State
-from rigidfx.step.system.supports import supports_of
-from rigidfx.switch.inventory import divide
+from rigidfx.switch.inventory import about_start
 from rigidfx.switch.spun_joints import SpinLimits, off_by
 
 __all__ = ["Shaping"]
@@ -99,14 +97,8 @@ class Shaping:
         if self.start is None:
             self.start = state.u.x.array[: 3 * self._scene.owned_nodes].copy()
         if self._responses is None:
-            at_start = State(self._scene)
-            at_start.u.x.array[: self.start.size] = self.start
-            at_start.u.x.scatter_forward()
-            known = self._scene, self._forces, at_start
-            rigid = divide(*known, supports_of(self._acting))
-            at_start.clamp(rigid.clamped)
-            bodies = [b for b in rigid.bodies if self._scene.sum(b.data.nodes.size)]
-            self._responses = Responses(*known, self._acting, Bodies.of_each(bodies))
+            known = self._scene, self._forces, self.start, self._acting
+            self._responses = about_start(*known)
         return self._responses
 
     def shaped(self, state: State, effect: Reduced, body: Body, held: bool) -> Body:
@@ -320,7 +312,7 @@ class Shaping:
             pressed: Its nodes that have pressed.
             dt: See `grown`.
         """
-        scene, data = self._scene, body.data
+        data = body.data
         part = self._part(data)
         old: Array = _whole(data).swapaxes(1, 2)
         m = old.shape[2]
@@ -328,11 +320,7 @@ class Shaping:
         if data.shapes is not None:
             stiffness = data.shapes.stiffness
         known = PartShapes(old, stiffness, np.zeros(m))
-        images: Array = part.times_mass(old)
-        sizes: Array = np.sqrt(np.asarray(scene.sum(np.einsum("nak,nak->k", old, images))))
-        basis = Basis(data.nodes.size, scene.sum)
-        basis.vectors, basis.images = np.asarray(old / sizes), np.asarray(images / sizes)
-        fits = []
+        basis, fits = part.begun(old), []
         for F, follow in zip(loads, (True, False), strict=True):
             room = max(MOST - len(basis), 0)
             main, fit = part.unspanned(known, responses.balanced(F), room)
@@ -341,10 +329,8 @@ class Shaping:
                 load, resolved = (main, DEPTH if follow else 1), dt / RESOLVED
                 vectors, n = ritz(responses, load, resolved=resolved, most=room)
                 part.extend(basis, vectors[:, :, :n], main.shape[2])
-        new = basis.vectors[:, :, m:]
-        largest = np.linalg.norm(new, axis=1).max(axis=0, initial=0.0)
-        scene.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-        every = np.concatenate([old, new / largest], axis=2)
+        new, _ = to_one(self._scene.comm, basis.vectors[:, :, m:])
+        every = np.concatenate([old, new], axis=2)
         self._tell_more(data.name, m, len(basis), all(fits))
         spins = data.shapes is not None and data.shapes.spun is not None
         spun = part.spun(every) if spins else None
@@ -440,7 +426,7 @@ class Shaping:
         """Find ν of a part; warn once where it is not small. Collective."""
         responses, name = self._bind(state), body.data.name
         d = np.einsum("nka,k->na", _whole(body.data), body.motion.q)
-        found = Excess(responses, self._forces, self._part(body.data), d)
+        found = Excess(responses, self._part(body.data), d)
         self.looked[name] = found.energy, found.nu
         if off_by(found.nu) <= LACKING or name in self._large:
             return

@@ -1,0 +1,155 @@
+"""The cells of a part, expanded to second order about a state.
+
+With d the displacement by shapes, w = d + δ where δ is the response of second order,
+δ = -K⁻¹(½ [f(d) + f(-d)] - f(0)), and with forces f and energy V of the cells about the state,
+
+    ν = |V(w) - V(0) - f(0)·w - ½ d·K d| / (½ d·K d).
+
+The energy is that of the corrected place: a shape that bends a leaf stretches it by the square of
+the rotation, which the structure relieves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+
+from rigidfx.coupling.mass import mass_operator
+from rigidfx.coupling.rows import Rows
+from rigidfx.error.linear_motion import assembled
+from rigidfx.flexible.internal_forces import Cells
+from rigidfx.flexible.kernels import add_vector
+from rigidfx.flexible.linear_forms import LinearForms
+from rigidfx.mechanics.rigid_motions import free_motions, rigid_motions
+from rigidfx.scene.scene import Scene
+from rigidfx.shapes.orthonormal import Basis, columns, normalised
+from rigidfx.shapes.stiffness import times
+
+__all__ = ["Expanded"]
+
+Array = npt.NDArray[np.float64]
+Int32s = npt.NDArray[np.int32]
+
+
+class Expanded:
+    """Stiffness, mass and forces of cells about a state; `destroy` frees them.
+
+    Attributes:
+        nodes: Its owned nodes on this rank.
+        cells: Its owned cells by subdomain id.
+        rows: Its nodes as rows of vectors.
+        motions: Its rigid motions that supports in it leave free, RᵀMR = 1, shape (nodes, 3, n).
+        internal: Forces of the cells in the state, shape (nodes, 3) [N].
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        linear: LinearForms,
+        cells: Cells,
+        nodes: Int32s,
+        state: Array,
+        held: npt.NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Assemble. Collective.
+
+        Args:
+            scene: The problem.
+            linear: Forms, whose shape is moved and brought back.
+            cells: Owned cells by subdomain id.
+            nodes: Their owned nodes, sorted.
+            state: Displacement of the nodes, about which they are expanded, shape (nodes, 3) [m].
+            held: Dofs of the nodes that supports hold, shape (nodes, 3); none if None.
+        """
+        self._scene, self._linear, self._state = scene, linear, state
+        self.nodes, self.cells, self.rows = nodes, cells, Rows(scene.space, nodes)
+        self._mass = mass_operator(scene, self.rows, cells, np.ones(nodes.size, dtype=bool))
+        with self._displaced(0 * state):
+            self._K = assembled(self.rows, linear.tangent(cells))
+        self.internal = self.forces(0 * state)
+        held = np.zeros(state.shape, dtype=bool) if held is None else held
+        self.motions = self._rigid_motions(held)
+        self._momenta = self.times_mass(self.motions)
+
+    def _rigid_motions(self, held: npt.NDArray[np.bool_]) -> Array:
+        """Rigid motions that supports in it leave free, RᵀMR = 1. Collective."""
+        scene = self._scene
+        x = scene.space.tabulate_dof_coordinates()[self.nodes] + self._state
+        sums = np.asarray(scene.sum(np.r_[x.sum(axis=0), len(x)]))
+        x = x - sums[:3] / sums[3]
+        length = float(np.sqrt(scene.sum((x * x).sum()) / sums[3]))
+        R = rigid_motions(x, length) @ free_motions(x, held, length, scene.comm)
+        columns(R)[held.reshape(-1)] = 0.0
+        return normalised(R, self.dot(R, self.times_mass(R)))
+
+    def times_mass(self, u: Array) -> Array:
+        """M u of its own mass, shape (nodes, 3, k). Collective."""
+        return times(self._mass, columns(u), self.rows.vector).reshape(u.shape)
+
+    def times_stiffness(self, u: Array) -> Array:
+        """K u of its own cells, shape (nodes, 3, k). Collective."""
+        return times(self._K, columns(u), self.rows.vector).reshape(u.shape)
+
+    def dot(self, a: Array, b: Array) -> Array:
+        """aᵀb of all columns of fields, shape (k, l). Collective."""
+        return np.asarray(self._scene.sum(columns(a).T @ columns(b)))
+
+    def unmoved(self, own: Array) -> Array:
+        """Fields at its nodes without their rigid motion, shape (nodes, 3, k). Collective."""
+        for _ in range(2):  # once more for what rounding leaves
+            own = own - self.motions @ self.dot(self._momenta, own)
+        return np.asarray(own)
+
+    def begun(self, vectors: Array) -> Basis:
+        """A basis of fields that are orthogonal by the mass. Collective."""
+        images, basis = self.times_mass(vectors), Basis(self.nodes.size, self._scene.sum)
+        sizes = np.sqrt(np.asarray(self._scene.sum(np.einsum("nak,nak->k", vectors, images))))
+        basis.vectors, basis.images = np.asarray(vectors / sizes), np.asarray(images / sizes)
+        return basis
+
+    @contextmanager
+    def _displaced(self, d: Array) -> Iterator[None]:
+        """Displace the cells by d beside the state. Collective."""
+        x = self._linear.shape.x
+        before = x.array.copy()
+        x.array.reshape(-1, 3)[self.nodes] = self._state + d
+        x.scatter_forward()
+        yield
+        x.array[:] = before
+
+    def forces(self, d: Array) -> Array:
+        """Internal forces of its cells at d beside the state, shape (nodes, 3) [N]. Collective."""
+        b = fem.Function(self._scene.space)
+        with self._displaced(d):
+            add_vector(b.x.array, self._linear.force(self.cells))
+        b.x.scatter_reverse(la.InsertMode.add)
+        return np.array(b.x.array.reshape(-1, 3)[self.nodes])
+
+    def energy(self, d: Array) -> float:
+        """½ d·K d [J]. Collective."""
+        return 0.5 * float(self.dot(d[:, :, None], self.times_stiffness(d[:, :, None]))[0, 0])
+
+    def missed(self, d: Array, respond: Callable[[Array], Array]) -> Array:
+        """Energy that the expansion in d misses, by nodes, over ½ d·K d, shape (nodes,).
+
+        Its sum is ν but for the sign, with the energy by Simpson's rule along w, which is exact
+        where it is of fourth order. Collective.
+
+        Args:
+            d: Displacement by shapes, shape (nodes, 3) [m].
+            respond: Static responses of the whole to forces on its nodes.
+        """
+        even = 0.5 * (self.forces(d) + self.forces(-d)) - self.internal
+        w = d - self.unmoved(respond(even)[:, :, None])[:, :, 0]
+        mean = (self.forces(w) + 4 * self.forces(0.5 * w) - 5 * self.internal) / 6
+        linear = self.times_stiffness(d[:, :, None])[:, :, 0]
+        return np.asarray((w * mean - 0.5 * d * linear).sum(axis=1) / self.energy(d))
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        self._mass.destroy()
+        self._K.destroy()
