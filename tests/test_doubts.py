@@ -76,6 +76,18 @@ def test_statics_without_loads_are_told():
     list(rf.static(beam(CLAMP, load()), 2, verbose=False))
 
 
+@pytest.mark.parametrize("weighs", [True, False])
+@pytest.mark.parametrize("rigid", [True, False])
+def test_a_part_that_hangs_at_rest_is_no_scene_without_loads(rigid, weighs):
+    """Its hinge bears the weight, without work; without one it moves by rounding."""
+    side = "end" if rigid else rf.MeanFace("x0")
+    hinge = rf.Revolute("ground", side, at=(0, 0.05, 0.05), axis=(0.6, 0.8, 0))
+    weight = [rf.Gravity((9.81, 0, 0))] * weighs
+    scene = beam(*[rf.Rigid("end")] * rigid, hinge, *weight)
+    found = [*told(scene), *warnings_of(lambda: list(rf.static(scene, 1, verbose=False)))]
+    assert sum("nothing acts and nothing moves" in text for text in found) == 2 * (not weighs)
+
+
 def test_a_motion_that_alternates_from_step_to_step_is_told():
     """The deflection of a beam is twice the static one, nothing, twice that, … ."""
     scene = beam(CLAMP, load())

@@ -27,7 +27,8 @@ class Stillness(Look):
         """
         self._comm, self._still, self._t = scene.comm, True, 0.0
         mass = scene.sum(scene.nodal_mass[: scene.owned_nodes].sum())
-        self._floor = 0.5 * mass * (NEGLIGIBLE * scene.mean_cell_size) ** 2  # [J s²]
+        way = NEGLIGIBLE * scene.mean_cell_size
+        self._impulse, self._floor = mass * way, 0.5 * mass * way**2  # [N s²], [J s²]
 
     def follow(self, report: Report) -> None:
         """Look at a report.
@@ -36,10 +37,11 @@ class Stillness(Look):
             report: The next one.
         """
         self._t = report.t
-        least = self._floor / report.dt**2 if report.dt else 0.0  # joints at rest move by rounding
-        works = report.work_of_loads != 0 or report.work_of_supports != 0
+        per_step = 1 / report.dt**2 if report.dt else 0.0  # joints at rest move by rounding
+        works = report.energy, abs(report.work_of_loads), abs(report.work_of_supports)
         held = any(force.any() for force in report.reactions.values())
-        self._still &= not (report.energy > least or works or held)
+        held |= report.joints.total > self._impulse * per_step
+        self._still &= not (max(works) > self._floor * per_step or held)
 
     def end(self) -> None:
         """Warn if nothing has moved."""
