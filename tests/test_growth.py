@@ -75,8 +75,9 @@ def test_growth_keeps_energy_and_momenta(mass):
         assert np.abs(p - p[0]).max() < EXACT * np.abs(p).max()
 
 
-def test_a_bar_that_is_held_stays_reduced_and_exact():
-    """Where the error motion wakes it as a whole."""
+def test_a_bar_that_is_held_stays_reduced_and_exact(caplog):
+    """Where the error motion wakes it as a whole. The run's end says how many shapes it has."""
+    caplog.set_level("INFO", logger="rigidfx")
     twin, own, rigid = (run(bar(HELD, blow(200.0)), rigidify=r) for r in (False, rule(TOL), BESIDE))
     size = np.abs(tips(twin)).max()
     assert np.abs(tips(own) - tips(twin)).max() < 0.001 * size
@@ -84,6 +85,7 @@ def test_a_bar_that_is_held_stays_reduced_and_exact():
     assert max(unknowns(rigid)[14:]) == twin[0].unknowns
     (event,) = (event for r in own for event in r.events)
     assert event.kind == "freeze"
+    assert f"cells with {max(unknowns(own)[14:]) - 6} shapes" in caplog.text
 
 
 def test_cells_wake_where_a_part_bends_too_far():

@@ -78,7 +78,11 @@ class Account:
         # A loop over several runs leaves those that are at their ends when the first one is over.
         left = kind is GeneratorExit and last.t >= self._t_end
         how = "stopped" if kind is not None and not left else "done"
-        parts = [f"'{body.name}' of {body.cells} cells" for body in last.bodies[:4]]
+        parts = [
+            f"'{body.name}' of {body.cells} cells"
+            + (f" with {body.q.size} shapes" if body.q.size else "")
+            for body in last.bodies[:4]
+        ]
         parts += [f"{len(last.bodies) - 4} more"] if len(last.bodies) > 4 else []
         rigid = f"rigid: {', '.join(parts)}" if parts else "nothing is rigid"
         places = ", ".join(map(str, folders()))
