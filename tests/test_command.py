@@ -163,6 +163,16 @@ def test_warnings_are_lines_that_name_options(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().err.startswith("rigidfx: --load: there are no facets named 'tip'")
 
 
+def test_nothing_held_or_loaded(tmp_path, monkeypatch, capsys):
+    """A free part has modes; statics and runs are refused."""
+    assert min(called(monkeypatch, tmp_path, "--modes 1")["frequencies"]) > 0
+    for options in ("--static", "--t-end 1e-4"):
+        with pytest.raises(SystemExit) as stopped:
+            called(monkeypatch, tmp_path, options)
+        assert stopped.value.code
+        assert "Say what is held and loaded" in capsys.readouterr().err
+
+
 def test_warnings_of_a_run_are_told_once(tmp_path, monkeypatch, capsys):
     """Not by the run that finds the tolerance as well, whose times are others."""
     with warnings.catch_warnings():

@@ -23,7 +23,8 @@ __all__ = ["read"]
 def read(parser: RankParser, options: Namespace) -> Domain:
     """The domain of the file, whose names are printed. Collective.
 
-    The command ends here if it has only to show the file, or nothing is held or loaded.
+    The command ends here if it has only to show the file, or nothing is held or loaded: a free part
+    has a description and modes, but no equilibrium and no run.
     """
     if options.list and options.kind in CAD:
         say(str(list_cad(options.file, scale=options.scale)))
@@ -34,9 +35,13 @@ def read(parser: RankParser, options: Namespace) -> Domain:
     size = " × ".join(f"{extent:.4g}" for extent in np.ptp(x, axis=0))
     say(f"{options.file}: {cells} cells, {size} m; names: {domain.names}")
     nothing = not (options.hold or options.load or options.gravity)
-    if nothing:
-        say("Say what is held and loaded: --hold NAME --load NAME FX FY FZ. See also --help.")
-    if options.list or nothing:
+    missing = "Say what is held and loaded: --hold NAME --load NAME FX FY FZ. See also --help."
+    if nothing and (options.static or options.t_end is not None):
+        parser.error(missing)
+    if nothing and not is_at_rest(options):
+        say(missing)
+        sys.exit(0)
+    if options.list:
         sys.exit(0)
     if options.t_end is None and not is_at_rest(options):
         parser.error("--t-end is missing: how long is the run [s]? Or take --static or --modes.")
