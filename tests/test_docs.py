@@ -150,7 +150,7 @@ WARNINGS = {
         "an effect acts on both ends of edges",
     ],
     "effects/damping/viscous.py": ["an unlikely mass"],
-    "effects/joints/stop.py": ["an unlikely mass"],
+    "effects/joints/elements.py": ["an unlikely mass"],
     "effects/joints/checks.py": ["an unlikely mass"],
     "report/stillness.py": ["a load does nothing"],
     "scene/idle.py": ["a load does nothing", "a load does nothing"],

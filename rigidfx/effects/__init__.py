@@ -12,11 +12,11 @@ from rigidfx.effects.attached.spring_damper import SpringDamper, SpringDamperRep
 from rigidfx.effects.base import Effect, Table, Windowed, bends_of
 from rigidfx.effects.contact import Contact
 from rigidfx.effects.contacts.obstacles import Cylinder, Obstacle, Plane, Sphere
-from rigidfx.effects.damping.mass_damping import MassDamping
 from rigidfx.effects.damping.numerical_damping import NumericalDamping
 from rigidfx.effects.damping.viscous import KelvinVoigt, StiffnessDamping
+from rigidfx.effects.inertia import MassDamping
 from rigidfx.effects.initial import InitialDisplacement, InitialVelocity, places_at_start
-from rigidfx.effects.joints.elements import JointSpring, Motor, efforts_of
+from rigidfx.effects.joints.elements import JointSpring, Motor, Stop, efforts_of
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.joint_report import JointReport, JointReports
 from rigidfx.effects.joints.kinds import (
@@ -28,7 +28,6 @@ from rigidfx.effects.joints.kinds import (
     Universal,
 )
 from rigidfx.effects.joints.sides import MeanFace, RigidFace, rigid_faces
-from rigidfx.effects.joints.stop import Stop
 from rigidfx.effects.loads.dead_load import DeadLoad
 from rigidfx.effects.loads.gravity import Gravity
 from rigidfx.effects.loads.preload import Preload

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.base.errors import agree
+from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import is_function, numbers
 
 __all__ = ["PlaceAndTime", "VectorField", "of_place", "some_points", "values_at", "values_of"]
@@ -72,23 +72,18 @@ def values_of(owner: str, function: Callable[[Array], npt.ArrayLike], scene: Any
         SceneError: On every rank, if it gives anything but finite vectors.
     """
     X = scene.space.tabulate_dof_coordinates()
-    problem, values = None, np.zeros_like(X)
-    try:
+
+    def found() -> Array:
         given = function(X.copy().T)  # it may change the positions in place
         values = numbers(given).T
         if values.size == 0 and np.size(given):
             raise TypeError("it gives no real numbers")
-        if values.shape != X.shape:
-            values = np.broadcast_to(values, X.shape)
+        values = np.broadcast_to(values, X.shape)
         if not np.isfinite(values).all():
-            problem = f"{owner}: function gives values that are not finite."
-    except Exception as error:  # whatever a user's function may raise
-        problem = (
-            f"{owner}: function must map (3, n) to (3, n); it failed with "
-            f"{type(error).__name__}: {error}"
-        )
-    agree(scene.comm, problem)
-    return values
+            raise SceneError(f"{owner}: function gives values that are not finite.")
+        return values
+
+    return together(scene.comm, f"{owner}: function must map (3, n) to (3, n); it", found)
 
 
 def some_points(scene: Any, nodes: npt.NDArray[np.int32]) -> Array:

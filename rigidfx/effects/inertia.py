@@ -1,67 +1,260 @@
-"""Forces proportional to mass, on nodes by the mass operator and on bodies by Σ m a aᵀ."""
+"""Forces proportional to mass: drags, and centrifugal forces in a frame that turns.
+
+Each is a resistance s M x, with x of the nodes and, of bodies, matrices X as their poses: a body
+has s Σ m a aᵀ X. A drag on velocities takes x = Δu.
+
+A drag on the increments of a load step makes statics of loose parts regular. The force
+-s M (x - x*) draws nodes and bodies to places x* near an equilibrium. Where these follow the
+solution it vanishes, and with x* = x the equilibrium is that without it: a proximal point method
+(R. T. Rockafellar, SIAM J. Control Optim. 14 (1976) 877). Each solve is an implicit Euler step of
+length s^(-1/2) from rest, so that it leads to stable equilibria.
+
+In a frame that turns with ω about c, statics have the load
+
+    f = -M ω × (ω × (x - c)) = M S (x - c),   S = |ω|² I - ω ωᵀ.
+
+It follows the deformed place x = X + u, so that its stiffness is -M S.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from rigidfx.effects.action import Structure
-from rigidfx.effects.motion import Forces, Tangent
+from rigidfx.base.inputs import positive
+from rigidfx.effects.action import Action, Array, Structure
+from rigidfx.effects.base import Effect, Vector, Windowed
+from rigidfx.effects.motion import Forces, Motion, Tangent
 
-__all__ = ["Inertia"]
-
-Array = npt.NDArray[np.float64]
+__all__ = ["Centrifugal", "CentrifugalForces", "MassDamping", "StepDrag", "StepDragForces"]
 
 
-class Inertia:
-    """The mass of a division; `destroy` frees its work vectors.
-
-    Attributes:
-        field: A vector that `add` may be given, of the nodes of the rows.
-        spread: Σ m a aᵀ of each body, on the first rank, shape (bodies, n, n).
-    """
+class MassForces(Action):
+    """A resistance s M x; `destroy` frees its work vectors."""
 
     def __init__(self, structure: Structure) -> None:
         """Take the mass over. Collective.
 
         Args:
-            structure: The division.
+            structure: Its nodes and bodies.
         """
         self._mass, n = structure.mass, structure.bodies.pose.shape[1]
-        self.spread: Array = np.zeros((len(structure.bodies), n, n))
+        self._spread: Array = np.zeros((len(structure.bodies), n, n))  # Σ m a aᵀ, on the first rank
         for k, body in enumerate(structure.bodies.of.records):
             products = structure.once * body.mass_products
-            self.spread[k, : len(products), : len(products)] = products
-        self.field, self._image = structure.rows.vector(), structure.rows.vector()
+            self._spread[k, : len(products), : len(products)] = products
+        self._field, self._image = structure.rows.vector(), structure.rows.vector()
 
-    def add(self, factor: float, at_nodes: Any, of_bodies: Array, forces: Forces) -> None:
-        """Add a multiple of M x.
+    def factor(self, motion: Motion) -> float:
+        """s."""
+        raise NotImplementedError
 
-        Args:
-            factor: The factor.
-            at_nodes: x of the nodes of the rows, a vector.
-            of_bodies: Matrices of x of the bodies, shape (bodies, n, 3).
-            forces: The forces.
-        """
+    def moved(self, motion: Motion) -> tuple[Any, Array]:
+        """x of the nodes of the rows, a vector, and X of bodies, shape (bodies, n, 3)."""
+        raise NotImplementedError
+
+    def resist(self, motion: Motion, forces: Forces) -> None:
+        """Add s M x."""
+        factor, (at_nodes, of_bodies) = self.factor(motion), self.moved(motion)
         self._mass.mult(at_nodes, self._image)
         forces.vector.axpy(factor, self._image)
         if len(of_bodies):
-            forces.moments[...] += factor * (self.spread @ of_bodies)
+            forces.moments[...] += factor * (self._spread @ of_bodies)
 
-    def stiffen(self, factor: float, tangent: Tangent) -> None:
-        """Add the derivative of that by x. Collective."""
+    def stiffen(self, motion: Motion, tangent: Tangent) -> None:
+        """Add s M."""
+        factor = self.factor(motion)
         self._mass.add_to(tangent.matrix, factor, tangent.prolongation)
-        tangent.add_spread(self.spread, factor * np.eye(3))
-
-    def square(self, at_nodes: Any, of_bodies: Array) -> float:
-        """x · M x; those of ranks add up."""
-        self._mass.mult(at_nodes, self._image)
-        own = float(at_nodes.array_r @ self._image.array_r)
-        return own + float(np.vdot(of_bodies, self.spread @ of_bodies))
+        tangent.add_spread(self._spread, factor * np.eye(3))
 
     def destroy(self) -> None:
         """Free the vectors. Collective."""
-        self.field.destroy()
+        self._field.destroy()
         self._image.destroy()
+
+
+@dataclass(frozen=True)
+class MassDamping(Windowed):
+    """Drag proportional to mass: the force -α M Δu/Δt, on flexible nodes and on rigid bodies.
+
+    It damps rigid motion too, as a surrounding fluid would; a mode of angular frequency ω gets the
+    damping ratio α/(2 ω). The ends of its window release no rigid body.
+
+    Attributes:
+        alpha: α > 0 [1/s].
+    """
+
+    alpha: float
+
+    def __post_init__(self) -> None:
+        """Check α.
+
+        Raises:
+            SceneError: If α is not a finite number > 0.
+        """
+        super().__post_init__()
+        positive("MassDamping", "alpha", self.alpha)
+
+    @property
+    def mass_damping(self) -> float:
+        """α [1/s]."""
+        return float(self.alpha)
+
+    def bind(self, structure: Structure) -> Action:
+        """The drag on nodes and bodies."""
+        return Drag(float(self.alpha), structure)
+
+
+class Drag(MassForces):
+    """The force α M Δu/Δt as a resistance; its rounding is below that of inertia.
+
+    A body has -α m Δr/Δt and -α I_av θ/Δt, I_av = tr(B) I - B with B = R_av (Σ m V Vᵀ) R_avᵀ.
+    """
+
+    kind = MassDamping.__name__
+
+    def __init__(self, alpha: float, structure: Structure) -> None:
+        """Take α [1/s] over. Collective."""
+        super().__init__(structure)
+        self._alpha = alpha
+
+    def factor(self, motion: Motion) -> float:
+        """α/Δt [1/s²]."""
+        return self._alpha / motion.dt
+
+    def moved(self, motion: Motion) -> tuple[Any, Array]:
+        """Δu [m]."""
+        return motion.d, motion.increments.displacement
+
+    def taken(self, motion: Motion) -> float:
+        """α Δu·M Δu/Δt [J]."""
+        at_nodes, of_bodies = self.moved(motion)
+        self._mass.mult(at_nodes, self._image)
+        own = float(at_nodes.array_r @ self._image.array_r)
+        return self.factor(motion) * (own + float(np.vdot(of_bodies, self._spread @ of_bodies)))
+
+
+@dataclass(frozen=True)
+class StepDrag(Effect):
+    """The drag on increments; of statics only.
+
+    Attributes:
+        tell: Called with the forces when they are bound.
+    """
+
+    tell: Callable[[StepDragForces], None]
+
+    def bind(self, structure: Structure) -> Action:
+        """The forces on nodes and bodies."""
+        forces = StepDragForces(structure)
+        self.tell(forces)
+        return forces
+
+
+class StepDragForces(MassForces):
+    """s M (x - x*) as a resistance.
+
+    Attributes:
+        rate: s [1/s²].
+    """
+
+    kind = StepDrag.__name__
+
+    def __init__(self, structure: Structure) -> None:
+        """Draw to the start. Collective."""
+        super().__init__(structure)
+        self.rate, self._pose = 1.0, structure.bodies.pose
+        self._centre: Array = np.zeros(self._field.local_size)
+
+    def draw_to(self, d: Array, pose: Array) -> None:
+        """Set x*.
+
+        Args:
+            d: Increments of the nodes of the rows since the start of the step [m].
+            pose: Matrices of the places of bodies, shape (bodies, n, 3) [m, 1].
+        """
+        self._centre, self._pose = d, pose
+
+    def factor(self, motion: Motion) -> float:
+        """s."""
+        return self.rate
+
+    def moved(self, motion: Motion) -> tuple[Any, Array]:
+        """x - x* [m]."""
+        self._field.array[:] = motion.array_r - self._centre
+        increments = motion.increments
+        return self._field, increments.start.pose - self._pose + increments.displacement
+
+
+@dataclass(frozen=True)
+class Centrifugal(Effect):
+    """Centrifugal forces on nodes, by the scene's mass operator, and on bodies; of statics only.
+
+    Attributes:
+        spin: Angular velocity ω [rad/s].
+        centre: Point of the axis, c [m].
+        share: Tells the part of the forces that acts, in increments of a load.
+    """
+
+    spin: Vector | Array
+    centre: Vector | Array
+    share: Callable[[], float]
+
+    def bind(self, structure: Structure) -> Action:
+        """The forces on nodes and bodies, with their derivatives."""
+        return SofteningForces(self, structure)
+
+
+class CentrifugalForces(MassForces):
+    """-M S (x - c) as a resistance, with the stiffness of bodies."""
+
+    kind = "Preload"
+
+    def __init__(self, load: Centrifugal, structure: Structure) -> None:
+        """Take the places over. Collective.
+
+        Args:
+            load: The effect.
+            structure: Its nodes and bodies.
+        """
+        super().__init__(structure)
+        spin, rows = np.asarray(load.spin, dtype=np.float64), structure.rows
+        self._S, self._share = spin @ spin * np.eye(3) - np.outer(spin, spin), load.share
+        self._u0, self._dofs = structure.u, rows.dofs
+        self._arms = rows.X - np.asarray(load.centre)
+        self._axis = np.zeros_like(structure.bodies.pose)
+        self._axis[:, 0] = load.centre
+        self._nodes = rows.nodes[np.flatnonzero(structure.own)]
+        self._own_mass = structure.scene.nodal_mass[self._nodes]
+        mass = structure.scene.sum(self._own_mass.sum())
+        largest = structure.scene.comm.allreduce(np.abs(self._arms).max(initial=0.0))
+        self.rounding = float(np.linalg.norm(self._S)) * mass * largest
+
+    def factor(self, motion: Motion) -> float:
+        """Minus the share that acts."""
+        return -self._share()
+
+    def moved(self, motion: Motion) -> tuple[Any, Array]:
+        """S (x - c) [m/s²]."""
+        arms = self._arms + self._u0[self._dofs].reshape(-1, 3) + motion.nodes
+        self._field.array[:] = (arms @ self._S).reshape(-1)
+        increments = motion.increments
+        places = increments.start.pose + increments.displacement - self._axis
+        return self._field, places @ self._S
+
+    def stiffen(self, motion: Motion, tangent: Tangent) -> None:
+        """See `Action`; of bodies only."""
+        tangent.add_spread(self._spread, self.factor(motion) * self._S)
+
+
+class SofteningForces(CentrifugalForces):
+    """With the stiffness of nodes."""
+
+    def stiffen(self, motion: Motion, tangent: Tangent) -> None:
+        """Subtract M S; of a consistent mass by row sums: iterations see it, the solution not."""
+        super().stiffen(motion, tangent)
+        softening = self._own_mass[:, None, None] * self._S
+        tangent.matrix.add_nodal(self._nodes, self.factor(motion) * softening)

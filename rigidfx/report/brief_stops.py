@@ -16,7 +16,7 @@ from typing import ClassVar
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.effects import SpringDamper
-from rigidfx.effects.joints.stop import Blow
+from rigidfx.effects.joints.elements import Blow
 from rigidfx.report.brief_contacts import RESOLVED, WORTH_A_WARNING, rounded_down
 from rigidfx.report.look import Look
 from rigidfx.report.report import Report

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rigidfx.effects import Contact
-from rigidfx.effects.damping.step_drag import StepDrag, StepDragForces
+from rigidfx.effects.inertia import StepDrag, StepDragForces
 from rigidfx.scene.scene import Scene
 from rigidfx.step.newton.first_guess import Guess
 from rigidfx.step.newton.solution import Solution

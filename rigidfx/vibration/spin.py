@@ -19,8 +19,8 @@ from petsc4py import PETSc
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.action import Action, Structure
+from rigidfx.effects.inertia import Centrifugal, CentrifugalForces
 from rigidfx.effects.joints.redundancy import RANK
-from rigidfx.effects.loads.centrifugal import Centrifugal, CentrifugalForces
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,25 +23,11 @@ from rigidfx.mechanics.rigid_body import BodyMotion, RigidBody
 if TYPE_CHECKING:
     from rigidfx.effects.joints.on_face import RemotePoint
 
-__all__ = ["Carried", "body_of", "tie"]
+__all__ = ["body_of", "tie"]
 
 Array = npt.NDArray[np.float64]
 
 SMALL = 0.02  # radius of gyration over the size of the face; 1e-3 drowns low modes in rounding
-
-
-class Carried(Protocol):
-    """A point mass that is a body of its own."""
-
-    @property
-    def title(self) -> str:
-        """Name of its body."""
-        ...
-
-    @property
-    def pieces(self) -> Pieces:
-        """Averages and rows of its tie."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,16 @@ from scipy.sparse import csr_array
 
 from rigidfx.base.matrices import Matrix, Pattern
 from rigidfx.effects.joints.coordinates import Coordinate, Coordinates
-from rigidfx.effects.joints.elements import JointSpring, Motor, coordinate_of, end_rates, titles_of
+from rigidfx.effects.joints.elements import (
+    Blow,
+    JointSpring,
+    Motor,
+    Stop,
+    coordinate_of,
+    end_rates,
+    titles_of,
+)
 from rigidfx.effects.joints.joint import Joint
-from rigidfx.effects.joints.stop import Blow, Stop
 
 __all__ = ["Drives", "Element"]
 

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.named import Named, no_such
+from rigidfx.effects.joints.elements import Blow
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.sides import GROUND
-from rigidfx.effects.joints.stop import Blow
 
 __all__ = ["JointReport", "JointReports", "told_of"]
 

@@ -26,7 +26,6 @@ from scipy.sparse import csr_array
 from rigidfx.base.matrices import Matrix, stacked
 from rigidfx.effects.action import Structure
 from rigidfx.effects.joints.bound_averages import BoundAverages, stiff_rows
-from rigidfx.effects.joints.carried import Carried
 from rigidfx.effects.joints.coordinates import Coordinates
 from rigidfx.effects.joints.drives import Drives, Element
 from rigidfx.effects.joints.joint import Joint
@@ -60,7 +59,7 @@ class Linkage:
 
     def __init__(
         self,
-        joints: Sequence[Joint | Carried],
+        joints: Sequence[Any],
         elements: Sequence[Element],
         structure: Structure,
         points: Points | None = None,

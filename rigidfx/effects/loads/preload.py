@@ -11,9 +11,9 @@ import numpy as np
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown, vector, whole
 from rigidfx.effects.base import Array, Effect, Vector
+from rigidfx.effects.inertia import Centrifugal
 from rigidfx.effects.joints.joint import axis_of
 from rigidfx.effects.joints.kinds import Axial
-from rigidfx.effects.loads.centrifugal import Centrifugal
 from rigidfx.effects.loads.dead_load import DeadLoad
 from rigidfx.effects.supports.prescribed_rotation import PrescribedRotation
 

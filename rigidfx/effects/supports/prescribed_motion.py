@@ -12,8 +12,7 @@ import numpy.typing as npt
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import is_function, numbers, shown
 from rigidfx.effects.fields import Array, PlaceAndTime, of_place, values_at
-from rigidfx.effects.supports.guided_support import GuidedSupport
-from rigidfx.effects.supports.path_velocity import PathAndVelocity
+from rigidfx.effects.supports.path_velocity import GuidedSupport, PathAndVelocity
 from rigidfx.effects.supports.support import Support
 
 __all__ = ["PrescribedMotion"]

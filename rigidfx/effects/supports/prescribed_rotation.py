@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import is_function, scalar, shown, vector
 from rigidfx.effects.base import Vector
-from rigidfx.effects.supports.guided_support import GuidedSupport
-from rigidfx.effects.supports.path_velocity import PathAndVelocity
+from rigidfx.effects.supports.path_velocity import GuidedSupport, PathAndVelocity
 from rigidfx.effects.supports.support import Array, Support
 
 __all__ = ["PrescribedRotation"]
