@@ -149,7 +149,7 @@ WARNINGS = {
         "the mesh reaches far",
         "an effect acts on both ends of edges",
     ],
-    "effects/damping/viscous.py": ["an unlikely mass"],
+    "effects/damping.py": ["an unlikely mass"],
     "effects/joints/elements.py": ["an unlikely mass"],
     "effects/joints/checks.py": ["an unlikely mass"],
     "report/stillness.py": ["a load does nothing"],

@@ -16,7 +16,7 @@ from mpi4py import MPI
 from rigidfx.base.inputs import numbers
 from rigidfx.base.warning import warn
 from rigidfx.effects import Contact, Gravity, NodalForce, Resultant, SpringDamper, Support, Table
-from rigidfx.effects.damping.viscous import warn_of_ratio
+from rigidfx.effects.damping import warn_of_ratio
 from rigidfx.scene.weights import inertial_masses
 
 __all__ = ["warn_of_short_steps", "warn_of_units"]

@@ -58,7 +58,7 @@ class HeldState(JoinedEquilibrium):
         rows, terms, compliance = self.ports.resisted(linkage, bodies)
         self._lead = self.ports.lead(self.prolongation.increments)
         self._everywhere = self.ports.everywhere()
-        locked = np.array([effect.prescribes for effect in linkage.drives.effects], dtype=bool)
+        locked = linkage.drives.prescribed
         locks = linkage.test()[linkage.active.size + np.flatnonzero(locked)]
         rows = np.vstack([rows, dense(locks @ self._lead)])
         terms = np.vstack([terms, dense(abs(locks) @ abs(self._lead))])

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import positive
 from rigidfx.effects import MassDamping, StiffnessDamping
-from rigidfx.effects.damping.viscous import warn_of_ratio
+from rigidfx.effects.damping import warn_of_ratio
 
 __all__ = ["rayleigh"]
 

@@ -79,6 +79,7 @@ class Drives:
         masses: Mass that each one's joint moves [kg].
         sizes: Size of each one's joint [m].
         multipliers: λ of each at the last iterate [N].
+        prescribed: Whether each prescribes its coordinate.
     """
 
     def __init__(
@@ -113,7 +114,10 @@ class Drives:
         self._size, self._large, self.masses, self.sizes = np.reshape(sizes, (-1, 4)).T
         first = [firsts[drive.key[0]] for drive in self._all]
         self._coordinates = Coordinates([drive.coordinate for drive in self._all], first)
-        self._given = np.array([drive.effect.prescribes for drive in self._all], dtype=bool)
+        self.prescribed = np.array([drive.effect.prescribes for drive in self._all], dtype=bool)
+        every = [(n, drive, drive.effect) for n, drive in enumerate(self._all)]
+        self._motors = [(n, d, motor) for n, d, motor in every if isinstance(motor, Motor)]
+        self._springs = [(n, d, law) for n, d, law in every if not isinstance(law, Motor)]
         self._dt = 1.0
         self._q0: Mapping[tuple[int, str], float] = {}
         self._path: Array = np.zeros((len(elements), 2))  # q that is prescribed, as `wanted`
@@ -153,8 +157,7 @@ class Drives:
         Raises:
             SceneError: On this rank, if a function cannot be used.
         """
-        given = [(d.size, d.effect) for d in self._all if isinstance(d.effect, Motor)]
-        return np.array([-size * motor.speed_at(t, dt) for size, motor in given], dtype=float)
+        return np.array([-d.size * motor.speed_at(t, dt) for _, d, motor in self._motors])
 
     def apart(self, t: float, motors: Sequence[Motor]) -> list[str]:
         """Motors among some whose angle or travel at t [s] is not that of their joint, in words.
@@ -163,11 +166,10 @@ class Drives:
             SceneError: On this rank, if a function cannot be used.
         """
         out = []
-        for drive, large in zip(self._all, self._large, strict=True):
-            motor, q = drive.effect, self._q0[drive.key]
-            if not isinstance(motor, Motor) or motor not in motors or motor.by_speed:
+        for n, drive, motor in self._motors:
+            if motor not in motors or motor.by_speed:
                 continue
-            if abs(motor.at(t) - q) > APART * large:
+            if abs(motor.at(t) - (q := self._q0[drive.key])) > APART * self._large[n]:
                 unit = "rad" if motor.by == "angle" else "m"
                 begun = f"{motor.owner} begins at t = {t:g} s with {motor.by} {motor.at(t):.6g}"
                 out.append(f"{begun} {unit}, but the joint has {q:.6g} {unit} there")
@@ -176,9 +178,9 @@ class Drives:
     def beyond(self) -> list[str]:
         """Stops whose joint is beyond a limit at the start of a step, in words."""
         out = []
-        for drive, large in zip(self._all, self._large, strict=True):
-            stop, q = drive.effect, self._q0[drive.key]
-            if isinstance(stop, Stop) and abs(stop.beyond(q)) > APART * large:
+        for n, drive, stop in self._springs:
+            q = self._q0[drive.key]
+            if isinstance(stop, Stop) and abs(stop.beyond(q)) > APART * self._large[n]:
                 unit = "rad" if drive.key[1] == "angle" else "m"
                 low, high = stop.ends_at
                 at = f"its {drive.key[1]} is {round(q, 9):g} {unit}, beyond {low:g} to {high:g}"
@@ -189,9 +191,9 @@ class Drives:
     def blows(self) -> dict[str, Blow]:
         """How each stop acts in the step, by its title."""
         out: dict[str, Blow] = {}
-        for n, (drive, force) in enumerate(zip(self._all, abs(self.multipliers), strict=True)):
-            if isinstance(stop := drive.effect, Stop):
-                (q0, q1), size = self.ends_of(n), float(force)
+        for n, drive, stop in self._springs:
+            if isinstance(stop, Stop):
+                (q0, q1), size = self.ends_of(n), float(abs(self.multipliers[n]))
                 rests = 2 * abs(stop.beyond(q0)) > abs(stop.beyond(q1))
                 blow = Blow(stop, size * drive.size, size, (q1 - q0) / self._dt, rests)
                 out[self._titles[id(stop)]] = blow
@@ -226,10 +228,7 @@ class Drives:
             SceneError: On this rank, if a function cannot be used.
         """
         self._dt, self._q0 = dt, q
-        for n, drive in enumerate(self._all):
-            motor = drive.effect
-            if not isinstance(motor, Motor):
-                continue
+        for n, drive, motor in self._motors:
             if motor.by in ("angle", "travel"):
                 drive.wanted = motor.at(t), motor.at(t + dt)
                 if not self.static:
@@ -287,12 +286,10 @@ class Drives:
         """Force or torque on the second side that each law gives, and its derivative by q₁."""
         if self._laws is None:
             out: Array = np.zeros((len(self._all), 2))
-            for n, drive in enumerate(self._all):
-                effect, (q0, q1) = drive.effect, self.ends_of(n)
-                if isinstance(effect, Motor):
-                    out[n, 0] = drive.force
-                else:
-                    out[n] = effect.pull(q1) if self.static else effect.law(q0, q1, self._dt)
+            out[:, 0] = [drive.force for drive in self._all]
+            for n, _, law in self._springs:
+                q0, q1 = self.ends_of(n)
+                out[n] = law.pull(q1) if self.static else law.law(q0, q1, self._dt)
             self._laws = out[:, 0], out[:, 1]
         return self._laws
 
@@ -304,23 +301,17 @@ class Drives:
         lag = before - [self._q0[drive.key] for drive in self._all]  # ends of other steps
         off = -self._size * (self._by_secants()[1] - (after - before) - lag)
         force = self._by_laws()[0]
-        return np.where(self._given, off, (self.multipliers - force / self._size) / self.kappa)
+        return np.where(self.prescribed, off, (self.multipliers - force / self._size) / self.kappa)
 
     def compliance(self) -> Array:
         """dF/dλ of each [m/N]."""
-        return np.where(self._given, 0.0, 1.0 / self.kappa)
-
-    @property
-    def effects(self) -> tuple[Element, ...]:
-        """The effects."""
-        return tuple(drive.effect for drive in self._all)
+        return np.where(self.prescribed, 0.0, 1.0 / self.kappa)
 
     def stiffness(self) -> Array:
         """Stiffness of each that is a law, at the last iterate, over ℓ², shape (drives,) [N/m]."""
         out = np.zeros(len(self._all))
-        for n, drive in enumerate(self._all):
-            if not isinstance(drive.effect, Motor):
-                out[n] = -drive.effect.pull(self.ends_of(n)[1])[1] / drive.size**2
+        for n, drive, law in self._springs:
+            out[n] = -law.pull(self.ends_of(n)[1])[1] / drive.size**2
         return out
 
     def _rows(self, values: Array, columns: int) -> Matrix:
@@ -353,7 +344,7 @@ class Drives:
     def trial(self, columns: int) -> Matrix:
         """Derivatives of F by averages, shape (drives, columns)."""
         by_laws = -self._by_laws()[1] / (self._size * self.kappa)
-        factors = np.where(self._given, -self._size, by_laws)
+        factors = np.where(self.prescribed, -self._size, by_laws)
         gradients = self._coordinates.gradients(self._start + self._moved)
         return self._rows(factors[:, None, None] * gradients, columns)
 
@@ -386,16 +377,15 @@ class Drives:
     def work(self) -> tuple[float, dict[str, float]]:
         """Work of motors in the step, and loss by dampers by their kind [J]."""
         done, taken = 0.0, dict[str, float]()
-        for n, drive in enumerate(self._all):
+        for n, drive, _ in self._motors:
             q0, q1 = self.ends_of(n)
-            if isinstance(drive.effect, Motor):
-                done += float(self.multipliers[n]) * drive.size * (q1 - q0)
-            elif not self.static and drive.effect.damping:
-                kind = drive.effect.kind
-                taken[kind] = taken.get(kind, 0.0) + drive.effect.taken(q0, q1, self._dt)
+            done += float(self.multipliers[n]) * drive.size * (q1 - q0)
+        for n, _, law in () if self.static else self._springs:
+            if law.damping:
+                energy = law.taken(*self.ends_of(n), self._dt)
+                taken[law.kind] = taken.get(law.kind, 0.0) + energy
         return done, taken
 
     def stored(self, q: Mapping[tuple[int, str], float]) -> float:
         """Energy of springs and stops where coordinates are these [J]."""
-        laws = ((d.effect, q[d.key]) for d in self._all if not isinstance(d.effect, Motor))
-        return float(sum(law.stored(value) for law, value in laws))
+        return float(sum(law.stored(q[drive.key]) for _, drive, law in self._springs))

@@ -98,9 +98,8 @@ class JoinedEquilibrium(Equilibrium):
             return
         lead = self.ports.lead(self.prolongation.increments)
         given = self.linkage.test()[self.linkage.active.size :]
-        for k, effect in enumerate(drives.effects):
-            if not effect.prescribes:
-                continue
+        for k in np.flatnonzero(drives.prescribed):
+            effect = drives.each[k].effect
             more, sizes = dense(given[[k]] @ lead), dense(abs(given[[k]]) @ abs(lead))
             every = np.vstack([rows, more]), np.vstack([terms, sizes])
             if independent(*every, compliance).size == len(rows):

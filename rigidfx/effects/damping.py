@@ -1,4 +1,4 @@
-"""Viscous stresses as terms of the compiled forms: of strains, and in proportion to stiffness."""
+"""Damping: viscous stresses, which are terms of the compiled forms, and ξ of the scheme."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from rigidfx.base.inputs import positive
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import number, positive, shown
 from rigidfx.base.warning import warn
 from rigidfx.effects.action import FormTerm
 from rigidfx.effects.base import Windowed
 from rigidfx.mechanics.element import Element, Portion
 from rigidfx.mechanics.schemes import Law, initial_stiffness_times
 
-__all__ = ["KelvinVoigt", "StiffnessDamping", "warn_of_ratio"]
+__all__ = ["KelvinVoigt", "NumericalDamping", "StiffnessDamping", "warn_of_ratio"]
 
 
 class ViscousTerm(FormTerm):
@@ -185,3 +186,31 @@ class ProportionalStress(ViscousTerm):
         dE = element.strain_increment(u0, u1)
         energy, p = self._law.energy, self._law.parameters
         return self._rate * initial_stiffness_times(energy, p, dE)
+
+
+@dataclass(frozen=True)
+class NumericalDamping(Windowed):
+    """High-frequency dissipation of Armero and Petöcz, equation (22): ξ ∫ ΔE:ℂ₀:ΔE dV per step.
+
+    The ends of its window release no rigid body.
+
+    Attributes:
+        xi: ξ ≥ 0, dimensionless; the scheme is of first order in Δt where ξ > 0.
+    """
+
+    xi: float
+
+    def __post_init__(self) -> None:
+        """Check ξ.
+
+        Raises:
+            SceneError: If ξ is negative, above ½ or not finite.
+        """
+        super().__post_init__()
+        if not 0 <= number("NumericalDamping", "xi", self.xi) <= 0.5:
+            raise SceneError(f"NumericalDamping: xi must lie in [0, 1/2], got {shown(self.xi)}.")
+
+    @property
+    def numerical_damping(self) -> float:
+        """ξ."""
+        return float(self.xi)

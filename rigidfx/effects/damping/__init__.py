@@ -1,1 +1,0 @@
-"""Damping of four kinds."""
