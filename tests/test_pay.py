@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 from mpi4py import MPI
 
+import numpy as np
 import rigidfx as rf
 from rigidfx.base.log import heard
 from rigidfx.report.account import Account
@@ -22,8 +23,8 @@ def steps(*rows):
 
 def report(step, bodies, wall, unknowns=None, events=0, named=0):
     """What is asked of one, with bodies found and parts named rigid."""
-    found = [SimpleNamespace(name="part 2", cells=9, size=9, named=())]
-    parts = [SimpleNamespace(name="lug", cells=9, size=9, named=("lug",))]
+    found = [SimpleNamespace(name="part 2", cells=9, size=9, named=(), q=np.zeros(0))]
+    parts = [SimpleNamespace(name="lug", cells=9, size=9, named=("lug",), q=np.zeros(0))]
     records = bodies * found + named * parts
     return SimpleNamespace(
         step=step,

@@ -38,7 +38,7 @@ def test_a_named_part_stays_and_the_rest_is_found_and_wakes(criterion):
         bar(rf.Reduced("middle")), DT, 0.25, progress=False, **CRITERIA[criterion]
     ):
         body = next(body for body in report.bodies if body.name == "middle")
-        assert body.shapes == 21
+        assert body.shapes == 18
         found.append(len(report.bodies) - 1)
         done = report.work_of_loads - sum(report.dissipated.values())
         booked = report.energy if booked is None else booked + done

@@ -310,8 +310,8 @@ class Bodies:
     @cached_property
     def momenta_of_shapes(self) -> tuple[Array, Array]:
         """Of bodies with shapes, what these add to J W [kg m²/s], and their p [kg m/s]."""
-        shapes = self.of.shapes
-        assert shapes is not None
+        if (shapes := self.of.shapes) is None:
+            return read_only(np.zeros((0, 3))), read_only(np.zeros((0, 0)))
         W, rates = self.angular_velocity_body[shapes.some], self.q_rate[shapes.some]
         found = shapes.momenta(self.q[shapes.some], W, rates, self.weighted)
         return read_only(found[0]), read_only(found[1])

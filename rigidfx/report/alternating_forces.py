@@ -1,6 +1,12 @@
 """Do forces of motors, joints and supports go back and forth from step to step?
 
-Each force is split by `rigidfx.report.resolved_series` into λ* and an alternating rest.
+A force λ of steps of one length is split into its mean of neighbouring steps and the rest,
+
+    λₙ = ¼ (λₙ₋₁ + 2 λₙ + λₙ₊₁) - ¼ (λₙ₋₁ - 2 λₙ + λₙ₊₁) .
+
+It counts as alternating where the rest changes its sign in two of three steps, which it does at
+three steps a period and less. One event in between leaves no trace in the median. The peak of the
+motion that Δt resolves is that of `rigidfx.report.resolved_series`.
 """
 
 from __future__ import annotations
@@ -111,9 +117,12 @@ class AlternatingForces(Look):
         for kept, forces in zip((self._most, self._resolved), (now, split(now)[0]), strict=True):
             sizes = np.linalg.norm(forces[own].reshape(-1, kept.size, 3), axis=2)
             np.fmax(kept, np.nanmax(sizes, axis=0, initial=0.0), out=kept)
-        if len(now) >= 2 * FIRST:
-            swings = np.median(np.abs(split(now)[1][2:-2]), axis=0).reshape(-1, 3)
-            self._swings = np.fmax(self._swings, np.linalg.norm(swings, axis=1))
+        rests = np.diff(now, 2, axis=0) / 2**2
+        for k in range(0, len(rests) - FIRST + 1, 2 * FIRST):
+            some = rests[k : k + 2 * FIRST]
+            turns = (some[1:] * some[:-1] < 0).sum(axis=0)
+            swings = np.median(np.abs(some), axis=0) * (3 * turns >= 2 * (len(some) - 1))
+            self._swings = np.fmax(self._swings, np.linalg.norm(swings.reshape(-1, 3), axis=1))
         self._last, self._goes_on = self._last[-4:] if goes_on else [], goes_on
 
     def _tell(self) -> None:
