@@ -230,8 +230,7 @@ def _reports(
             tell_of_crowding(scene.comm)
             check_clamps(scene, Timeline(ends[-1], ends[-1]))
             path.follow(0.5 * ends[0])
-            if shaping is not None:
-                shaping.warn_of_unspanned(state)
+            _tell_of_shapes(scene, state, shaping)
             tell(scene.comm, f"Statics of {path.unknowns} unknowns, {len(ends)} load steps.")
             report = report_of(0, path, probes, None, None)
         yield report
@@ -258,6 +257,19 @@ def _reports(
         path.close()
         if shaping is not None:
             shaping.destroy()
+
+
+def _tell_of_shapes(scene: Scene, state: State, shaping: Shaping | None) -> None:
+    """Warn of loads that shapes do not span, or log that reduced parts are flexible. Collective."""
+    if shaping is not None:
+        shaping.warn_of_unspanned(state)
+    elif reduced := scene.named(Reduced):
+        names = ", ".join(f"'{part.name}'" for part in reduced)
+        tell(
+            scene.comm,
+            f"Reduced {names}: flexible in these statics, as shapes are not known of contacts "
+            "before they close, nor of parts that these alone hold.",
+        )
 
 
 def _shaping(scene: Scene, forces: InternalForces, ends: Sequence[float]) -> Shaping | None:

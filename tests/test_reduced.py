@@ -386,12 +386,6 @@ BAD = {
         lambda: bar(rf.Reduced("half"), rf.Rigid("low")),
         "Rigid 'low' shares nodes .* Reduced 'half'.* Merge the two sets",
     ),
-    "face": (
-        lambda: bar(
-            rf.Reduced("half"), rf.Revolute("ground", rf.RigidFace("x0"), (0, 0, 0), (0, 1, 0))
-        ),
-        "Reduced on 'half'.* Take MeanFace",
-    ),
     "its own mass": (lambda: rf.Reduced("half", mass=3.0), "another rho"),
     "pushed as a body": (
         lambda: bar(rf.Reduced("half"), rf.Resultant("half", force=(1.0, 0, 0))),

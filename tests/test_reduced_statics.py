@@ -115,6 +115,16 @@ def test_step_control_counts_the_error_of_reduced_parts():
     assert off(own.probes["tip"], twin.probes["tip"]) < 0.01
 
 
+def test_statics_with_contacts_say_that_parts_are_flexible(caplog):
+    """Their cells are those of the twin."""
+    floor = rf.Contact("z0", against=rf.Plane((0, 0, -0.01), (0, 0, 1)))
+    with caplog.at_level("INFO", logger="rigidfx"):
+        *_, own = rf.static(bar(CLAMP, PUSH, floor, rf.Reduced("half")), 1, verbose=True)
+    assert "Reduced 'half': flexible in these statics" in caplog.text
+    *_, twin = rf.static(bar(CLAMP, PUSH, floor), 1)
+    assert off(own.probes["tip"], twin.probes["tip"]) < 1e-12
+
+
 def _found():
     """What is the same on any number of ranks."""
     *_, one = rf.static(bar(CLAMP, PUSH, rf.Reduced("half")), 1)

@@ -193,21 +193,14 @@ def _check_faces(scene: Any) -> None:
                     f"body. Join the 'ground', take MeanFace('{face.where}'), or separate the two "
                     "sets."
                 )
-        for part in (effect for effect in named if effect.deforms):
-            inside = scene.members(part.where, part.kind)[:n, 0] if part.where else np.ones(n)
-            if scene.sum(np.count_nonzero(inside[nodes])) > 0:
-                raise SceneError(
-                    f"{face.name}: it shares nodes with {part.owner}, whose shapes would deform "
-                    f"it. Take MeanFace('{face.where}'), or name the cells behind the face Rigid."
-                )
         parts = {k for some in scene.comm.allgather(np.unique(taken[nodes])) for k in some.tolist()}
         if parts == {0}:
             taken[nodes] = number
         elif len(parts) > 1 or max(parts) > len(named):
             raise SceneError(
                 f"{face.name}: it shares nodes with another rigid face, or with a part named Rigid "
-                "that has not all of them. Leave cells between the two, or name the part as the "
-                "side of the joint."
+                "or Reduced that has not all of them. Leave cells between the two, or name the "
+                "part as the side of the joint."
             )
 
 
