@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import RigidfxError
 from rigidfx.base.remembered import PART, Remembered
+from rigidfx.base.types import Bools
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision
 from rigidfx.decide.policy import Policy
@@ -34,8 +34,6 @@ from rigidfx.switch.growth import Growth
 from rigidfx.switch.switch import Switch
 
 __all__ = ["Run"]
-
-Bools = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from mpi4py import MPI
 from rigidfx.base.errors import together
 from rigidfx.base.remembered import FIELD, ON_DOFS, ByObject, Remembered, same
 from rigidfx.base.taken import read_only
+from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.effects import InitialVelocity, Preload
 from rigidfx.effects.initial import agree_with_support, given_velocity
 from rigidfx.mechanics.bodies import BODIES, Bodies
@@ -26,9 +27,6 @@ from rigidfx.mechanics.rigid_body import Body
 from rigidfx.scene.scene import Scene
 
 __all__ = ["State", "initial_velocity"]
-
-Array = npt.NDArray[np.float64]
-Nodes = npt.NDArray[np.int32]
 
 
 class Snapshot(NamedTuple):
@@ -83,7 +81,7 @@ class State:
         self.u = fem.Function(scene.space, name="displacement")
         self.v = fem.Function(scene.space, name="velocity")
         self.bodies = Bodies.of_each(())
-        self.clamped: Mapping[int, Nodes] = {}
+        self.clamped: Mapping[int, Indices] = {}
         self.eased: tuple[Eased, ...] = ()
         self.X: Array = read_only(scene.space.tabulate_dof_coordinates())
         self.notes: dict[int, Any] = {}
@@ -92,11 +90,11 @@ class State:
         self._places: tuple[int, Bodies, Array] | None = (
             None  # and the write and bodies they are of
         )
-        self._following: tuple[Nodes, ...] = ()
+        self._following: tuple[Indices, ...] = ()
 
     # What is asked ------------------------------------------------------------------------------
 
-    def positions(self, nodes: npt.NDArray[np.int64]) -> Array:
+    def positions(self, nodes: Ints) -> Array:
         """Positions of owned nodes, also of those inside bodies, shape (nodes, 3) [m]."""
         x = np.asarray(self.X[nodes] + self.u.x.array.reshape(-1, 3)[nodes])
         if len(self.bodies):
@@ -116,7 +114,7 @@ class State:
             self._places = known = self.changes, self.bodies, read_only(x)
         return known[2]
 
-    def velocities(self, nodes: npt.NDArray[np.int64]) -> Array:
+    def velocities(self, nodes: Ints) -> Array:
         """Velocities of owned nodes, also of those inside bodies, shape (nodes, 3) [m/s]."""
         v = np.array(self.v.x.array.reshape(-1, 3)[nodes])
         if len(self.bodies):
@@ -155,7 +153,7 @@ class State:
         gap = self.gap(self.bodies, beside)
         return self.v.function_space.mesh.comm.allreduce(gap, op=MPI.MAX)
 
-    def body_numbers(self) -> npt.NDArray[np.int32]:
+    def body_numbers(self) -> Indices:
         """For each owned cell the number of the body or clamped part it is in, else 0."""
         numbers = np.zeros(self.u.function_space.mesh.topology.index_map(3).size_local, np.int32)
         for body in self.bodies.of.records:
@@ -164,7 +162,7 @@ class State:
             numbers[cells] = number
         return numbers
 
-    def bent(self) -> tuple[fem.Function, fem.Function, npt.NDArray[np.bool_]]:
+    def bent(self) -> tuple[fem.Function, fem.Function, Bools]:
         """How bodies with shapes deform: their shape at the freeze, and Φ q there. Collective.
 
         Returns:
@@ -197,11 +195,11 @@ class State:
     def advance(
         self,
         t: float,
-        dofs: npt.NDArray[np.int64],
+        dofs: Ints,
         d: Array,
         v: Array,
         bodies: Bodies,
-        attached: npt.NDArray[np.int64],
+        attached: Ints,
         displacement: Array,
     ) -> None:
         """Take over the result of a step. Collective.
@@ -259,7 +257,7 @@ class State:
         self.t, self.bodies, self.changes = kept.t, kept.bodies, kept.changes
         self.u.x.array[:], self.v.x.array[:] = kept.u, kept.v
 
-    def shift(self, dofs: npt.NDArray[np.int64], d: Array) -> None:
+    def shift(self, dofs: Ints, d: Array) -> None:
         """Move owned dofs [m] to look at forces elsewhere; `restore` ends that. Collective."""
         self._wrote()
         self.u.x.array[dofs] += d
@@ -271,7 +269,7 @@ class State:
         self.v.x.array[: v.size] = v
         self.v.x.scatter_forward()
 
-    def follow_paths(self, held: npt.NDArray[np.int64], rates: Array) -> None:
+    def follow_paths(self, held: Ints, rates: Array) -> None:
         """Keep rates of supports' paths at the end of a step, those of no other dof.
 
         Args:
@@ -285,7 +283,7 @@ class State:
         """Keep no rates of paths, as an impact gives others."""
         self.path_rates = None
 
-    def kick(self, dofs: npt.NDArray[np.int64], dv: Array, bodies: Bodies) -> None:
+    def kick(self, dofs: Ints, dv: Array, bodies: Bodies) -> None:
         """Change velocities of owned dofs [m/s], and those of the bodies. Collective."""
         self._wrote()
         self.v.x.array[dofs] += dv
@@ -300,7 +298,7 @@ class State:
         self._wrote()
         self.bodies = bodies
 
-    def clamp(self, clamped: Mapping[int, Nodes]) -> None:
+    def clamp(self, clamped: Mapping[int, Indices]) -> None:
         """Say which owned cells of each named part a support moves, by the part's number."""
         self.clamped = clamped
 
@@ -331,7 +329,7 @@ class State:
         left = (before.without(rigid) for before in self.eased if not before.over(self.t))
         self.eased = (*left, *(() if eased is None else (eased,)))
 
-    def follow(self, following: tuple[Nodes, ...]) -> None:
+    def follow(self, following: tuple[Indices, ...]) -> None:
         """Say for each body which of its nodes have its velocity: see `DofLayout.following`."""
         self._following = following
 

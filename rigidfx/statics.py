@@ -11,13 +11,13 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.crowding import tell_of_crowding
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import is_function, numbers, positive, shown, whole
 from rigidfx.base.log import heard, tell
 from rigidfx.base.same_input import check_same
+from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.effects import (
     Contact,
@@ -121,8 +121,8 @@ class Compliance:
         parts: Kinds of the parts.
     """
 
-    flexible: Mapping[str, npt.NDArray[np.float64]]
-    rigid: Mapping[str, npt.NDArray[np.float64]]
+    flexible: Mapping[str, Array]
+    rigid: Mapping[str, Array]
     parts: str = "rigid"
 
     @property
@@ -171,7 +171,7 @@ def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float =
             "without the parts that are named so, and with mean faces in place of rigid ones."
         )
 
-    def displacements(effects: Iterable[Effect]) -> Mapping[str, npt.NDArray[np.float64]]:
+    def displacements(effects: Iterable[Effect]) -> Mapping[str, Array]:
         loaded = copy(scene)
         loaded.effects = tuple(effects)
         *_, last = static(loaded, steps, t_end=t_end, verbose=False)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
 from mpi4py import MPI
 
-import numpy as np
 import rigidfx as rf
 from rigidfx.base.log import heard
 from rigidfx.report.account import Account

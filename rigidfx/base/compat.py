@@ -14,6 +14,8 @@ import numpy.typing as npt
 import ufl
 from mpi4py import MPI
 
+from rigidfx.base.types import Indices, Ints
+
 __all__ = [
     "VERSION",
     "adjacency",
@@ -47,7 +49,7 @@ def package_version() -> str:
 _facet_domains = dolfinx.fem.compute_integration_domains
 
 
-def integration_facets(mesh: Any, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+def integration_facets(mesh: Any, facets: Indices) -> Indices:
     """Exterior facets as the (cell, local facet) pairs that `create_form` takes, flat.
 
     Interior facets among the given ones are left out, which 0.11 does not do by itself.
@@ -59,7 +61,7 @@ def integration_facets(mesh: Any, facets: npt.NDArray[np.int32]) -> npt.NDArray[
     return _facet_domains(kind, mesh.topology, facets)
 
 
-def cell_geometry_dofs(mesh: Any) -> npt.NDArray[np.int32]:
+def cell_geometry_dofs(mesh: Any) -> Indices:
     """Geometry nodes of each local cell, shape (cells, nodes per cell)."""
     return mesh.geometry.dofmap if VERSION == (0, 9) else mesh.geometry.dofmaps[0]
 
@@ -93,15 +95,13 @@ def create_mesh(
     return dolfinx.mesh.create_mesh(comm, cells, *order, shares)
 
 
-def adjacency(values: npt.NDArray[Any], offsets: npt.NDArray[np.int32]) -> Any:
+def adjacency(values: npt.NDArray[Any], offsets: Indices) -> Any:
     """Lists of whole numbers, one after the other, as C++ has them."""
     found = dolfinx.graph.adjacencylist(values, offsets)
     return getattr(found, "_cpp_object", found)
 
 
-def partition(
-    neighbours: npt.NDArray[np.int64], offsets: npt.NDArray[np.int32], parts: int
-) -> npt.NDArray[np.int64]:
+def partition(neighbours: Ints, offsets: Indices, parts: int) -> Ints:
     """The part of each node of a graph, of this process alone, that is cut into equal parts."""
     graph = adjacency(neighbours, offsets)
     found = dolfinx.graph.partitioner()(MPI.COMM_SELF, parts, graph, False)

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from html import escape
 
-import numpy as np
-import numpy.typing as npt
+from rigidfx.base.types import Array
 
 __all__ = ["as_table", "as_text", "in_short"]
-
-Array = npt.NDArray[np.float64]
 
 
 def as_table(title: str, rows: Mapping[str, str]) -> str:

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.types import Array
 
 __all__ = [
     "check_factor",
@@ -143,7 +143,7 @@ def _real(value: Any) -> float:
     raise TypeError(f"{shown(value)} is no real number")
 
 
-def numbers(value: Any) -> npt.NDArray[np.float64]:
+def numbers(value: Any) -> Array:
     """A copy of the given value as an array; an empty one if it is ragged, or not of real numbers.
 
     Args:
@@ -182,7 +182,7 @@ def scalar(value: Any) -> float:
     return float(array) if array.ndim == 0 else float("nan")
 
 
-def vector(owner: object, name: str, value: Any) -> npt.NDArray[np.float64]:
+def vector(owner: object, name: str, value: Any) -> Array:
     """Three finite numbers as an array, shape (3,).
 
     Args:

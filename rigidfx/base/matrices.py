@@ -10,14 +10,13 @@ from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_array, sparray, vstack
+
+from rigidfx.base.types import Array, Ints
 
 __all__ = ["Matrix", "Pattern", "compact", "dense", "is_small", "stacked"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Matrix: TypeAlias = npt.NDArray[np.float64] | csr_array
+Matrix: TypeAlias = Array | csr_array
 
 # Entries of a small matrix. Steps of chains of 2, 4, 6, 8, 10 and 14 four-bar linkages took .61,
 # .66, .80, 1.0, 1.05 and 1.02 of the time without arrays.

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-__all__ = ["MeshOrder"]
+from rigidfx.base.types import Ints
 
-Ints = npt.NDArray[np.int64]
+__all__ = ["MeshOrder"]
 
 
 @dataclass(frozen=True)

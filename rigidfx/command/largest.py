@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.types import Array
 from rigidfx.plot import Shapes
 from rigidfx.report.peaks import Peak, Peaks
 from rigidfx.report.report import Report
@@ -36,7 +36,7 @@ class Largest:
         self._scene, self._peaks = scene, Peaks(scene, names, "rigidfx")
         self.shapes = Shapes(scene, times, colour="von_mises")
         origin = np.zeros(3)
-        self._u: tuple[float, float, npt.NDArray[np.float64]] = 0.0, 0.0, origin  # [m], [s], [m]
+        self._u: tuple[float, float, Array] = 0.0, 0.0, origin  # [m], [s], [m]
         self._stress = (Peak(0.0, origin), 0.0)
         self._reactions: dict[str, list[tuple[float, ...]]] = {}  # t, dt [s], cut, force [N]
         self._energy = self._damped = 0.0  # largest and dissipated [J]

@@ -7,11 +7,10 @@ import numpy.typing as npt
 from dolfinx import fem
 from petsc4py import PETSc
 
+from rigidfx.base.types import Array, Indices
 from rigidfx.scene.scene import Scene
 
 __all__ = ["AtNodes"]
-
-Array = npt.NDArray[np.float64]
 
 
 class AtNodes:
@@ -26,7 +25,7 @@ class AtNodes:
         self._x = fem.Function(scene.space).x
         self._owned = scene.owned_nodes
 
-    def largest(self, nodes: npt.NDArray[np.int32], values: Array) -> Array:
+    def largest(self, nodes: Indices, values: Array) -> Array:
         """At each local node the largest value of cells, of any rank, round it. Collective.
 
         Args:

@@ -13,16 +13,14 @@ product of SciPy's takes three times as long where bodies are small.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
+from rigidfx.base.types import Array, Ints
 from rigidfx.coupling.dof_layout import DofLayout
 
 __all__ = ["AttachedRows"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Int = PETSc.IntType
 
 

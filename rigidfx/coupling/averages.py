@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import block_diag, csr_array, hstack
 
+from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects.joints.face_motion import Vector
 from rigidfx.scene.scene import Scene
 
 __all__ = ["add_at_vectors", "slopes_of"]
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 
 def slopes_of(scene: Scene, vector: Vector, rows: Rows, counted: Bools) -> csr_array | None:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, la
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.kernels import add_vector
 
 __all__ = ["CellForces"]
-
-Array = npt.NDArray[np.float64]
 
 
 class CellForces:

@@ -12,13 +12,13 @@ assembly takes two thirds and a Krylov iteration three fifths of the time of AIJ
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from rigidfx.base.compat import assemble_unrolled
+from rigidfx.base.types import Array, Indices
 from rigidfx.coupling.interface import Interface
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.coupling.row_lengths import condensed_row_lengths
@@ -82,7 +82,7 @@ class CondensedMatrix:
         if self._interface is not None and other._interface is not None:
             self._interface.add(other._interface, factor)
 
-    def add_nodal(self, nodes: npt.NDArray[np.int32], blocks: npt.NDArray[np.float64]) -> None:
+    def add_nodal(self, nodes: Indices, blocks: Array) -> None:
         """Add to the diagonal blocks of free nodes. Collective.
 
         Args:
@@ -123,7 +123,7 @@ class CondensedMatrix:
         values = own.data, PETSc.InsertMode.ADD_VALUES, rows.astype(kind)
         add(offsets.astype(kind), own.indices.astype(kind), *values)
 
-    def finish(self, blocks: npt.NDArray[np.float64] | None = None) -> None:
+    def finish(self, blocks: Array | None = None) -> None:
         """Condense the interface and complete the matrix. Collective.
 
         Args:

@@ -15,10 +15,10 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from rigidfx.base.compat import known_columns
+from rigidfx.base.types import Array, Bools, Indices
 
 __all__ = ["Lengths", "couplings", "parted", "row_lengths"]
 
-Array = npt.NDArray[np.float64]
 # Entries of each of this rank's rows in columns of this rank's, and in others.
 Lengths = tuple[npt.NDArray[Any], npt.NDArray[Any]]
 
@@ -35,7 +35,7 @@ def couplings(form: fem.Form) -> tuple[csr_array, Any]:
     return csr_array((np.ones(columns.size), columns, offsets), shape=shape), known
 
 
-def row_lengths(form: fem.Form, nodes: npt.NDArray[np.int32]) -> Lengths:
+def row_lengths(form: fem.Form, nodes: Indices) -> Lengths:
     """Of a matrix with three rows for each of some nodes. Collective.
 
     Args:
@@ -52,6 +52,6 @@ def row_lengths(form: fem.Form, nodes: npt.NDArray[np.int32]) -> Lengths:
     return inside, outside
 
 
-def parted(columns: Any, inside: npt.NDArray[np.bool_]) -> Array:
+def parted(columns: Any, inside: Bools) -> Array:
     """Numbers of columns inside a rank's own, and of those outside, shape (n, 2)."""
     return np.stack([columns * inside, columns * ~inside], axis=1).astype(np.float64)

@@ -8,17 +8,15 @@ step, are divided as these.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import la
 
+from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.domain.exchange import Exchange
 from rigidfx.flexible.dealt_cells import NOWHERE, DealtCells
 
 __all__ = ["Dealing", "DealtRows"]
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int32]
 
 # A step of an L all of whose flexible cells were one rank's of two took .62, .75 and .74 of the
 # time with these dealt at 20 600, 8700 and 3000 unknowns: 3200, 1300 and 430 cells for each rank.
@@ -136,6 +134,6 @@ class Dealing:
             self._cells = None
 
 
-def _lopsided(counts: npt.NDArray[np.int64]) -> bool:
+def _lopsided(counts: Ints) -> bool:
     """Whether one of the ranks has too many of the cells."""
     return bool(counts.max() > LOPSIDED * counts.mean())

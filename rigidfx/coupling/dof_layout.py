@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, la
 
+from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.mechanics.bodies import Ensemble
@@ -52,14 +52,14 @@ class DofLayout:
     interior: Cells
     interface: Cells
     ensemble: Ensemble
-    attached: tuple[npt.NDArray[np.int32], ...]
-    prescribed: npt.NDArray[np.bool_]
-    free: npt.NDArray[np.bool_]
-    massive: npt.NDArray[np.bool_]
+    attached: tuple[Indices, ...]
+    prescribed: Bools
+    free: Bools
+    massive: Bools
     rows: Rows
-    masses: npt.NDArray[np.float64]
-    reached: npt.NDArray[np.int64]
-    following: tuple[npt.NDArray[np.int32], ...]
+    masses: Array
+    reached: Ints
+    following: tuple[Indices, ...]
 
     @property
     def bodies(self) -> tuple[RigidBody, ...]:
@@ -71,7 +71,7 @@ def dof_layout(
     scene: Scene,
     flexible: Cells,
     ensemble: Ensemble,
-    prescribed: npt.NDArray[np.bool_],
+    prescribed: Bools,
     driven: Cells | None = None,
 ) -> DofLayout:
     """Divide the dofs of a scene. Collective.
@@ -112,7 +112,7 @@ def dof_layout(
     )
 
 
-def rigid_fields(scene: Scene, ensemble: Ensemble, prescribed: npt.NDArray[np.bool_]) -> DofLayout:
+def rigid_fields(scene: Scene, ensemble: Ensemble, prescribed: Bools) -> DofLayout:
     """A division in which all nodes of bodies are attached and no cell is flexible.
 
     It serves fields over the whole mesh that are rigid in the bodies.
@@ -144,7 +144,7 @@ def rigid_fields(scene: Scene, ensemble: Ensemble, prescribed: npt.NDArray[np.bo
     )
 
 
-def nodes_of(scene: Scene, cells: Cells) -> npt.NDArray[np.bool_]:
+def nodes_of(scene: Scene, cells: Cells) -> Bools:
     """Which local nodes belong to the given cells of any rank. Collective."""
     mark = fem.Function(scene.space)
     for group in cells.values():
@@ -155,7 +155,7 @@ def nodes_of(scene: Scene, cells: Cells) -> npt.NDArray[np.bool_]:
     return mark.x.array[::3] > 0
 
 
-def split(scene: Scene, flexible: Cells, of_bodies: npt.NDArray[np.int64]) -> tuple[Cells, Cells]:
+def split(scene: Scene, flexible: Cells, of_bodies: Ints) -> tuple[Cells, Cells]:
     """Interior and interface cells: without and with nodes that bodies move. Collective.
 
     Args:

@@ -23,19 +23,17 @@ own, nodes of other ranks included, and PETSc adds up their entries in the reduc
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from petsc4py import PETSc
 from scipy.sparse import bsr_array, csr_array, eye_array, kron
 
+from rigidfx.base.types import Ints
 from rigidfx.coupling.moved_nodes import MovedNodes, moved_nodes
 from rigidfx.coupling.product_blocks import BlockPlaces, ProductBlocks
 from rigidfx.coupling.prolongation import Prolongation
 
 __all__ = ["Interface"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Int = PETSc.IntType
 
 ALGORITHM = "matptap_via"  # option of PETSc

@@ -9,12 +9,12 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
+from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.coupling.remote_mass import with_remote_masses
@@ -49,7 +49,7 @@ class Mass(Protocol):
 class LumpedMass:
     """Diagonal mass: one number per node, three times; none at nodes that bodies hold."""
 
-    def __init__(self, rows: Rows, masses: npt.NDArray[np.float64]) -> None:
+    def __init__(self, rows: Rows, masses: Array) -> None:
         """Take nodal masses.
 
         Args:
@@ -107,7 +107,7 @@ class ConsistentMass:
         rows: Rows,
         cells: Cells,
         driven: Cells | None = None,
-        points: npt.NDArray[np.float64] | None = None,
+        points: Array | None = None,
     ) -> None:
         """Assemble the matrix once. Collective.
 
@@ -193,7 +193,7 @@ def mass_operator(
     scene: Scene,
     rows: Rows,
     cells: Cells,
-    own: npt.NDArray[np.bool_],
+    own: Bools,
     driven: Cells | None = None,
     carried: bool = False,
 ) -> Mass:

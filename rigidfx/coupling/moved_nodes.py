@@ -6,15 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import la
 
+from rigidfx.base.types import Array, Ints
 from rigidfx.coupling.prolongation import Prolongation
 
 __all__ = ["MovedNodes", "moved_nodes"]
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ where nodes are many.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import csr_array, hstack
 
 from rigidfx.base.matrices import Matrix, Pattern, dense
+from rigidfx.base.types import Array, Ints
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.mechanics.bodies import Bodies
@@ -20,9 +20,6 @@ from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.rotation import AXES
 
 __all__ = ["Ports", "far_apart"]
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 class Ports:

@@ -12,14 +12,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 from scipy.sparse import bsr_array, csr_array
 
+from rigidfx.base.types import Array, Ints
+
 __all__ = ["BlockPlaces", "ProductBlocks"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Int = PETSc.IntType
 
 

@@ -25,6 +25,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
+from rigidfx.base.types import Array, Ints
 from rigidfx.coupling.attached_rows import AttachedRows
 from rigidfx.coupling.couplings import Lengths
 from rigidfx.coupling.dealt_rows import DealtRows
@@ -36,8 +37,6 @@ from rigidfx.mechanics.shaped_step import increments_of
 
 __all__ = ["Prolongation"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Int = PETSc.IntType
 
 

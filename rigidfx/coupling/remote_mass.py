@@ -9,11 +9,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array, vstack
 
+from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.averages import add_at_vectors, slopes_of
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.prolongation import Prolongation
@@ -22,9 +22,6 @@ from rigidfx.effects import PointMass
 from rigidfx.scene.scene import Scene
 
 __all__ = ["WithRemoteMasses", "with_remote_masses"]
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 
 class WithRemoteMasses:

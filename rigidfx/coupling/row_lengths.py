@@ -9,19 +9,17 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.couplings import Lengths, couplings, parted
 from rigidfx.coupling.moved_nodes import moved_nodes
 from rigidfx.coupling.prolongation import Prolongation
 
 __all__ = ["condensed_row_lengths"]
-
-Array = npt.NDArray[np.float64]
 
 
 def condensed_row_lengths(

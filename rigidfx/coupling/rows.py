@@ -10,10 +10,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from petsc4py import PETSc
 
+from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.coupling.couplings import Lengths, row_lengths
 
 __all__ = ["Rows", "mapped_matrix"]
@@ -31,7 +31,7 @@ class Rows:
         first: Number of this rank's first row.
     """
 
-    def __init__(self, space: Any, nodes: npt.NDArray[np.int32]) -> None:
+    def __init__(self, space: Any, nodes: Indices) -> None:
         """Number the rows. Collective.
 
         Args:
@@ -57,7 +57,7 @@ class Rows:
         numbers = self.first + np.arange(self.dofs.size)
         return mapped_matrix(self._space, self.dofs, numbers, lengths, kind, 3)
 
-    def add_diagonal(self, A: PETSc.Mat, values: npt.NDArray[np.float64]) -> None:
+    def add_diagonal(self, A: PETSc.Mat, values: Array) -> None:
         """Add to the diagonal of a matrix of these rows that is not assembled yet.
 
         Args:
@@ -68,7 +68,7 @@ class Rows:
         offsets = np.arange(numbers.size + 1, dtype=Int)
         A.setValuesIJV(offsets, numbers, values, PETSc.InsertMode.ADD_VALUES, numbers)
 
-    def add_blocks(self, A: PETSc.Mat, blocks: npt.NDArray[np.float64]) -> None:
+    def add_blocks(self, A: PETSc.Mat, blocks: Array) -> None:
         """Add to nodes' own blocks of a matrix of these rows, and assemble it. Collective.
 
         Args:
@@ -82,15 +82,15 @@ class Rows:
         A.setValuesIJV(offsets, columns, values, PETSc.InsertMode.ADD_VALUES, numbers.reshape(-1))
         A.assemble()
 
-    def positions(self, nodes: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
+    def positions(self, nodes: Indices) -> Ints:
         """Places of some of the nodes among them."""
         return np.searchsorted(self.nodes, nodes)
 
 
 def mapped_matrix(
     space: Any,
-    dofs: npt.NDArray[np.int64],
-    numbers: npt.NDArray[np.int64],
+    dofs: Ints,
+    numbers: Ints,
     lengths: Lengths,
     kind: str,
     block: int,

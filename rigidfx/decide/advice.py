@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.decide.criteria.judging import Criterion
 
 __all__ = ["Advice"]
-
-Array = npt.NDArray[np.float64]
 
 
 class Advice:

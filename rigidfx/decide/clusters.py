@@ -29,13 +29,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from rigidfx.base.errors import agree
+from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.coupling.at_nodes import AtNodes
 from rigidfx.scene.scene import Scene
 
 __all__ = ["NONE", "CellGraph", "Cluster", "find_clusters"]
 
-Bools = npt.NDArray[np.bool_]
-Labels = npt.NDArray[np.int64]
 
 NONE = -1  # label of a cell, or a node, that belongs to no body
 
@@ -52,8 +51,8 @@ class Cluster:
         size: Number of its cells over all ranks.
     """
 
-    cells: npt.NDArray[np.int32]
-    nodes: npt.NDArray[np.int32]
+    cells: Indices
+    nodes: Indices
     label: int
     size: int
 
@@ -100,14 +99,14 @@ class CellGraph:
         self._cell_field = fem.Function(scene.cell_space)
         self._cell_dofs = self._cell_field.function_space.dofmap.list[:, 0]
 
-    def with_ghosts(self, values: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]:
+    def with_ghosts(self, values: npt.NDArray[np.generic]) -> Array:
         """Values of owned cells as values of all local cells. Collective."""
         x = self._cell_field.x
         x.array[self._cell_dofs[: self.owned]] = values
         x.scatter_forward()
         return x.array[self._cell_dofs]
 
-    def largest_at_nodes(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def largest_at_nodes(self, values: Array) -> Array:
         """At each local node the largest value among the cells, of any rank, round it. Collective.
 
         Args:
@@ -115,7 +114,7 @@ class CellGraph:
         """
         return self._at_nodes.largest(self._nodes[: self.owned], values)
 
-    def largest_round_cells(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def largest_round_cells(self, values: Array) -> Array:
         """The same at the nodes of each owned cell, shape (owned, nodes of a cell). Collective."""
         return self.largest_at_nodes(values)[self._nodes[: self.owned]]
 
@@ -131,7 +130,7 @@ class CellGraph:
         """
         return np.asarray(nodes[self._nodes[: self.owned]].any(axis=1))
 
-    def components(self, members: Bools, groups: Labels) -> Labels:
+    def components(self, members: Bools, groups: Ints) -> Ints:
         """Connected components of cells through facets. Collective.
 
         Args:
@@ -166,7 +165,7 @@ class CellGraph:
             if not self.comm.allreduce(changed, op=MPI.LOR):
                 return own
 
-    def nodes_of(self, labels: Labels) -> Labels:
+    def nodes_of(self, labels: Ints) -> Ints:
         """The body each local node belongs to, NONE without one. Collective.
 
         Args:
@@ -175,7 +174,7 @@ class CellGraph:
         most = self.largest_at_nodes(np.where(labels >= 0, labels.astype(np.float64), -np.inf))
         return np.where(np.isfinite(most), most, NONE).astype(np.int64)
 
-    def sizes(self, labels: Labels) -> dict[int, int]:
+    def sizes(self, labels: Ints) -> dict[int, int]:
         """Number of cells of each body, over all ranks, in the order of the labels. Collective."""
         found, counts = np.unique(labels[labels >= 0], return_counts=True)
         total: dict[int, int] = {}
@@ -184,13 +183,13 @@ class CellGraph:
                 total[int(label)] = total.get(int(label), 0) + int(count)
         return dict(sorted(total.items()))
 
-    def enclosed(self, labels: Labels, body_of_node: Labels) -> Labels:
+    def enclosed(self, labels: Ints, body_of_node: Ints) -> Ints:
         """For each owned cell outside bodies the one that has all its nodes, NONE without one."""
         around = body_of_node[self._nodes[: self.owned]]
         same = (around[:, 0] >= 0) & (around == around[:, :1]).all(axis=1)
         return np.where(same & (labels < 0), around[:, 0], NONE)
 
-    def clusters(self, labels: Labels) -> tuple[Cluster, ...]:
+    def clusters(self, labels: Ints) -> tuple[Cluster, ...]:
         """The bodies as cells and nodes, ordered by label. Collective."""
         body_of_node = self.nodes_of(labels)[: self._owned_nodes]
         return tuple(
@@ -207,7 +206,7 @@ class CellGraph:
 def find_clusters(
     graph: CellGraph,
     rigid: Bools,
-    existing: Labels,
+    existing: Ints,
     barred: Bools,
     min_cells: int = 2,
 ) -> tuple[Cluster, ...]:
@@ -241,13 +240,11 @@ def find_clusters(
     return graph.clusters(labels)
 
 
-def _large_enough(
-    graph: CellGraph, labels: Labels, old: Bools, min_cells: int
-) -> tuple[Labels, Labels]:
+def _large_enough(graph: CellGraph, labels: Ints, old: Bools, min_cells: int) -> tuple[Ints, Ints]:
     """The cells that remain, without small components that hold no existing body. Collective.
 
     Returns:
-        Labels, and the labels that are left in the order of precedence, the last goes first.
+        Ints, and the labels that are left in the order of precedence, the last goes first.
     """
     kept = set(np.concatenate(graph.comm.allgather(np.unique(labels[old]))).tolist())
     left = {k: n for k, n in graph.sizes(labels).items() if n >= min_cells or k in kept}
@@ -256,7 +253,7 @@ def _large_enough(
     return np.where(np.isin(labels, order), labels, NONE), order
 
 
-def _loose(graph: CellGraph, labels: Labels, precedence: Labels, old: Bools) -> Bools:
+def _loose(graph: CellGraph, labels: Ints, precedence: Ints, old: Bools) -> Bools:
     """Owned cells to be taken out since another body keeps a node of theirs. Collective.
 
     Args:

@@ -11,16 +11,13 @@ from math import nan
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.decide.clusters import Cluster
 from rigidfx.mechanics.rigid_body import RigidBody
 
 __all__ = ["Decision", "PlannedBody", "kept_bodies", "plan_bodies", "qualify"]
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -36,8 +33,8 @@ class PlannedBody:
         kept: Whether there is such a body already, which stays as it is.
     """
 
-    cells: npt.NDArray[np.int32]
-    nodes: npt.NDArray[np.int32]
+    cells: Indices
+    nodes: Indices
     name: str
     number: int
     named: tuple[str, ...] = ()
@@ -71,7 +68,7 @@ class Decision:
     qualified: Bools | None = None
     closeness: float = nan
     loads_changed: bool = False
-    woken: npt.NDArray[np.int32] | None = None
+    woken: Indices | None = None
     loads_at: float | None = None
     easing: float = 0.0
 
@@ -105,9 +102,9 @@ def kept_bodies(bodies: Iterable[RigidBody]) -> tuple[PlannedBody, ...]:
 
 def plan_bodies(
     clusters: Sequence[Cluster],
-    origin: npt.NDArray[np.int64],
+    origin: Ints,
     sizes: Mapping[int, int],
-    always: Mapping[str, npt.NDArray[np.int32]],
+    always: Mapping[str, Indices],
     next_number: int,
     comm: MPI.Intracomm,
 ) -> tuple[tuple[PlannedBody, ...], int]:

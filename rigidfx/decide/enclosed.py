@@ -5,19 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.decide.clusters import CellGraph
 
 __all__ = ["round_enclosed"]
 
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
-Ints = npt.NDArray[np.int32]
-
 
 def round_enclosed(
-    graph: CellGraph, parts: Sequence[Ints], able: Bools, loud: Array, most: float
+    graph: CellGraph, parts: Sequence[Indices], able: Bools, loud: Array, most: float
 ) -> Bools:
     """Enclosed cells that strain too fast, with the cells round them. Collective.
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Bools, Indices
 from rigidfx.decide.clusters import NONE, CellGraph, Cluster, find_clusters
 from rigidfx.effects import PointMass, Resultant, Rigid, rigid_faces
 from rigidfx.scene.scene import Scene
@@ -49,7 +49,7 @@ class NamedParts:
             for part in parts
             if alone or part.given or part.deforms or part.name in loaded
         )
-        self.cells: dict[str, npt.NDArray[np.int32]] = {
+        self.cells: dict[str, Indices] = {
             part.name: scene.owned_cells(part.where, "Rigid")
             for part in parts
             if part.name not in self.apart
@@ -61,7 +61,7 @@ class NamedParts:
         for part in parts:
             at = slice(None) if part.where is None else scene.nodes(part.where, part.kind, (3,))
             parted[at] = True
-        self.rings: list[npt.NDArray[np.bool_]] = []
+        self.rings: list[Bools] = []
         masses = (e for e in scene.named(PointMass) if e.face is not None and not e.is_carried)
         together = [scene.nodes(face.where, face.name, (2,)) for face in faces]
         for nodes in (*together, *(mass.remote.place.nodes for mass in masses)):
@@ -72,7 +72,7 @@ class NamedParts:
                     graph.touching(graph.nodes_with_ghosts(marks[: scene.owned_nodes]))
                 )
 
-    def torn(self, clusters: Sequence[Cluster]) -> npt.NDArray[np.bool_]:
+    def torn(self, clusters: Sequence[Cluster]) -> Bools:
         """Owned cells round rigid faces that would be in several bodies, or in part. Collective.
 
         Args:

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.types import Array, Bools
 from rigidfx.decide.clusters import CellGraph
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.observation import Observation
@@ -21,9 +21,6 @@ from rigidfx.decide.memory.memory import Memory
 from rigidfx.decide.memory.work import too_dear
 
 __all__ = ["Paying"]
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 
 class Paying:

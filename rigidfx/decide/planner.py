@@ -5,18 +5,15 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.types import Bools, Ints
 from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision, kept_bodies, plan_bodies
 from rigidfx.decide.named_parts import NamedParts
 
 __all__ = ["Planner"]
-
-Bools = npt.NDArray[np.bool_]
-Ints = npt.NDArray[np.int64]
 
 
 class Planner:

@@ -14,11 +14,11 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.failures import Failures
 from rigidfx.base.remembered import PART, Remembered
+from rigidfx.base.types import Array, Bools
 from rigidfx.decide.advice import Advice
 from rigidfx.decide.clusters import NONE, CellGraph
 from rigidfx.decide.criteria.heeded import heeded_rule
@@ -46,9 +46,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
 __all__ = ["Policy"]
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 
 class Policy:

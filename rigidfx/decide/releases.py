@@ -6,10 +6,10 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import shown
+from rigidfx.base.types import Bools
 from rigidfx.decide.criteria.release import Release
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.report.report import Report
@@ -18,7 +18,6 @@ from rigidfx.scene.timeline import Timeline
 
 __all__ = ["PLANNED", "Releases"]
 
-Bools = npt.NDArray[np.bool_]
 
 PLANNED = "planned"  # reason of a release at a given time
 

@@ -18,6 +18,7 @@ from rigidfx.base import compat
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.inputs import communicator, numbers, shown
 from rigidfx.base.same_input import check_same
+from rigidfx.base.types import Ints
 from rigidfx.domain.domain import CELLS, Domain, Marker
 from rigidfx.domain.node_orders import (
     CORNERS,
@@ -122,7 +123,7 @@ def from_arrays(
     x = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     table = np.asarray(cells)
     width = comm.allreduce(table.shape[1] if table.size else 0, op=MPI.MAX) or CORNERS[cell]
-    rows: npt.NDArray[np.int64] = table.astype(np.int64).reshape(-1, width)
+    rows: Ints = table.astype(np.int64).reshape(-1, width)
     given = comm.allgather(hashlib.sha1(rows.tobytes()).digest() if rows.size else b"")
     agree(comm, _repeated(given))
     rows, problem = in_dolfinx_order(x, rows, cell) if rows.size else (rows, None)

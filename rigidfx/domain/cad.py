@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import number, path_of, positive, shown
+from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.domain.cad_entities import Cad, CadEntity, Which
 from rigidfx.domain.cad_import import import_shapes
@@ -27,7 +27,6 @@ from rigidfx.domain.gmsh_script import check_order, mesh_model, tell
 
 __all__ = ["list_cad", "read_cad"]
 
-Array = npt.NDArray[np.float64]
 
 EVEN = 1e-5  # relative: what is constant; of a surface's size over its radius: what is flat
 LOST = 0.01  # of the volume: more than that is told

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+
+from rigidfx.base.types import Array
 
 __all__ = ["CALLED", "Cad", "CadEntity", "Which"]
 
-Array = npt.NDArray[np.float64]
 
 CALLED = {3: "volumes", 2: "surfaces"}
 

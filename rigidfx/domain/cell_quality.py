@@ -20,6 +20,7 @@ from mpi4py import MPI
 
 from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
 from rigidfx.base.errors import agree
+from rigidfx.base.types import Array, Indices
 from rigidfx.base.warning import warn
 from rigidfx.domain.node_orders import collapsed
 
@@ -46,9 +47,7 @@ def naming(cell: Callable[[int], str]) -> Iterator[None]:
         _names.pop()
 
 
-def determinants(
-    mesh: dmesh.Mesh, cells: npt.NDArray[np.int32], points: npt.NDArray[np.float64]
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def determinants(mesh: dmesh.Mesh, cells: Indices, points: Array) -> tuple[Array, Array]:
     """Det J at reference points, shape (cells, points), and each cell's diameter cubed.
 
     Args:
@@ -69,7 +68,7 @@ def determinants(
     return np.linalg.det(J), np.linalg.norm(extent, axis=1) ** 3
 
 
-def check_points(cell: basix.CellType, degree: int) -> npt.NDArray[np.float64]:
+def check_points(cell: basix.CellType, degree: int) -> Array:
     """Corners of the reference cell and the points of a Gauss rule, shape (points, 3).
 
     Args:
@@ -80,7 +79,7 @@ def check_points(cell: basix.CellType, degree: int) -> npt.NDArray[np.float64]:
     return np.vstack([basix.geometry(cell), gauss])
 
 
-def _folded(mesh: dmesh.Mesh) -> npt.NDArray[np.int32]:
+def _folded(mesh: dmesh.Mesh) -> Indices:
     """One cell of each pair of neighbouring simplices that lie on the same side of their facet."""
     topology = mesh.topology
     topology.create_entities(2)

@@ -12,18 +12,15 @@ from typing import Any
 
 import dolfinx.mesh as dmesh
 import numpy as np
-import numpy.typing as npt
 from dolfinx import la
 from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from rigidfx.base.compat import cell_geometry_dofs
+from rigidfx.base.types import Array, Bools, Ints
 
 __all__ = ["ConnectedParts", "connected_parts"]
-
-Labels = npt.NDArray[np.int64]
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -39,8 +36,8 @@ class ConnectedParts:
     """
 
     count: int
-    of_cell: Labels
-    of_entity: Labels
+    of_cell: Ints
+    of_entity: Ints
     lower: Array
     upper: Array
 
@@ -55,9 +52,7 @@ class ConnectedParts:
         return f"the part of {size} m around ({middle}) m"
 
 
-def connected_parts(
-    mesh: dmesh.Mesh, dim: int, among: npt.NDArray[np.bool_] | None = None
-) -> ConnectedParts:
+def connected_parts(mesh: dmesh.Mesh, dim: int, among: Bools | None = None) -> ConnectedParts:
     """Find the connected parts. Collective.
 
     Args:
@@ -97,12 +92,12 @@ def connected_parts(
 
 
 def _apart(
-    rows: Labels,
-    columns: Labels,
-    among: npt.NDArray[np.bool_],
+    rows: Ints,
+    columns: Ints,
+    among: Bools,
     marks: Any,
     rest: int,
-) -> tuple[Labels, Labels]:
+) -> tuple[Ints, Ints]:
     """Links among some cells; all other cells, and entities of these alone, to one more node.
 
     Args:
@@ -124,7 +119,7 @@ def _apart(
     )
 
 
-def _numbered(mesh: dmesh.Mesh, count: int, of_cell: Labels, of_entity: Labels) -> ConnectedParts:
+def _numbered(mesh: dmesh.Mesh, count: int, of_cell: Ints, of_entity: Ints) -> ConnectedParts:
     """The parts in the order of the mesh file, with their extent. Collective."""
     least = np.full(count, np.iinfo(np.int64).max)
     lower, upper = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)

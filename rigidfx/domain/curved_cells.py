@@ -16,17 +16,14 @@ from typing import Any
 
 import basix
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
+from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.domain.cell_quality import check_points
 
 __all__ = ["straighten"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
 
 LEAST = 0.1  # of the straight cell's det J: gmsh's Mesh.HighOrderThresholdMin; also the least t
 CURVED = np.sqrt(np.finfo(float).eps)  # of a cell's size: nodes farther off are of curved edges
@@ -89,7 +86,7 @@ class _Cells:
 
     nodes: Ints
     straight: Array
-    corners: Mask
+    corners: Bools
     slopes: Array
     weights: Array
 
@@ -113,7 +110,7 @@ class _Cells:
         corners[at_corners] = True
         return cls(nodes, straight, corners, slopes, weights)
 
-    def mended(self, x: Array, fixed: Mask) -> tuple[Array, Ints]:
+    def mended(self, x: Array, fixed: Bools) -> tuple[Array, Ints]:
         """Places of nodes once all cells are sound, and cells that had to be straightened.
 
         Args:
@@ -153,7 +150,7 @@ class _Cells:
         """J, shape (cells, points, 3, 3)."""
         return np.einsum("pnj,cni->cpij", self.slopes, x[self.nodes[cells]], optimize=True)
 
-    def _relaxed(self, x: Array, fixed: Mask, bad: Ints) -> Array:
+    def _relaxed(self, x: Array, fixed: Bools, bad: Ints) -> Array:
         """Places once nodes on edges inside follow those on surfaces, around some cells."""
         near = np.zeros(len(x), dtype=bool)
         near[self.nodes[bad]] = True

@@ -20,6 +20,7 @@ from mpi4py import MPI
 from rigidfx.base.errors import SceneError, agree, together
 from rigidfx.base.inputs import shown
 from rigidfx.base.taken import take_fields
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.base.warning import warn
 from rigidfx.domain.cell_quality import check_cells
 from rigidfx.domain.edges import count_loose, edges_within
@@ -27,7 +28,7 @@ from rigidfx.domain.mesh_life import keep, let_go
 
 __all__ = ["CELLS", "KINDS", "Domain", "EntitySet", "Marker"]
 
-Marker = Callable[[npt.NDArray[np.float64]], npt.NDArray[np.bool_]]
+Marker = Callable[[Array], Bools]
 
 KINDS = {3: "cells", 2: "facets", 1: "edges", 0: "vertices"}
 CHORDS = " Straight edges leave a curve: let the marker allow for that, or curve cells (order=2)."
@@ -46,7 +47,7 @@ class EntitySet:
 
     name: str
     dim: int
-    entities: npt.NDArray[np.int32]
+    entities: Indices
 
     def __post_init__(self) -> None:
         """Take the numbers over."""
@@ -168,7 +169,7 @@ class Domain:
         self.mesh.topology.create_entities(dim)
         self.mesh.topology.create_connectivity(dim, tdim)
 
-        def checked(x: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+        def checked(x: Array) -> Bools:
             found = np.asarray(marker(x))
             if found.dtype != np.bool_ or found.shape != x.shape[1:]:
                 raise SceneError(
@@ -234,7 +235,7 @@ class Domain:
             raise SceneError(f"{owner}: of must be the name of cells, got {shown(of)}.")
         cells = self.find(of, (3,), owner).entities
 
-        def bounding(mesh: dmesh.Mesh, dim: int, marker: Marker) -> npt.NDArray[np.int32]:
+        def bounding(mesh: dmesh.Mesh, dim: int, marker: Marker) -> Indices:
             facets = dmesh.locate_entities_boundary(mesh, dim, marker)
             own = dmesh.compute_incident_entities(mesh.topology, cells, 3, 2)
             return np.intersect1d(facets, own)

@@ -7,17 +7,15 @@ from typing import Any
 
 import dolfinx.mesh as dmesh
 import numpy as np
-import numpy.typing as npt
 from dolfinx import la
 
+from rigidfx.base.types import Indices
 from rigidfx.domain.numbered import nodes_of
 
 __all__ = ["count_between", "count_loose", "edges_within"]
 
-Entities = npt.NDArray[np.int32]
 
-
-def edges_within(mesh: dmesh.Mesh, dim: int, marker: Callable[[Any], Any]) -> Entities:
+def edges_within(mesh: dmesh.Mesh, dim: int, marker: Callable[[Any], Any]) -> Indices:
     """Local edges with both ends and the middle in a marker, ghosts included.
 
     An edge across a corner has both ends on the rim of a face, and its middle inside.
@@ -33,7 +31,7 @@ def edges_within(mesh: dmesh.Mesh, dim: int, marker: Callable[[Any], Any]) -> En
     return np.asarray(edges[marker(middles.T)])
 
 
-def count_loose(mesh: dmesh.Mesh, vertices: Entities, edges: Entities) -> int:
+def count_loose(mesh: dmesh.Mesh, vertices: Indices, edges: Indices) -> int:
     """Number of vertices at which none of the edges ends. Collective.
 
     Args:
@@ -49,7 +47,7 @@ def count_loose(mesh: dmesh.Mesh, vertices: Entities, edges: Entities) -> int:
     return int(mesh.comm.allreduce(int(np.count_nonzero(marks.array[own] == 0.0))))
 
 
-def count_between(mesh: dmesh.Mesh, vertices: Entities) -> int:
+def count_between(mesh: dmesh.Mesh, vertices: Indices) -> int:
     """Number of edges with both ends among some vertices. Collective.
 
     Args:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from rigidfx.base.types import Array
+
 __all__ = ["Exchange"]
 
-Array = npt.NDArray[np.float64]
 Int = PETSc.IntType
 
 

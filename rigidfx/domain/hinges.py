@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import dolfinx.mesh as dmesh
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array
 from rigidfx.domain.connected import ConnectedParts
 
 __all__ = ["Hinge", "hinges"]
@@ -25,7 +25,7 @@ class Hinge:
     """
 
     parts: tuple[int, int]
-    nodes: npt.NDArray[np.float64]
+    nodes: Array
 
     def __str__(self) -> str:
         """How many vertices, of which shape, and where."""
@@ -67,7 +67,7 @@ def hinges(mesh: dmesh.Mesh, parts: ConnectedParts) -> list[Hinge]:
     found, first = np.unique(np.concatenate([f for f, _ in every]), axis=0, return_index=True)
     x = np.concatenate([own for _, own in every])[first]
     _, begin, count = np.unique(found[:, 0], return_index=True, return_counts=True)
-    shared: dict[tuple[int, int], list[npt.NDArray[np.float64]]] = {}
+    shared: dict[tuple[int, int], list[Array]] = {}
     for k in np.flatnonzero(count > 1):
         mine = [int(part) for part in found[begin[k] : begin[k] + count[k], 1]]
         for i, a in enumerate(mine):

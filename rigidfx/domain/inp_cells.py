@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array, Ints
 from rigidfx.domain.node_orders import CORNERS, widths
 
 __all__ = ["InpMesh", "Numbers", "edges_of", "element_name", "faces_of", "kind_of"]
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 @dataclass

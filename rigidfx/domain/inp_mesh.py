@@ -7,18 +7,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.types import Array, Ints
 from rigidfx.domain.inp_cards import folded, is_number
 from rigidfx.domain.inp_cells import InpMesh, Numbers, edges_of, element_name, faces_of, kind_of
 from rigidfx.domain.inp_model import Group, Instance, Model
 from rigidfx.domain.node_orders import CORNERS, advice_on, collapsed, widths
 
 __all__ = ["mesh_of"]
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 def mesh_of(model: Model, path: Path, corners: bool) -> InpMesh:

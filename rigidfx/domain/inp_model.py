@@ -14,11 +14,11 @@ from math import radians
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from rigidfx.base.inputs import shown
 from rigidfx.base.text_files import Decoder
+from rigidfx.base.types import Array, Ints
 from rigidfx.domain.inp_cards import (
     BEFORE,
     Card,
@@ -31,8 +31,6 @@ from rigidfx.domain.inp_cards import (
 
 __all__ = ["Group", "Instance", "Model", "Place", "model_of"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 # Types of elements, and how many nodes they have. Membranes are flat, trusses are neither.
 SOLIDS = r"[A-Z]{0,2}3D([4-9]|\d\d+)"

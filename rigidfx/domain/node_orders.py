@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import basix
 import numpy as np
-import numpy.typing as npt
+
+from rigidfx.base.types import Array, Ints
 
 __all__ = ["CORNERS", "advice_on", "collapsed", "degree_of", "in_dolfinx_order", "widths"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 CORNERS = {"hexahedron": 8, "tetrahedron": 4}
 SECOND = {"hexahedron": 27, "tetrahedron": 10}  # nodes of a cell of second order

@@ -6,17 +6,14 @@ from collections.abc import Mapping
 
 import dolfinx.mesh as dmesh
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base import compat
+from rigidfx.base.types import Indices, Ints
 
 __all__ = ["by_corners", "nodes_of"]
 
-Ints = npt.NDArray[np.int64]
-Nodes = npt.NDArray[np.int32]
 
-
-def nodes_of(mesh: dmesh.Mesh, dim: int, entities: Nodes) -> Nodes:
+def nodes_of(mesh: dmesh.Mesh, dim: int, entities: Indices) -> Indices:
     """Nodes of the geometry in the closure of entities, corners first. Collective.
 
     Args:
@@ -36,7 +33,7 @@ def nodes_of(mesh: dmesh.Mesh, dim: int, entities: Nodes) -> Nodes:
     return np.asarray(dmesh.entities_to_geometry(mesh, dim, entities))
 
 
-def by_corners(mesh: dmesh.Mesh, dim: int, named: Mapping[str, Ints]) -> dict[str, Nodes]:
+def by_corners(mesh: dmesh.Mesh, dim: int, named: Mapping[str, Ints]) -> dict[str, Indices]:
     """Local entities with given corners, ghosts included, by name. Collective.
 
     Corners that are those of no entity are left out.

@@ -24,12 +24,12 @@ from rigidfx.base import compat
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import names, shown
 from rigidfx.base.same_input import check_same
+from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.domain.domain import Domain, EntitySet
 from rigidfx.domain.numbered import by_corners, nodes_of
 
 __all__ = ["redistribute"]
 
-Ints = npt.NDArray[np.int64]
 NOWHERE = -1  # rank of a cell that has none yet
 
 
@@ -69,9 +69,7 @@ def redistribute(domain: Domain, sets: Sequence[str]) -> Domain:
     return Domain(new, moved)
 
 
-def _whole_mesh(
-    mesh: dmesh.Mesh, sets: Sequence[EntitySet]
-) -> tuple[Ints, npt.NDArray[np.float64], Ints]:
+def _whole_mesh(mesh: dmesh.Mesh, sets: Sequence[EntitySet]) -> tuple[Ints, Array, Ints]:
     """Nodes of all cells in the file's order, points, and each cell's group, on rank 0. Collective.
 
     The group is the number of the first of the sets that the cell is in, or that of sets.
@@ -96,7 +94,7 @@ def _whole_mesh(
 
 def _destinations(
     cells: Ints, groups: Ints, kind: dmesh.CellType, ranks: int
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+) -> tuple[Indices, Indices]:
     """The rank of each cell, then those of cells across its facets; and where each cell's begin."""
     a, b = _neighbours(cells, kind)
     owner = np.full(len(cells), NOWHERE)

@@ -31,15 +31,14 @@ from dataclasses import dataclass
 
 import dolfinx.mesh as dmesh
 import numpy as np
-import numpy.typing as npt
 from dolfinx import la
 from mpi4py import MPI
 
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 
 __all__ = ["ThinPart", "thin_parts"]
 
-Array = npt.NDArray[np.float64]
 
 SLENDER = 15.0  # diagonal over 2V/A
 LONG = 0.7  # length of cells over thickness
@@ -65,7 +64,7 @@ class ThinPart:
         return 1 / (1 + 0.5 * (self.length / self.thickness) ** 2)
 
 
-def thin_parts(mesh: dmesh.Mesh, strained: npt.NDArray[np.bool_]) -> list[ThinPart]:
+def thin_parts(mesh: dmesh.Mesh, strained: Bools) -> list[ThinPart]:
     """The slender parts whose first-order cells lock, in the order of the mesh file. Collective.
 
     Args:
@@ -102,7 +101,7 @@ def _simplex(mesh: dmesh.Mesh) -> bool:
     return bool(mesh.topology.cell_type == dmesh.CellType.tetrahedron)
 
 
-def _corners(mesh: dmesh.Mesh, dim: int, entities: npt.NDArray[np.int32]) -> Array:
+def _corners(mesh: dmesh.Mesh, dim: int, entities: Indices) -> Array:
     """Corners of straight facets or cells, shape (entities, corners, 3) [m]."""
     count = {3: 4, 2: 3} if _simplex(mesh) else {3: 8, 2: 4}
     if entities.size == 0:  # a rank may own nothing, which DOLFINx divides by
@@ -124,7 +123,7 @@ def _edges(x: Array) -> Array:
     return np.asarray(np.linalg.norm(x[:, a] - x[:, b], axis=2))
 
 
-def _lengths(mesh: dmesh.Mesh, x: Array, outside: npt.NDArray[np.bool_]) -> Array:
+def _lengths(mesh: dmesh.Mesh, x: Array, outside: Bools) -> Array:
     """Longest edge of each owned cell that crosses no single layer, shape (cells,) [m]. Collective.
 
     Args:
@@ -143,7 +142,7 @@ def _lengths(mesh: dmesh.Mesh, x: Array, outside: npt.NDArray[np.bool_]) -> Arra
     return np.asarray(np.where(single[:, along], 0.0, edges).max(axis=1))
 
 
-def _on_boundary(mesh: dmesh.Mesh, strained: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+def _on_boundary(mesh: dmesh.Mesh, strained: Bools) -> Bools:
     """Whether each local facet is one of a single strained cell. Collective."""
     for dims in ((3, 2), (2, 3)):  # the second is for places of facets
         mesh.topology.create_connectivity(*dims)
@@ -164,7 +163,7 @@ def _volumes(x: Array) -> Array:
     return np.asarray(sum(np.abs(np.linalg.det(e)) for e in edges) / 2)
 
 
-def _surfaces(mesh: dmesh.Mesh, parts: ConnectedParts, outside: npt.NDArray[np.bool_]) -> Array:
+def _surfaces(mesh: dmesh.Mesh, parts: ConnectedParts, outside: Bools) -> Array:
     """Area of this rank's boundary facets of each part, shape (parts,) [m²]."""
     owned = mesh.topology.index_map(2).size_local
     facets = np.flatnonzero(outside[:owned]).astype(np.int32)

@@ -12,10 +12,10 @@ from collections.abc import Iterator
 import basix
 import dolfinx.mesh as dmesh
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from rigidfx.base.compat import cell_geometry_dofs
+from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.domain.connected import ConnectedParts
 
 __all__ = ["touching"]
@@ -23,11 +23,8 @@ __all__ = ["touching"]
 COINCIDENT = 1e-6  # of the size of a cell; what is further apart than that does not touch
 AT_ONCE = 4096  # edges whose cells are looked at together
 
-Array = npt.NDArray[np.float64]
-Labels = npt.NDArray[np.int64]
 
-
-def touching(mesh: dmesh.Mesh, parts: ConnectedParts, group: Labels) -> Labels:
+def touching(mesh: dmesh.Mesh, parts: ConnectedParts, group: Ints) -> Ints:
     """Pairs of parts that touch, sorted, shape (2, pairs). Collective.
 
     Args:
@@ -52,7 +49,7 @@ def touching(mesh: dmesh.Mesh, parts: ConnectedParts, group: Labels) -> Labels:
     return np.unique(np.sort(np.concatenate(every), axis=1), axis=0).T.reshape(2, -1)
 
 
-def _edges(mesh: dmesh.Mesh, parts: ConnectedParts) -> tuple[Array, Labels]:
+def _edges(mesh: dmesh.Mesh, parts: ConnectedParts) -> tuple[Array, Ints]:
     """Edges of this rank's boundary facets by their ends, shape (n, 2, 3), and their parts."""
     topology = mesh.topology
     topology.create_entities(1)
@@ -67,7 +64,7 @@ def _edges(mesh: dmesh.Mesh, parts: ConnectedParts) -> tuple[Array, Labels]:
     return mesh.geometry.x[nodes], parts.of_entity[first.array[first.offsets[own]]]
 
 
-def _near(ends: Array, corners: Array) -> Iterator[tuple[Labels, Labels]]:
+def _near(ends: Array, corners: Array) -> Iterator[tuple[Ints, Ints]]:
     """Edges and cells whose boxes overlap, some at a time.
 
     Args:
@@ -91,7 +88,7 @@ def _near(ends: Array, corners: Array) -> Iterator[tuple[Labels, Labels]]:
         yield edges[over], cells[over]
 
 
-def _meets(mesh: dmesh.Mesh, corners: Array, ends: Array) -> npt.NDArray[np.bool_]:
+def _meets(mesh: dmesh.Mesh, corners: Array, ends: Array) -> Bools:
     """Whether some point of an edge lies in a cell, or on it.
 
     Args:

@@ -14,16 +14,14 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.failures import Failures
+from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.effects.motion import Forces, Instant
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.element import Element
 
 __all__ = ["Action", "ContactAction", "FormTerm", "Structure", "Touch"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +43,7 @@ class Structure:
 
     scene: Any
     rows: Any
-    own: npt.NDArray[np.bool_]
+    own: Bools
     bodies: Bodies
     mass: Any
     u: Array
@@ -230,7 +228,7 @@ class ContactAction(Action):
         """
         return np.inf
 
-    def pressing(self) -> tuple[npt.NDArray[np.int64], Array]:
+    def pressing(self) -> tuple[Ints, Array]:
         """Owned nodes of bodies that are pressed, deeper than rounding, and how.
 
         Returns:

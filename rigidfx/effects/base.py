@@ -8,11 +8,11 @@ from math import inf, isfinite
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, by_name, together
 from rigidfx.base.inputs import number, numbers, shown
 from rigidfx.base.taken import take_fields
+from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, FormTerm, Structure
 
 __all__ = [
@@ -27,7 +27,6 @@ __all__ = [
     "vector_at",
 ]
 
-Array = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
 WHOLE = "all cells"  # what goes by this name is not a set of cells but the whole domain
 

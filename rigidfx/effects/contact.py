@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import number, positive, shown
+from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Windowed, check_vector
@@ -25,8 +25,6 @@ from rigidfx.effects.contacts.surface import surface_of
 
 __all__ = ["Contact"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 NEGLIGIBLE = 1e-6  # of the distance of nodes: overlap at the start that is not worth a word
 TOO_DEEP = 0.5, 0.1  # of it: overlap that is refused, with an obstacle and with a surface

@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import is_function, numbers
+from rigidfx.base.types import Array, Indices, Ints
 
 __all__ = ["PlaceAndTime", "VectorField", "of_place", "some_points", "values_at", "values_of"]
 
-Array = npt.NDArray[np.float64]
 
 # Positions, shape (3, n) [m], and a time [s] → vectors, shape (3, n).
 VectorField = Callable[[Array, float], npt.ArrayLike]
@@ -86,7 +86,7 @@ def values_of(owner: str, function: Callable[[Array], npt.ArrayLike], scene: Any
     return together(scene.comm, f"{owner}: function must map (3, n) to (3, n); it", found)
 
 
-def some_points(scene: Any, nodes: npt.NDArray[np.int32]) -> Array:
+def some_points(scene: Any, nodes: Indices) -> Array:
     """A few positions among those of a set of nodes, the same on all ranks, shape (n, 3) [m].
 
     Collective. A change of a function of place is a change of a load where it is one at these.
@@ -100,7 +100,7 @@ def some_points(scene: Any, nodes: npt.NDArray[np.int32]) -> Array:
     return np.asarray(found[np.unique(_extremes(found))])
 
 
-def _extremes(X: Array) -> npt.NDArray[np.int64]:
+def _extremes(X: Array) -> Ints:
     """Which points lie furthest along each of several directions and against them."""
     if not len(X):
         return np.empty(0, np.int64)

@@ -25,7 +25,8 @@ from typing import Any
 import numpy as np
 
 from rigidfx.base.inputs import positive
-from rigidfx.effects.action import Action, Array, Structure
+from rigidfx.base.types import Array
+from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Effect, Vector, Windowed
 from rigidfx.effects.motion import Forces, Motion, Tangent
 

@@ -17,6 +17,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.inputs import vector
+from rigidfx.base.types import Array, Indices
 from rigidfx.effects.base import Effect, Vector
 from rigidfx.effects.fields import values_of
 from rigidfx.effects.supports.support import Fixed
@@ -29,7 +30,6 @@ __all__ = [
     "places_at_start",
 ]
 
-Array = npt.NDArray[np.float64]
 
 # Relative error of the difference quotient for a path whose velocity is not given.
 CONTRADICTION = 1e-5
@@ -103,7 +103,7 @@ class InitialVelocity(Effect):
     linear: Vector = (0.0, 0.0, 0.0)
     angular: Vector = (0.0, 0.0, 0.0)
     centre: Vector | None = None
-    function: Callable[[npt.NDArray[np.float64]], npt.ArrayLike] | None = None
+    function: Callable[[Array], npt.ArrayLike] | None = None
     where: str | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -170,7 +170,7 @@ def _refuse_shared_nodes(scene: Any) -> None:
 
 
 def agree_with_support(
-    scene: Any, velocity: Array, support: Any, nodes: npt.NDArray[np.int32], wanted: Array
+    scene: Any, velocity: Array, support: Any, nodes: Indices, wanted: Array
 ) -> None:
     """Refuse a velocity at the start that contradicts a support. Collective.
 

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.types import Array
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 
 __all__ = ["Forces", "ForcesOfNodes", "Instant", "Motion", "Tangent"]
 
-Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[Any]
 
 

@@ -20,14 +20,12 @@ from mpi4py import MPI
 from scipy.sparse import csr_array, diags_array
 
 from rigidfx.base.matrices import Matrix, compact
+from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import Structure
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion, Tangent
 from rigidfx.mechanics.bodies import Bodies
 
 __all__ = ["LinearNodes", "Nodes", "SharedNodes"]
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 class Nodes:

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_array
 
 from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.remembered import ByObject, Remembered
+from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Contact
 from rigidfx.effects.action import Touch
@@ -24,9 +24,6 @@ from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
 
 __all__ = ["BoundContacts"]
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 @dataclass
@@ -52,7 +49,7 @@ class _Entries:
         """Of this rank's dofs."""
         return np.asarray(self.first + np.arange(self.count))
 
-    def add_nodal(self, nodes: npt.NDArray[np.int32], blocks: Array) -> None:
+    def add_nodal(self, nodes: Indices, blocks: Array) -> None:
         """Blocks of owned nodes."""
         at = self.numbers.reshape(-1, 3)[nodes]
         row, column = (np.broadcast_to(a, blocks.shape) for a in (at[:, :, None], at[:, None]))

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
+from rigidfx.base.types import Array, Indices
 from rigidfx.error.failing import finite
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.scene.scene import Scene
 
 __all__ = ["CellStrains"]
-
-Array = npt.NDArray[np.float64]
-Cells = npt.NDArray[np.int32]
 
 
 class CellStrains:
@@ -30,9 +27,9 @@ class CellStrains:
         """
         self._comm, self._forces, self._indicator = scene.comm, forces, indicator
         self._ends = fem.Function(scene.space), fem.Function(scene.space)
-        self._cells: Cells | None = None
+        self._cells: Indices | None = None
 
-    def of(self, motion: Array, span: float, shape: fem.Function, cells: Cells) -> Array:
+    def of(self, motion: Array, span: float, shape: fem.Function, cells: Indices) -> Array:
         """Strain by a motion, over a time. Collective.
 
         Args:

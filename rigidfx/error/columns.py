@@ -7,12 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Columns"]
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 class Columns:
@@ -114,7 +112,7 @@ class Columns:
         out[self._wanted] += (self._at @ forces).reshape(-1, 3)
         return out
 
-    def _own(self) -> tuple[Ints, npt.NDArray[np.bool_]]:
+    def _own(self) -> tuple[Ints, Bools]:
         """Owned numbers of the nodes that have columns, and which of them this rank owns."""
         own = self.nodes - self._first
         return own, (own >= 0) & (own < self._scene.owned_nodes)

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.remembered import ON_NODES, PART, Remembered, same
+from rigidfx.base.types import Array, Ints
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Contact
 from rigidfx.error.bound_contacts import BoundContacts
@@ -29,8 +29,6 @@ from rigidfx.step.watches.judge import Attempt
 
 __all__ = ["Contacts", "Search"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Step = Callable[[Array], Array]
 
 

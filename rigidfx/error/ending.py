@@ -13,17 +13,15 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.remembered import LARGEST, Remembered, same
+from rigidfx.base.types import Array, Ints
 from rigidfx.error.failing import finite
 from rigidfx.error.response import Response
 from rigidfx.step.stepper import Stepper
 
 __all__ = ["Ending", "Promise"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 LITTLE = 0.04  # a twentieth of 0.8: of what is allowed, that is let go
 

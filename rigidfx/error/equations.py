@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.remembered import Kind, joined, part_of, restore
+from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.mass import ConsistentMass, LumpedMass, Mass
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Preload, Rigid
@@ -36,8 +36,6 @@ from rigidfx.step.watches.judge import Attempt
 
 __all__ = ["LARGEST", "SOLUTION", "Equations"]
 
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 Given = tuple[float, float, float]  # length of a step, and its damping: see `Response.step`
 
 # Unknowns up to which e is solved for all of them; beyond, by modes where there are no joints.

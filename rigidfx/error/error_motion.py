@@ -28,6 +28,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.remembered import PART, Remembered, same
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.effects import Contact
 from rigidfx.error.cell_strains import CellStrains
 from rigidfx.error.contacts import Contacts
@@ -50,10 +51,7 @@ from rigidfx.step.watches.watch import Watch
 
 __all__ = ["ErrorMotion"]
 
-Array = npt.NDArray[np.float64]
-Cells = npt.NDArray[np.int32]
 Nodes = npt.NDArray[np.integer]
-Bools = npt.NDArray[np.bool_]
 
 _FOLLOWING = PETSc.Log.Event("rigidfxErrorMotion")  # what PETSc's log calls this part of a run
 LOOKS = 4  # steps from look to look: at the size of e, and at cells that it hardly strains
@@ -183,7 +181,7 @@ class ErrorMotion(Watch):
         return ~self.validity.placed | self._frames.parts_with(self._equations.unheld)
 
     @or_dropped
-    def rates(self, cells: Cells) -> Array:
+    def rates(self, cells: Indices) -> Array:
         """Strain rates of e over its last step, or since they were asked for. Collective.
 
         In the criterion's measure; the second where e is known by modes.
@@ -205,7 +203,7 @@ class ErrorMotion(Watch):
         return float(self._scene.comm.allreduce(here, op=MPI.MAX))
 
     @or_dropped
-    def strains(self, cells: Cells) -> Array:
+    def strains(self, cells: Indices) -> Array:
         """Strains of e at the end of its last step, in the same measure [-]. See `rates`."""
         if (response := self._response) is None:
             return np.zeros(len(cells))
@@ -216,7 +214,7 @@ class ErrorMotion(Watch):
         return self._equations.response
 
     @or_dropped
-    def moved(self) -> tuple[Array, Cells]:
+    def moved(self) -> tuple[Array, Indices]:
         """Withheld motion of bodies: e without their rigid motions, in space. Collective.
 
         Returns:

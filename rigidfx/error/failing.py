@@ -11,9 +11,10 @@ from functools import wraps
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
+
+from rigidfx.base.types import Array
 
 __all__ = ["finite", "or_dropped"]
 
@@ -42,7 +43,7 @@ def or_dropped(method: Callable[..., T]) -> Callable[..., T]:
     return guarded
 
 
-def finite(values: npt.NDArray[np.float64], comm: MPI.Intracomm) -> npt.NDArray[np.float64]:
+def finite(values: Array, comm: MPI.Intracomm) -> Array:
     """Values of e, if they are finite on all ranks. Collective.
 
     Raises:

@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.remembered import ON_NODES, Kind
+from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.mechanics.local_rotations import LocalRotations
 from rigidfx.mechanics.rotation import nearest_rotations
 from rigidfx.scene.points import parts_of_nodes
@@ -20,10 +21,7 @@ from rigidfx.state import State
 
 __all__ = ["FRAMES", "Frames", "to_shape", "to_space"]
 
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 Nodes = npt.NDArray[np.integer]
-Cells = npt.NDArray[np.int32]
 
 
 class Frames:
@@ -97,7 +95,7 @@ class Frames:
         counts = np.bincount(self.part[nodes], minlength=len(self._parts))
         return np.asarray(self._scene.sum(counts.astype(np.float64)) > 0)
 
-    def of_nodes(self, x: Array, cells: Cells) -> Array:
+    def of_nodes(self, x: Array, cells: Indices) -> Array:
         """Rotation of some cells round each owned node, shape (nodes, 3, 3). Collective.
 
         Args:
@@ -119,7 +117,7 @@ class Frames:
         local.fit(M.array.reshape(-1, 9)[:n], out)
         return out
 
-    def parts_at(self, nodes: Sequence[Nodes]) -> npt.NDArray[np.int64]:
+    def parts_at(self, nodes: Sequence[Nodes]) -> Ints:
         """Connected part of each set of owned nodes, which may be empty on some ranks. Collective.
 
         Args:

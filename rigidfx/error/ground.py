@@ -5,18 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 from scipy.sparse import csr_array, vstack
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.averages import add_at_vectors, slopes_of
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Spring
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Ground", "ground_of"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -15,18 +15,15 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.remembered import ON_DOFS, ON_NODES, Remembered
+from rigidfx.base.types import Array, Bools
 from rigidfx.effects import Spring
 from rigidfx.error.frames import Frames
 from rigidfx.error.validity import SMALL
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Held"]
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 
 class Held:

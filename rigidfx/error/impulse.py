@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.remembered import ON_NODES, Remembered
+from rigidfx.base.types import Array, Indices
 from rigidfx.error.forces.body_forces import BodyForces
 from rigidfx.error.forces.parts import Parts
 from rigidfx.error.frames import Frames, to_shape, to_space
@@ -21,8 +22,6 @@ from rigidfx.step.stepper import Stepper
 
 __all__ = ["Impulse"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
 Nodes = npt.NDArray[np.integer]
 
 
@@ -75,7 +74,7 @@ class Impulse:
             self._of_bodies[body.number] = known
         return known[2]
 
-    def in_space(self, e: Array, frames: Frames, out: Array) -> tuple[Array, Ints]:
+    def in_space(self, e: Array, frames: Frames, out: Array) -> tuple[Array, Indices]:
         """e of bodies without their rigid motions, as it is in space. Collective.
 
         Args:

@@ -5,15 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
 
 __all__ = ["increments_of"]
 
 
-def increments_of(stepper: Stepper, attempt: Attempt) -> npt.NDArray[np.float64]:
+def increments_of(stepper: Stepper, attempt: Attempt) -> Array:
     """Increments of the owned nodes in an attempt, shape (nodes, 3) [m].
 
     Args:
@@ -22,7 +22,7 @@ def increments_of(stepper: Stepper, attempt: Attempt) -> npt.NDArray[np.float64]
     """
     system = stepper.system
     layout, equilibrium = system.layout, system.equilibrium
-    out: npt.NDArray[np.float64] = np.zeros((stepper.scene.owned_nodes, 3))
+    out: Array = np.zeros((stepper.scene.owned_nodes, 3))
     out[layout.rows.nodes] = equilibrium.d.array_r.reshape(-1, 3)
     moves: Any = attempt.increments.displacement
     for body, matrix in zip(layout.bodies, moves, strict=True):

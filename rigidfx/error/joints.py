@@ -24,12 +24,12 @@ from itertools import accumulate
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from scipy.linalg import null_space
 from scipy.sparse import csr_array, vstack
 
 from rigidfx.base.matrices import dense
+from rigidfx.base.types import Array, Bools
 from rigidfx.effects import Joint, JointSpring, Motor, SpringDamper, Stop
 from rigidfx.effects.joints.joint import Between
 from rigidfx.effects.joints.pieces import Terms
@@ -46,9 +46,6 @@ from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
 
 __all__ = ["Joints", "joined_parts"]
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from rigidfx.base.types import Array, Ints
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.remote_mass import WithRemoteMasses
 from rigidfx.coupling.rows import Rows
@@ -22,8 +22,6 @@ from rigidfx.step.linear.linear_solver import conjugate_gradients
 
 __all__ = ["LinearMotion", "assembled", "step_kind"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 # Times its own stiffness that a part named rigid has besides: it strains by 1e-4 of what it would,
 # and direct factors lose four digits of sixteen. With 1e3 a stalk that is rigid in its middle had

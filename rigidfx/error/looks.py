@@ -6,10 +6,10 @@ from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.remembered import CELLS, ON_CELLS, PART, Remembered, same
+from rigidfx.base.types import Array, Indices
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.forces.body_forces import BodyForces
 from rigidfx.error.pace import Pace
@@ -22,9 +22,6 @@ from rigidfx.step.watches.judge import Attempt
 from rigidfx.step.watches.watch import Watch
 
 __all__ = ["Looks"]
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
 
 
 class Looks(Watch):
@@ -51,7 +48,7 @@ class Looks(Watch):
         self._stepper, self._forces, self._error = stepper, forces, error
         self._shared = SharedStrains(stepper.scene.space, indicator)
         self._owned = indicator.values.size
-        self._rigid: Ints = np.empty(0, np.int32)
+        self._rigid: Indices = np.empty(0, np.int32)
         self._pace = Pace(forces, stepper.scene.owned_nodes)
         self.withheld = 0.0
         self._since = 0.0  # time since the last measure of u + e [s]
@@ -98,7 +95,7 @@ class Looks(Watch):
             spring = part_of(strain, attempt.dt * known.rates)
         return Strained(rate, spring, strain, known.window)
 
-    def _beyond(self, most: Array) -> Ints:
+    def _beyond(self, most: Array) -> Indices:
         """Rigid cells in which e is not small, and strains by more than `most` [-]. Collective."""
         if self._error.validity.holds.all():
             return self._rigid[:0]

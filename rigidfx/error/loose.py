@@ -11,19 +11,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.error.frames import Frames
 from rigidfx.error.ground import Ground
 from rigidfx.mechanics.rigid_motions import independent, rigid_motions
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Loose", "held_in_part", "loose_parts"]
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
-Ints = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from rigidfx.base.remembered import ON_NODES, SAME, Items, Remembered, same
+from rigidfx.base.types import Array, Ints
 from rigidfx.error.linear_motion import LinearMotion
 from rigidfx.error.loose import Loose
 from rigidfx.error.response import FACTORING, PREPARING
@@ -36,8 +36,6 @@ from rigidfx.step.linear.definite import solver_of
 from rigidfx.step.linear.eigenpairs import lowest
 
 __all__ = ["Modal", "Modes"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ class Modal:
         self,
         scene: Scene,
         motion: LinearMotion,
-        supported: npt.NDArray[np.int64],
+        supported: Ints,
         loose: Loose,
         sums: Sequence[csr_array],
         e: Array,
@@ -305,7 +303,7 @@ def _times(A: PETSc.Mat, v: PETSc.Vec) -> Array:
     return values
 
 
-def _led(K: PETSc.Mat, e: Array, supported: npt.NDArray[np.int64]) -> tuple[Array, Array | None]:
+def _led(K: PETSc.Mat, e: Array, supported: Ints) -> tuple[Array, Array | None]:
     """e at supports, zero elsewhere, shape (dofs,), and K times it; None if zero. Collective."""
     led = K.createVecRight()
     led.array[supported] = e.reshape(-1)[supported]

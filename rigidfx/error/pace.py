@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.remembered import ON_NODES, Remembered, same
+from rigidfx.base.types import Array
 from rigidfx.error.error_motion import LOOKS
 from rigidfx.error.forces.body_forces import BodyForces
 
 __all__ = ["Pace"]
 
-Array = npt.NDArray[np.float64]
 
 CALM = 0.5  # part of the rate that wakes cells, below which a look in several steps is enough
 ALARM = 2.0  # times the largest recent change of ρ in a step: a force that is new is looked at

@@ -12,10 +12,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
+from rigidfx.base.types import Array, Ints
 from rigidfx.error.frames import Frames, to_space
 from rigidfx.error.linear_motion import LinearMotion
 from rigidfx.error.response import Response
@@ -24,9 +24,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.step.system.supports import PrescribedDofs
 
 __all__ = ["Reactions"]
-
-Array = npt.NDArray[np.float64]
-Nodes = npt.NDArray[np.int64]
 
 
 class Reactions:
@@ -52,7 +49,7 @@ class Reactions:
         self._scene, self._viscous = scene, C is not None
         self._names: list[str] = []
         self._parts: list[int] = []
-        self._nodes: list[Nodes] = []  # one for each dof that the support holds
+        self._nodes: list[Ints] = []  # one for each dof that the support holds
         self.sums: list[csr_array] = []
         for name, dofs in held.of_each():
             part = frames.part[dofs // 3]
@@ -67,7 +64,7 @@ class Reactions:
                 weights = along.T, np.cross(arms, along).T
                 self.sums += [_summed(A, own, w) for A in (K, C) if A is not None for w in weights]
 
-    def _centres(self, x: Array, nodes: Sequence[Nodes]) -> Array:
+    def _centres(self, x: Array, nodes: Sequence[Ints]) -> Array:
         """Mean place of each set of owned nodes that lie at x, shape (sets, 3) [m]. Collective."""
         own = np.array([[len(n), *x[n].sum(axis=0)] for n in nodes])
         sums = np.asarray(self._scene.sum(own))
@@ -105,7 +102,7 @@ class Reactions:
         return out
 
 
-def _summed(A: PETSc.Mat, dofs: npt.NDArray[np.int64], weights: Array) -> csr_array:
+def _summed(A: PETSc.Mat, dofs: Ints, weights: Array) -> csr_array:
     """Sums of a symmetric matrix's rows, by this rank's columns. Collective.
 
     Args:

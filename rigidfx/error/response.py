@@ -9,16 +9,15 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from rigidfx.base.remembered import ON_NODES, SAME, Items, Remembered
+from rigidfx.base.types import Array
 from rigidfx.error.linear_motion import LinearMotion
 
 __all__ = ["FACTORING", "PREPARING", "AllUnknowns", "Response"]
 
-Array = npt.NDArray[np.float64]
 
 # Parts of the set-up in PETSc's log: matrices and modes; factors, of which it has the number.
 PREPARING = PETSc.Log.Event("rigidfxErrorSetup")

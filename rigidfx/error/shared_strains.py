@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
 from rigidfx.base.remembered import FIELD, Remembered, same
+from rigidfx.base.types import Array
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import Cells
 
 __all__ = ["SharedStrains"]
-
-Array = npt.NDArray[np.float64]
 
 
 class SharedStrains:

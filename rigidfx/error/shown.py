@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
+from rigidfx.base.types import Array
 
 __all__ = ["Shown"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ only; a projection onto all rigid motions would couple all with all.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.base.types import Array, Ints
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import rigid_faces
 from rigidfx.mechanics.rigid_motions import independent, rigid_motions
@@ -22,7 +22,6 @@ from rigidfx.scene.scene import Scene
 
 __all__ = ["stiff_faces"]
 
-Array = npt.NDArray[np.float64]
 Int = PETSc.IntType
 
 
@@ -51,7 +50,7 @@ def stiff_faces(scene: Scene, rows: Rows, places: Array, K: PETSc.Mat, times: fl
         penalty.destroy()
 
 
-def _forms(scene: Scene, rows: Rows, places: Array, numbers: npt.NDArray[np.int64]) -> PETSc.Mat:
+def _forms(scene: Scene, rows: Rows, places: Array, numbers: Ints) -> PETSc.Mat:
     """B of a face. Collective.
 
     Args:

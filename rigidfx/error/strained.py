@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+
+from rigidfx.base.types import Array
 
 __all__ = ["Limits", "Strained", "part_of"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

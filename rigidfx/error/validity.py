@@ -20,6 +20,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from rigidfx.base.remembered import CELLS, Remembered, same
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.base.warning import warn
 from rigidfx.error.joints import joined_parts
 from rigidfx.error.response import Response
@@ -29,9 +30,6 @@ from rigidfx.step.watches.watch import name_of_cell
 
 __all__ = ["Validity"]
 
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
-Cells = npt.NDArray[np.int32]
 
 # Quantities that are hidden, and doubts.
 ALL, STRAINS = "displacements, stresses and strains", "stresses and strains"
@@ -70,7 +68,7 @@ class Validity:
         self._joined = joined_parts(scene)
         self._largest: Array = np.zeros(scene.parts.count)  # strain of each part so far
         self._field = fem.Function(scene.space)
-        self.concerned: Cells = np.empty(0, np.int32)
+        self.concerned: Indices = np.empty(0, np.int32)
         self.holds = self.placed = np.ones(scene.parts.count, dtype=bool)
         self._said: tuple[str, ...] = ()  # kinds of warnings
 

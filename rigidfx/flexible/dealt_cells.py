@@ -12,18 +12,16 @@ from typing import Any
 
 import basix
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
 from rigidfx.base import compat
+from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.domain.exchange import Exchange
 
 __all__ = ["DealtCells"]
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int32]
 
 NOWHERE = -1
 
@@ -69,7 +67,7 @@ class DealtCells:
         here = bool(np.isin(cells, self._cells).all())
         return bool(self.mesh.comm.allreduce(here, op=MPI.LAND))
 
-    def counts(self, own: Indices) -> npt.NDArray[np.int64]:
+    def counts(self, own: Indices) -> Ints:
         """How many copies each rank has of some of the cells. Collective.
 
         Args:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from ufl.algorithms.analysis import extract_coefficients
 
 from rigidfx.base.compat import cell_geometry_dofs
+from rigidfx.base.types import Indices
 from rigidfx.flexible.elimination import library_of
 from rigidfx.flexible.kernels import jit_options
 from rigidfx.mechanics.enhancement import Enhancement
@@ -38,7 +38,7 @@ class Enhancements:
             self._library, _ = library_of(self._law.function_space.mesh.comm, options)
         return ufl.replace(expression, {of[0]: self._eta})
 
-    def update(self, cells: npt.NDArray[np.int32]) -> None:
+    def update(self, cells: Indices) -> None:
         """Compute it for some local cells; nothing if no expression reads it."""
         if self._eta is None or not cells.size:
             return

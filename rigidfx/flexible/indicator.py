@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
+from rigidfx.base.types import Array, Indices
 from rigidfx.flexible.internal_forces import Cells
 
 __all__ = ["Indicator"]
-
-Array = npt.NDArray[np.float64]
 
 
 class Indicator(Protocol):
@@ -25,7 +22,7 @@ class Indicator(Protocol):
     """
 
     @property
-    def cells(self) -> npt.NDArray[np.int32]:
+    def cells(self) -> Indices:
         """See above."""
         ...
 

@@ -14,11 +14,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
 from rigidfx.base.errors import by_name, together
+from rigidfx.base.types import Indices
 from rigidfx.effects import Effect, FormTerm
 from rigidfx.flexible.bound_forces import BoundForces, Taken, Variant
 from rigidfx.flexible.dealt_cells import DealtCells
@@ -30,8 +30,8 @@ from rigidfx.scene.scene import Scene
 
 __all__ = ["Cells", "Facets", "InternalForces"]
 
-Cells = Mapping[int, npt.NDArray[np.int32]]
-Facets = Mapping[int, npt.NDArray[np.int32]]
+Cells = Mapping[int, Indices]
+Facets = Mapping[int, Indices]
 Terms = tuple[str, tuple[int, ...]]  # the kind of what gives ξ, if it acts; terms of effects
 
 
@@ -210,7 +210,7 @@ class InternalForces:
 
     # Forms over cells ---------------------------------------------------------------------------
 
-    def cells(self, flexible: npt.NDArray[np.int32] | None = None) -> Cells:
+    def cells(self, flexible: Indices | None = None) -> Cells:
         """Owned cells by subdomain id.
 
         Args:
@@ -313,7 +313,7 @@ class InternalForces:
             if self._acting[0]:
                 numerical(True)
 
-    def loaded(self, *groups: Cells) -> npt.NDArray[np.int32]:
+    def loaded(self, *groups: Cells) -> Indices:
         """Those of some cells at whose facets loads act now, sorted."""
         found = [pairs[:, 0] for pairs in self.facets_of(*groups).values()]
         return np.unique(np.concatenate([np.empty(0, np.int32), *found]))

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import dolfinx.mesh as dmesh
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
+from rigidfx.base.types import Array
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import Kernel, add_vector
 from rigidfx.scene.scene import Scene
@@ -41,7 +41,7 @@ class InvertedCells:
 
     count: int
     number: int
-    place: npt.NDArray[np.float64]
+    place: Array
 
     def __str__(self) -> str:
         """Which cells, for messages."""

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from ufl.algorithms import expand_derivatives
@@ -30,6 +29,7 @@ from rigidfx.base.compiler import compiles
 from rigidfx.base.errors import CompilerError, SceneError
 from rigidfx.base.form_cache import compile_form
 from rigidfx.base.inputs import shown
+from rigidfx.base.types import Array, Indices
 from rigidfx.flexible.dealt_cells import DealtCells
 from rigidfx.flexible.elimination import eliminate
 from rigidfx.mechanics.enhancement import Enhancement, Note
@@ -151,8 +151,8 @@ class Kernel:
 
     def bind(
         self,
-        cells: Mapping[int, npt.NDArray[np.int32]],
-        facets: Mapping[int, npt.NDArray[np.int32]] | None = None,
+        cells: Mapping[int, Indices],
+        facets: Mapping[int, Indices] | None = None,
         instead: Mapping[fem.Function, fem.Function] | None = None,
         dealt: DealtCells | None = None,
     ) -> fem.Form:
@@ -197,7 +197,7 @@ def integral(form: fem.Form) -> float:
     return float(fem.assemble_scalar(form)) if form.reaches else 0.0
 
 
-def add_vector(values: npt.NDArray[np.float64], form: fem.Form) -> None:
+def add_vector(values: Array, form: fem.Form) -> None:
     """Add a bound linear form of this rank's cells to the numbers of its local dofs."""
     if form.reaches:
         fem.assemble_vector(values, form)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
+from rigidfx.base.types import Bools, Indices
 from rigidfx.effects import Effect
 from rigidfx.mechanics.materials import Energy
 from rigidfx.mechanics.schemes import Law
@@ -34,7 +34,7 @@ class MaterialClass:
 
     law: Law
     effects: tuple[int, ...]
-    cells: npt.NDArray[np.int32]
+    cells: Indices
 
 
 def material_classes(scene: Scene, effects: Sequence[Effect] = ()) -> list[MaterialClass]:
@@ -76,7 +76,7 @@ def _parameters(scene: Scene, pairs: Sequence[Any]) -> dict[str, Any]:
     return out
 
 
-def _combinations(scene: Scene, covered: npt.NDArray[np.bool_]) -> list[tuple[int, ...]]:
+def _combinations(scene: Scene, covered: Bools) -> list[tuple[int, ...]]:
     """Which effects act together on any cell of any rank, the same list on all. Collective."""
     if covered.shape[1] == 0:
         return [()]

@@ -31,16 +31,14 @@ from typing import Any
 
 import basix
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, la
 from scipy.sparse import csr_array
 
+from rigidfx.base.types import Array, Indices
 from rigidfx.flexible.stress import PointStress, Recovered, chunks
 from rigidfx.scene.scene import Scene
 
 __all__ = ["NodalStress", "extrapolation", "material_groups", "summed"]
-
-Array = npt.NDArray[np.float64]
 
 
 class NodalStress:
@@ -55,7 +53,7 @@ class NodalStress:
         self,
         scene: Scene,
         points: PointStress | None = None,
-        cells: npt.NDArray[np.int32] | None = None,
+        cells: Indices | None = None,
     ) -> None:
         """Compile the expressions, if they are not given. Collective.
 
@@ -133,7 +131,7 @@ def summed(scene: Scene, values: Array) -> Array:
     return np.array(vector.array).reshape(values.shape)
 
 
-def material_groups(scene: Scene) -> npt.NDArray[np.int32]:
+def material_groups(scene: Scene) -> Indices:
     """For each owned cell the number of the first of the scene's materials that equals its own."""
     groups = np.zeros(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
     materials = [material for material, _ in scene.materials]

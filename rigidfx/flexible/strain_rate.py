@@ -9,18 +9,16 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
 from rigidfx.base.form_cache import form_on
+from rigidfx.base.types import Array
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import Kernel, add_vector
 from rigidfx.scene.scene import Scene
 
 __all__ = ["StrainRates"]
-
-Array = npt.NDArray[np.float64]
 
 
 class StrainRates:

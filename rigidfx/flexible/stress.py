@@ -13,10 +13,10 @@ balances forces on a cell, and not what a bent part bears at its surface: of two
 over the height of a beam the mean is 0.47 of the bending peak, and of a single first-order one it
 is nothing. For peaks take values at nodes, `rigidfx.flexible.nodal_stress`.
 
-Cells of a part with shapes have the strains that its energy is of: those of the frozen shape and
+Indices of a part with shapes have the strains that its energy is of: those of the frozen shape and
 the first derivative along Φ q, as the strain of second order of Φ q alone is not that of the part.
 
-Cells of rigid bodies are no exception. Their nodes follow the body, F = R F_frozen, so they keep
+Indices of rigid bodies are no exception. Their nodes follow the body, F = R F_frozen, so they keep
 the stress they were frozen with, rotated with the body: σ = R σ_frozen Rᵀ; and their strain E. The
 stress of the forces on them comes by a displacement of their own, see `rigidfx.report.recovered`.
 
@@ -31,12 +31,12 @@ from typing import NamedTuple
 
 import basix
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.form_cache import compile_expression
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.flexible.enhancements import Enhancements
 from rigidfx.flexible.kernels import jit_options
 from rigidfx.flexible.material_classes import material_classes
@@ -54,8 +54,6 @@ __all__ = [
     "von_mises",
 ]
 
-Array = npt.NDArray[np.float64]
-Cells = npt.NDArray[np.int32]
 
 SYMMETRIC = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))  # components that are computed
 PLACES = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where each of all nine is among them
@@ -75,7 +73,7 @@ class Added(NamedTuple):
 
     shape: fem.Function
     motion: fem.Function
-    cells: npt.NDArray[np.bool_]
+    cells: Bools
     alone: bool = False
 
 
@@ -91,8 +89,8 @@ class Recovered(NamedTuple):
     """
 
     u: fem.Function
-    cells: npt.NDArray[np.bool_]
-    linear: npt.NDArray[np.bool_]
+    cells: Bools
+    linear: Bools
     added: Added | None = None
 
 
@@ -139,7 +137,7 @@ class PointStress:
         self.u.x.array[:] = u.x.array
         self.recovered = recovered
 
-    def evaluate(self, cells: Cells) -> Array:
+    def evaluate(self, cells: Indices) -> Array:
         """Values at the points of some owned cells, shape (cells, points, 14).
 
         Stress [Pa] and strain, six components each in the order xx, yy, zz, xy, yz, xz; J and 1,
@@ -165,7 +163,7 @@ class PointStress:
             out[besides, :, :12] = kept + self._besides(cells[besides], added)
         return out
 
-    def _besides(self, cells: Cells, added: Added) -> Array:
+    def _besides(self, cells: Indices, added: Added) -> Array:
         """Addition of a motion of a shape to stress and strain, linear and turned with cells.
 
         With those of the shape, and without the turning of these by the motion, if it is `alone`.
@@ -185,10 +183,10 @@ class PointStress:
         out = np.subtract(*ends[:2]) / 2 + sum(ends[2:])
         return _turned(out, _rotations(before, (self._X + u)[own]))
 
-    def _displaced(self, cells: Cells, side: float) -> Array:
+    def _displaced(self, cells: Indices, side: float) -> Array:
         """See `evaluate`; all cells have u and so many times the recovered motion."""
         assert self.recovered is not None
-        # Cells of both kinds share nodes. So these have the other displacement for a moment only.
+        # Indices of both kinds share nodes. So these have the other displacement for a moment only.
         nodes = np.unique(self._nodes[cells])
         u, instead = (f.x.array.reshape(-1, 3) for f in (self.u, self.recovered.u))
         kept = u[nodes]
@@ -197,7 +195,7 @@ class PointStress:
         u[nodes] = kept
         return out
 
-    def _evaluated(self, cells: Cells) -> Array:
+    def _evaluated(self, cells: Indices) -> Array:
         """See `evaluate`; all cells have the displacement u."""
         self._enhanced.update(cells)
         out = np.empty((cells.size, self.weights.size, 14))
@@ -261,7 +259,7 @@ def _turned(values: Array, R: Array) -> Array:
     return np.concatenate([stress[:, :, i, j], values[:, :, 6:]], axis=2)
 
 
-def chunks(cells: int) -> Iterator[Cells]:
+def chunks(cells: int) -> Iterator[Indices]:
     """The numbers below one, some at a time."""
     for first in range(0, cells, AT_ONCE):
         yield np.arange(first, min(first + AT_ONCE, cells), dtype=np.int32)

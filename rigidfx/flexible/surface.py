@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 
+from rigidfx.base.types import Array, Indices
 from rigidfx.flexible.kernels import Kernel
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.scene.scene import Scene
 
 __all__ = ["SMALL_WAY", "Surface"]
 
-Array = npt.NDArray[np.float64]
 
 SMALL_WAY = 1e-4  # of a cell, by which nodes are displaced to see how forces or stiffness change
 
@@ -90,7 +89,7 @@ class Surface:
         """
         return self._forces(self._scene.boundary(where, owner))[: self._scene.owned_nodes]
 
-    def _forces(self, facets: npt.NDArray[np.int32]) -> Array:
+    def _forces(self, facets: Indices) -> Array:
         """The same of some facets, at all local nodes. Collective."""
         scene = self._scene
         if self._kernel is None:

@@ -12,18 +12,16 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.remembered import Each, Kind, Maybe, Record
 from rigidfx.base.taken import read_only, seal
+from rigidfx.base.types import Array, Indices
 from rigidfx.mechanics.rigid_body import Body, BodyMotion, Frozen, RigidBody
 from rigidfx.mechanics.rotation import UNIT_SKEWS, skew
 from rigidfx.mechanics.shapes import Shapes, ShapesOfBodies, times
 
 __all__ = ["BODIES", "TRANSLATIONS", "Bodies", "Ensemble", "times"]
-
-Array = npt.NDArray[np.float64]
 
 
 # How a body's twelve numbers depend on its translation, see `Increments.L`.
@@ -60,7 +58,7 @@ class Ensemble:
         self.inertia = np.reshape([body.inertia for body in records], (-1, 3, 3))
         self.excess = np.reshape([body.excess for body in records], (-1, 3, 3))
         self.excessive = bool(self.excess.any())
-        self._holding: tuple[npt.NDArray[np.int32], Array, Array] | None = None
+        self._holding: tuple[Indices, Array, Array] | None = None
         kept = (b.frozen.energy if b.shapes is None else b.frozen.vibration for b in records)
         self.stored = float(sum(kept))
         self.strained = np.array([b.frozen.strain if b.shapes else 0.0 for b in records])
@@ -88,7 +86,7 @@ class Ensemble:
         """Number of bodies."""
         return len(self.records)
 
-    def holding(self, count: int) -> tuple[npt.NDArray[np.int32], Array, Array]:
+    def holding(self, count: int) -> tuple[Indices, Array, Array]:
         """Which of the first nodes are bodies', found once.
 
         Args:

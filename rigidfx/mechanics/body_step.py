@@ -23,17 +23,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.c_library import c_library
+from rigidfx.base.types import Array, Ints
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rotation import IDENTITY, orthonormalized, skew
 
 __all__ = ["Increments", "StaticStep", "Step", "prepare"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 # f̂ v̂ = v fᵀ - (f·v) I from v fᵀ, both row by row.
 COUPLES = np.eye(9) - np.outer(IDENTITY, IDENTITY)

@@ -11,14 +11,11 @@ from dataclasses import dataclass, replace
 from math import cos, pi
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.remembered import Each, Record
+from rigidfx.base.types import Array, Indices
 
 __all__ = ["EASED", "Eased"]
-
-Array = npt.NDArray[np.float64]
-Int32s = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -34,14 +31,14 @@ class Eased:
         span: How long the stress takes to fade [s].
     """
 
-    cells: Int32s
-    nodes: Int32s
+    cells: Indices
+    nodes: Indices
     shape: Array
     strained: Array
     since: float
     span: float
 
-    def without(self, cells: Int32s) -> Eased:
+    def without(self, cells: Indices) -> Eased:
         """The same without some cells, which have become rigid."""
         return replace(self, cells=np.setdiff1d(self.cells, cells))
 

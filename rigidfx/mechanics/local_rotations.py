@@ -16,16 +16,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.c_library import c_library
+from rigidfx.base.types import Array, Indices
 from rigidfx.mechanics.rotation import IDENTITY
 
 __all__ = ["LocalRotations", "polar_factors", "turn_vectors"]
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int32]
 
 SOURCE = Path(__file__).with_suffix(".c")
 DECLARED = """

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from ufl.algorithms import expand_derivatives
 
+from rigidfx.base.types import Array
 from rigidfx.mechanics.evaluated import evaluated
 from rigidfx.mechanics.materials import Isotropic, Material
 from rigidfx.mechanics.schemes import initial_stiffness_times
 
 __all__ = ["rest_moduli"]
-
-Array = npt.NDArray[np.float64]
 
 
 def rest_moduli(material: Material) -> tuple[float, float] | None:

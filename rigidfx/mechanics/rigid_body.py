@@ -13,11 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.taken import seal
+from rigidfx.base.types import Array, Indices
 from rigidfx.mechanics.shapes import Shapes
 
 __all__ = ["Body", "BodyMotion", "Frozen", "RigidBody", "at_rest"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,7 @@ class Frozen:
             moves it may be less than zero, with a consistent mass [J].
     """
 
-    nodes: npt.NDArray[np.int32]
+    nodes: Indices
     velocities: Array
     strain: float
     vibration: float
@@ -75,8 +74,8 @@ class RigidBody:
     """
 
     name: str
-    cells: npt.NDArray[np.int32]
-    nodes: npt.NDArray[np.int32]
+    cells: Indices
+    nodes: Indices
     offsets: Array
     displacement: Array
     mass: float

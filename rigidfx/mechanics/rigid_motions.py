@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from scipy.linalg import null_space, qr
 
+from rigidfx.base.types import Array, Bools, Ints
+
 __all__ = ["free_motions", "independent", "rigid_motions", "spanning"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Bools = npt.NDArray[np.bool_]
 
 RIGID = 1e-6  # part of a body's length by which places on a line may be off it
 

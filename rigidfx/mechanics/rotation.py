@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.types import Array
+
 __all__ = [
     "AXES",
     "axial",
@@ -20,8 +22,6 @@ __all__ = [
     "orthonormalized",
     "skew",
 ]
-
-Array = npt.NDArray[np.float64]
 
 
 IDENTITY = np.eye(3)

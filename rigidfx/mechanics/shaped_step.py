@@ -25,17 +25,14 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array, Ints
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments, Step
 from rigidfx.mechanics.rotation import IDENTITY, axial, cayley, skew
 from rigidfx.mechanics.shapes import ShapesOfBodies, contracted, times
 
 __all__ = ["increments_of"]
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 def increments_of(step: Step, unknowns: Array) -> Increments:

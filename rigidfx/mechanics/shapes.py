@@ -36,14 +36,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.taken import seal
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.mechanics.rotation import IDENTITY, axial, skew
 
 __all__ = ["Shapes", "ShapesOfBodies"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -65,9 +63,9 @@ class Shapes:
             coordinate, shape (m, 3); None of a body that moves freely.
     """
 
-    nodes: npt.NDArray[np.int32]
+    nodes: Indices
     modes: Array
-    pressed: npt.NDArray[np.bool_]
+    pressed: Bools
     moments: Array
     stiffness: Array
     force: Array
@@ -134,7 +132,7 @@ class ShapesOfBodies:
         seal(self)
 
     @cached_property
-    def known(self) -> npt.NDArray[np.bool_]:
+    def known(self) -> Bools:
         """Which coordinates there are, of all bodies, shape (all, most)."""
         return np.arange(self.most) < self.counts[:, None]
 

@@ -21,6 +21,7 @@ from mpi4py import MPI
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import numbers, path_of
 from rigidfx.base.text_files import write_text
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.domain.domain import Domain
 from rigidfx.effects import Reduced, Rigid
@@ -167,7 +168,7 @@ def _own_mass(body: dict[str, Any]) -> dict[str, Any]:
     return {"mass": body["mass"], "inertia": (inertia + inertia.T) / 2}
 
 
-def _free_name(name: str, cells: npt.NDArray[np.int32], domain: Domain, taken: set[str]) -> str:
+def _free_name(name: str, cells: Indices, domain: Domain, taken: set[str]) -> str:
     """A name for a body's set of cells that does not stand for other cells. Collective."""
     name = re.sub(r"^part (?=\d+$)", "body ", name)
     while True:
@@ -178,7 +179,7 @@ def _free_name(name: str, cells: npt.NDArray[np.int32], domain: Domain, taken: s
         name += " found"
 
 
-def _place(domain: Domain, cells: npt.NDArray[np.int32]) -> npt.NDArray[np.float64]:
+def _place(domain: Domain, cells: Indices) -> Array:
     """Mean of the middles of owned cells in the reference shape, shape (3,) [m]. Collective."""
     middles = dmesh.compute_midpoints(domain.mesh, 3, cells).reshape(-1, 3)
     total = np.r_[middles.sum(axis=0), len(middles)]
@@ -192,7 +193,7 @@ def _json(content: dict[str, Any]) -> str:
     return re.sub(r"\[[^][{}\"]*\]", lambda numbers: " ".join(numbers[0].split()), text) + "\n"
 
 
-def _box(domain: Domain) -> npt.NDArray[np.float64]:
+def _box(domain: Domain) -> Array:
     """Least and greatest coordinates of the mesh, shape (2, 3) [m]. Collective."""
     x = domain.mesh.geometry.x
     ends = np.array([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
@@ -201,9 +202,7 @@ def _box(domain: Domain) -> npt.NDArray[np.float64]:
     return np.array([lower, -upper])
 
 
-def _checked(
-    content: dict[str, Any], total: int, box: npt.NDArray[np.float64]
-) -> list[dict[str, Any]]:
+def _checked(content: dict[str, Any], total: int, box: Array) -> list[dict[str, Any]]:
     """The bodies of a file, if they are of this mesh.
 
     Args:
@@ -255,7 +254,7 @@ def _numbers(body: dict[str, Any]) -> None:
         raise ValueError(f"given of body '{body['name']}' is {body['given']!r}.")
 
 
-def _touching_flexible(scene: Scene, body_numbers: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+def _touching_flexible(scene: Scene, body_numbers: Indices) -> Bools:
     """For each owned node whether it belongs to a flexible cell. Collective."""
     owned = scene.mesh.topology.index_map(3).size_local
     cells = np.arange(owned, dtype=np.int32)[body_numbers == 0]

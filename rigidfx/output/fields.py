@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.types import Indices
 from rigidfx.effects import Contact, PointMass
 from rigidfx.flexible.nodal_stress import NodalStress, material_groups
 from rigidfx.flexible.stress import CauchyStress, tensors, von_mises
@@ -113,7 +114,7 @@ class Fields:
         return fields
 
 
-def _material_numbers(scene: Scene) -> npt.NDArray[np.int32]:
+def _material_numbers(scene: Scene) -> Indices:
     """For each owned cell, which of the scene's materials it has, counted from 0."""
     numbers = np.zeros(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
     for k, (_, cells) in enumerate(scene.materials):

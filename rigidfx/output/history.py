@@ -72,10 +72,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import OutputError
 from rigidfx.base.inputs import path_of
+from rigidfx.base.types import Array
 from rigidfx.effects import JointReport, SpringDamperReport, Touch
 from rigidfx.flexible.stress import SYMMETRIC
 from rigidfx.report.peaks import Peak
@@ -94,7 +94,6 @@ __all__ = [
     "resolved_columns",
 ]
 
-Array = npt.NDArray[np.float64]
 
 SCALARS = (
     *("step", "t", "dt", "iterations", "tangents", "linear_iterations", "cuts"),

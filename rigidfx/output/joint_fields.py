@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array
 from rigidfx.effects import Joint, JointReport
 from rigidfx.output.paraview import Cloud
 from rigidfx.output.point_fields import PointFields
@@ -18,8 +18,6 @@ from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
 __all__ = ["JointFields", "clouds_of"]
-
-Array = npt.NDArray[np.float64]
 
 
 class JointFields:

@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, plot
 
+from rigidfx.base.types import Indices
 from rigidfx.output.changed import ChangedFile
 
 __all__ = ["Body", "Cloud", "Series"]
@@ -46,7 +47,7 @@ class Body:
         vtk_type: VTK's number of the cell type.
     """
 
-    def __init__(self, space: Any, parts: npt.NDArray[np.int32] | None = None) -> None:
+    def __init__(self, space: Any, parts: Indices | None = None) -> None:
         """Number cells and nodes. Collective.
 
         Args:

@@ -9,16 +9,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array
 from rigidfx.flexible.stress import PointStress, chunks, tensors, von_mises
 from rigidfx.output.paraview import Body, Cloud
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
 __all__ = ["PointFields"]
-
-Array = npt.NDArray[np.float64]
 
 
 class PointFields:

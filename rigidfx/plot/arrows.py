@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array
 from rigidfx.plot.units import prefixed
 from rigidfx.report.report import Report
 
 __all__ = ["Arrows", "add_arrows", "arrows_of", "ends_of", "largest_of", "told"]
 
-Array = npt.NDArray[np.float64]
 
 KINDS = {"force": ("#d62728", "red", "N"), "moment": ("#1f77b4", "blue", "N m")}
 LONGEST = 0.4  # length of the longest arrow, over the radius of the body

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import OutputError, RigidfxError, SceneError, agree
 from rigidfx.base.inputs import number, numbers, path_of, shown
 from rigidfx.base.instants import reached
 from rigidfx.base.taken import take_fields
+from rigidfx.base.types import Array
 from rigidfx.output.history import columns_of
 
 __all__ = [
@@ -32,7 +32,6 @@ __all__ = [
     "save",
 ]
 
-Array = npt.NDArray[np.float64]
 
 STYLE = {
     "font.size": 12,

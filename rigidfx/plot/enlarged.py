@@ -7,10 +7,10 @@ from math import floor, log10
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import positive, shown
+from rigidfx.base.types import Array
 
 __all__ = ["SHOWN", "Scale", "check_scale", "factor_of"]
 
@@ -37,8 +37,8 @@ def check_scale(owner: str, scale: Any) -> Scale:
 
 def factor_of(
     scale: Scale,
-    points: npt.NDArray[np.float64],
-    displacements: Iterable[npt.NDArray[np.float64]],
+    points: Array,
+    displacements: Iterable[Array],
 ) -> float:
     """The factor; if it is to be found, 1, 2 or 5 times a power of ten, and 1 at least.
 

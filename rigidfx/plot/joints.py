@@ -7,19 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import OutputError, SceneError
 from rigidfx.base.inputs import path_of, shown
+from rigidfx.base.types import Array
 from rigidfx.output.history import columns_of, joint_columns, resolved_columns
 from rigidfx.plot.curves import curves, is_table, on_first_rank
 from rigidfx.plot.panels import of_joints
 from rigidfx.report.report import Report
 
 __all__ = ["joints"]
-
-Array = npt.NDArray[np.float64]
 
 
 def joints(

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array
 from rigidfx.plot.curves import Curve
 
 __all__ = ["spent"]
 
-Array = npt.NDArray[np.float64]
 
 ENERGIES = {"withheld": "withheld by rigidity", "frozen": "frozen vibration"}
 

@@ -6,14 +6,13 @@ import re
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array
 from rigidfx.plot.curves import Curve
 from rigidfx.plot.units import prefixed
 
 __all__ = ["Panels", "of_joints", "of_probes"]
 
-Array = npt.NDArray[np.float64]
 Panels = dict[str, tuple[list[Curve], str]]  # heading → curves, and title of the ordinate
 
 SEEN = 0.01  # of the largest value in a panel: what is never as large is left out

@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import OutputError, SceneError
 from rigidfx.base.inputs import number, path_of, shown
 from rigidfx.base.progress import bar_over
+from rigidfx.base.types import Array
 from rigidfx.output.field_reader import read_fields
 from rigidfx.output.history import columns_of, resolved_columns
 from rigidfx.plot.arrows import Arrows
@@ -59,7 +59,6 @@ __all__ = [
     "save",
 ]
 
-Array = npt.NDArray[np.float64]
 
 FRAMES = 100  # times that a film shows at most, unless told otherwise
 

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import numbers, shown
 from rigidfx.base.progress import bar_over
+from rigidfx.base.types import Array
 from rigidfx.plot.arrows import Arrows, add_arrows, ends_of, largest_of, told
 from rigidfx.plot.curves import DPI, figure_of, save
 from rigidfx.plot.units import prefixed
@@ -42,7 +42,6 @@ __all__ = [
     "tell_scale",
 ]
 
-Array = npt.NDArray[np.float64]
 
 VIEW = (1.0, -0.6, 0.5)  # direction from the body to the camera, unless told otherwise
 SIDE = 2.9  # inches of a photograph in a sheet

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, path_of, shown, whole
 from rigidfx.base.instants import reached
+from rigidfx.base.types import Array
 from rigidfx.flexible.nodal_stress import NodalStress, material_groups
 from rigidfx.flexible.stress import tensors, von_mises
 from rigidfx.output.paraview import Body
@@ -28,7 +28,6 @@ from rigidfx.scene.scene import Scene
 
 __all__ = ["Shapes"]
 
-Array = npt.NDArray[np.float64]
 
 Colour = Literal["displacement", "velocity", "rigid", "von_mises"]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.base.types import Array, Bools
 from rigidfx.error.forces.parts import Parts
 from rigidfx.error.linear_motion import assembled
 from rigidfx.flexible.linear_forms import LinearForms
@@ -17,9 +17,6 @@ from rigidfx.step.linear.definite import solver_of
 from rigidfx.step.stepper import Stepper
 
 __all__ = ["AtRest"]
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 
 class AtRest:

@@ -9,8 +9,8 @@ between these and the forces on the rest of it; no rigid motion of it is left.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.effects import Rigid
 from rigidfx.mechanics.bodies import Bodies
@@ -24,10 +24,6 @@ from rigidfx.step.watches.judge import Attempt
 from rigidfx.step.watches.watch import Watch
 
 __all__ = ["HeldParts"]
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Bools = npt.NDArray[np.bool_]
 
 
 class HeldParts(Watch):
@@ -58,7 +54,7 @@ class HeldParts(Watch):
         }
         return list(self._known.values())
 
-    def _record(self, name: str, number: int, cells: npt.NDArray[np.int32]) -> RigidBody:
+    def _record(self, name: str, number: int, cells: Indices) -> RigidBody:
         """A part as a body that is frozen where it is. Collective."""
         stepper = self._stepper
         scene, state, forces = stepper.scene, stepper.state, stepper.forces

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.forces.body_forces import BodyForces
 from rigidfx.flexible.linear_forms import LinearForms
@@ -26,10 +26,6 @@ from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import PrescribedDofs
 
 __all__ = ["Carried", "Recovery"]
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
-Int32s = npt.NDArray[np.int32]
 
 
 BENDS = 0.02  # part of its length that a part may move within itself by a linear response
@@ -46,8 +42,8 @@ class Carried(NamedTuple):
     """
 
     u: Array
-    cells: Int32s
-    balanced: Int32s
+    cells: Indices
+    balanced: Indices
 
     def among(self, count: int) -> tuple[Bools, Bools]:
         """Which of so many owned cells it is of, and of which as a linear response."""
@@ -133,7 +129,7 @@ class Recovery:
         self._rest[held] = AtRest(self._stepper, self._linear, bodies, where)
         return self._rest[held]
 
-    def _balanced(self, u: Array, loaded: Sequence[tuple[RigidBody, Array]]) -> Int32s:
+    def _balanced(self, u: Array, loaded: Sequence[tuple[RigidBody, Array]]) -> Indices:
         """Put in strains of parts in the whole structure, where these differ. Collective.
 
         Args:

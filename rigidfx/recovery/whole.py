@@ -16,9 +16,9 @@ from collections.abc import Sequence
 from copy import deepcopy
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
@@ -35,8 +35,6 @@ from rigidfx.step.system.supports import PrescribedDofs
 
 __all__ = ["Whole", "small_enough"]
 
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 LONG = 1e4  # times the time so far: a step in which nothing but stiffness counts
 UP_TO = 100_000  # unknowns that are factored for that: their factors take 2 GB, and ten seconds

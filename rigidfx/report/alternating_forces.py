@@ -14,10 +14,10 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.effects import Joint, ResolvedForces, Rigid
 from rigidfx.effects.joints.elements import titles_of
@@ -30,8 +30,6 @@ from rigidfx.step.watches.alternation import FIRST, Alternation
 from rigidfx.step.watches.unresolved import WORTH_A_WARNING as NOTHING
 
 __all__ = ["AlternatingForces"]
-
-Array = npt.NDArray[np.float64]
 
 
 class AlternatingForces(Look):

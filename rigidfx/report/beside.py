@@ -7,14 +7,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array
 from rigidfx.report.ledger import Entry
 from rigidfx.report.report import Report
 
 __all__ = ["beside"]
 
-Array = npt.NDArray[np.float64]
 
 KNOWN = 8  # steps of the finer run that are remembered
 AHEAD = 2  # of them past the time that is asked, as slopes are taken from neighbours

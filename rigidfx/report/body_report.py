@@ -5,16 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
+from rigidfx.base.types import Array
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.mechanics.rotation import skew
 
 __all__ = ["BodyReport", "body_reports"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

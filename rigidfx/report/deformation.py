@@ -11,10 +11,10 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.types import Array, Ints
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rotation import axial, cross
 from rigidfx.scene.held import holding
@@ -25,9 +25,6 @@ from rigidfx.step.system.system import System
 __all__ = ["THIN", "Deformation"]
 
 THIN = 1e-9  # of the largest moment of inertia or singular value: below it nodes lie on a line
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 class Deformation:

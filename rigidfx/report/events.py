@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
+
+from rigidfx.base.types import Array, Indices
 
 __all__ = ["BodyChange", "Event"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -75,4 +74,4 @@ class Event:
     angular_impulse: Array
     linear_momentum_error: float
     angular_momentum_error: float
-    woken: npt.NDArray[np.int32] = field(default_factory=lambda: np.empty(0, np.int32))
+    woken: Indices = field(default_factory=lambda: np.empty(0, np.int32))

@@ -16,7 +16,6 @@ from math import pi
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.remembered import Remembered, same
@@ -32,7 +31,6 @@ from rigidfx.step.watches.unresolved import WORTH_A_WARNING as NOTHING
 
 __all__ = ["FastLoads"]
 
-Array = npt.NDArray[np.float64]
 
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(RESOLVED // 2)
 

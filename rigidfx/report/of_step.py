@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.named import Named
+from rigidfx.base.types import Array
 from rigidfx.effects import Contact, Joint, JointReports, Rigid, SpringDamper, Touch
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.shown import Shown
@@ -26,9 +26,6 @@ from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import Impact
 
 __all__ = ["amended", "held_at_start", "report_of"]
-
-
-Array = npt.NDArray[np.float64]
 
 
 class Reported(Protocol):

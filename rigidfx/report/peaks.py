@@ -11,18 +11,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.taken import seal
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.flexible.nodal_stress import NodalStress, material_groups, summed
 from rigidfx.flexible.stress import tensors, von_mises
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Peak", "Peaks"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -61,7 +59,7 @@ class Peaks:
             SceneError: If there is no such set.
         """
         self.names = tuple(names)
-        self._scene, self._masks = scene, dict[str, npt.NDArray[np.bool_]]()
+        self._scene, self._masks = scene, dict[str, Bools]()
         groups = material_groups(scene)
         table = scene.space.dofmap.list[: groups.size]
         local = scene.space.tabulate_dof_coordinates().shape[0]
@@ -79,11 +77,11 @@ class Peaks:
 
     def _marked(
         self,
-        on: npt.NDArray[np.bool_],
-        cells: npt.NDArray[np.bool_],
-        groups: npt.NDArray[np.int32],
-        table: npt.NDArray[np.int32],
-    ) -> npt.NDArray[np.bool_]:
+        on: Bools,
+        cells: Bools,
+        groups: Indices,
+        table: Indices,
+    ) -> Bools:
         """Which values at owned nodes count, shape (materials, nodes). Collective."""
         marks = np.zeros((len(self._scene.materials), len(on), 1))
         marks[np.repeat(groups[cells], table.shape[1]), table[cells].reshape(-1)] = 1.0

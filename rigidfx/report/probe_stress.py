@@ -12,10 +12,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, la
 
 from rigidfx.base.taken import seal
+from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.flexible.nodal_stress import extrapolation, material_groups
 from rigidfx.flexible.stress import Added, PointStress, Recovered, tensors, von_mises
 from rigidfx.recovery.recovery import Carried
@@ -24,7 +24,6 @@ from rigidfx.state import State
 
 __all__ = ["Holder", "ProbeStress", "Strained", "StressAt"]
 
-Array = npt.NDArray[np.float64]
 Strained = Callable[[], Carried]
 
 
@@ -38,7 +37,7 @@ class Holder:
         material: Number of its material among `material_groups`.
     """
 
-    nodes: npt.NDArray[np.int64]
+    nodes: Ints
     weights: Array
     material: int
 
@@ -86,7 +85,7 @@ class ProbeStress:
         self._of = np.repeat(np.arange(len(patches)), [cells.size for cells, _ in patches])
         self._nodes = self._wanted_nodes()
 
-    def _patch(self, holder: Holder) -> tuple[npt.NDArray[np.int32], Array]:
+    def _patch(self, holder: Holder) -> tuple[Indices, Array]:
         """Owned cells around a probe, and the weight of each of their integration points."""
         scene = self._scene
         table = scene.space.dofmap.list[: scene.mesh.topology.index_map(3).size_local]
@@ -105,7 +104,7 @@ class ProbeStress:
         parts = np.where(inside, shares * (holder.weights / sums)[at], 0.0)
         return cells, parts @ extrapolation(scene, self._points)
 
-    def _wanted_nodes(self) -> npt.NDArray[np.int64]:
+    def _wanted_nodes(self) -> Ints:
         """Owned nodes that cells around probes have on any rank. Collective."""
         scene = self._scene
         marks = la.vector(scene.space.dofmap.index_map, 1)

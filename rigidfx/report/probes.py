@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import block_diag
 
+from rigidfx.base.types import Array, Ints
 from rigidfx.flexible.nodal_stress import material_groups
 from rigidfx.flexible.stress import Added
 from rigidfx.report.probe_stress import Holder, ProbeStress, Strained, StressAt
@@ -17,8 +17,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 
 __all__ = ["Probes"]
-
-Array = npt.NDArray[np.float64]
 
 
 class Probes:
@@ -54,7 +52,7 @@ class Probes:
         """Nodes of this rank and their weights, of each probe."""
         return self._probes
 
-    def _summed(self, at: Callable[[npt.NDArray[np.int64]], Array]) -> Mapping[str, Array]:
+    def _summed(self, at: Callable[[Ints], Array]) -> Mapping[str, Array]:
         """Weighted sums of vectors at the nodes round each point. Collective."""
         if not self._probes:
             return {}

@@ -10,20 +10,16 @@ ones, as they share nodes; a node takes the mean of both.
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
-
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown
+from rigidfx.base.types import Array, Bools
 from rigidfx.flexible.stress import CauchyStress
 from rigidfx.report.report import Report
 
 __all__ = ["recovered_stress"]
 
-Array = npt.NDArray[np.float64]
 
-
-def recovered_stress(report: Report, stress: CauchyStress) -> tuple[Array, npt.NDArray[np.bool_]]:
+def recovered_stress(report: Report, stress: CauchyStress) -> tuple[Array, Bools]:
     """Cauchy stress of all cells at a report, recovered in rigid parts. Collective.
 
     Args:

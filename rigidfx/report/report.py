@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.in_notebook import as_table, in_short
 from rigidfx.base.named import Named
 from rigidfx.base.taken import read_only
+from rigidfx.base.types import Array
 from rigidfx.effects import JointReports, SpringDamperReport, Touch
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.flexible.indicator import Indicator
@@ -30,8 +30,6 @@ from rigidfx.state import State
 from rigidfx.step.system.supports import Impact
 
 __all__ = ["Report"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -17,14 +17,12 @@ neither a lag nor an alternating part, such as (3, 2, -1)/4, make a jump larger 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array, Bools
 from rigidfx.step.watches.alternation import FIRST
 from rigidfx.step.watches.unresolved import WORTH_A_WARNING as NOTHING
 
 __all__ = ["resolved", "split"]
-
-Array = npt.NDArray[np.float64]
 
 
 def split(forces: Array) -> tuple[Array, Array]:
@@ -48,7 +46,7 @@ def split(forces: Array) -> tuple[Array, Array]:
     return found, forces - found
 
 
-def resolved(forces: Array, dt: Array, cut: npt.NDArray[np.bool_]) -> Array:
+def resolved(forces: Array, dt: Array, cut: Bools) -> Array:
     """Forces of all steps of a run without the part that alternates.
 
     Args:

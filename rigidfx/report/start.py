@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.types import Array
 from rigidfx.effects import InitialDisplacement, Joint, Preload, Rigid, Spring
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
@@ -30,7 +30,7 @@ class Start:
         notes: Memory of effects, by their identity.
     """
 
-    u: npt.NDArray[np.float64]
+    u: Array
     bodies: tuple[Body, ...]
     notes: dict[int, Any]
 

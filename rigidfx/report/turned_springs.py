@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
 from rigidfx.effects import Spring
 from rigidfx.report.deformation import THIN
@@ -22,7 +22,6 @@ from rigidfx.scene.scene import Scene
 
 __all__ = ["TurnedSprings"]
 
-Array = npt.NDArray[np.float64]
 
 TURNED = 0.3  # rad; springs that give back all of a spin may stop it before it is a radian
 WORTH_A_WARNING = 1e-3  # of the largest energy: what springs have stored by the rotation
@@ -86,7 +85,7 @@ class TurnedSprings(Look):
                 )
                 return
 
-    def _positions(self, report: Report, on: npt.NDArray[np.int64]) -> Array:
+    def _positions(self, report: Report, on: Ints) -> Array:
         """Positions of owned nodes, those in bodies too, shape (n, 3) [m]."""
         x = self._X + report.state.u.x.array[: self._X.size].reshape(-1, 3)
         bodies = report.rigid

@@ -5,24 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown
 from rigidfx.base.taken import read_only
+from rigidfx.base.types import Indices
 from rigidfx.domain.domain import Domain
 from rigidfx.mechanics.materials import Material
 from rigidfx.scene.energy_checks import check_energy
 
 __all__ = ["assign"]
 
-Cells = npt.NDArray[np.int32]
-
 
 def assign(
     domain: Domain, material: Material | Mapping[str, Material]
-) -> tuple[tuple[Material, Cells], ...]:
+) -> tuple[tuple[Material, Indices], ...]:
     """Materials with their owned cells. Collective.
 
     Args:
@@ -76,8 +74,8 @@ def assign(
 
 def _examples(
     domain: Domain,
-    times_used: npt.NDArray[np.int32],
-    given: Mapping[str, tuple[Material, npt.NDArray[np.int32]]],
+    times_used: Indices,
+    given: Mapping[str, tuple[Material, Indices]],
 ) -> str:
     """A cell without a material, and one with several and their names, by their places."""
     wrong = [np.flatnonzero(found)[:1] for found in (times_used == 0, times_used > 1)]

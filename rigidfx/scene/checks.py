@@ -7,13 +7,13 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.inputs import numbers, shown
 from rigidfx.base.taken import read_only
+from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.domain.domain import Domain
 from rigidfx.effects import rigid_faces
@@ -32,7 +32,6 @@ __all__ = [
     "warn_of_locking",
 ]
 
-Array = npt.NDArray[np.float64]
 
 # Degree of the one quadrature rule that W, H and the residual share, by polynomial degree.
 STIFFNESS_DEGREE = {1: 2, 2: 4}

@@ -16,9 +16,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.types import Array
 from rigidfx.effects import (
     Contact,
     KelvinVoigt,
@@ -35,7 +35,6 @@ from rigidfx.scene.scene import Scene
 
 __all__ = ["Damped", "comes_back"]
 
-Array = npt.NDArray[np.float64]
 
 DAMPING = KelvinVoigt, MassDamping, NumericalDamping, StiffnessDamping
 

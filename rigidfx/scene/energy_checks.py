@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.domain.domain import Domain
 from rigidfx.mechanics.evaluated import evaluated
@@ -79,9 +79,7 @@ def _check_rest(domain: Domain, owner: str, material: Material) -> None:
         )
 
 
-def _differences(
-    material: Material, rest: npt.NDArray[np.float64], W0: float, k: int
-) -> tuple[float, float]:
+def _differences(material: Material, rest: Array, W0: float, k: int) -> tuple[float, float]:
     """2 ∂W/∂C and 4 ∂²W/∂C² along the k-th strain, xx, yy, zz, yz, zx or xy [Pa]."""
     direction = np.zeros((3, 3))
     i, j = [(0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1)][k]
@@ -90,7 +88,7 @@ def _differences(
     return (ahead - behind) / STEP, 4 * (ahead - 2 * W0 + behind) / STEP**2
 
 
-def _value(material: Material, C: npt.NDArray[np.float64]) -> float:
+def _value(material: Material, C: Array) -> float:
     """W at a C of numbers [J/m³]."""
     W = material.energy(ufl.as_matrix(C.tolist()), **material.parameters)
     with np.errstate(all="ignore"):

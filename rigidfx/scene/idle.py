@@ -5,17 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx import effects as fx
+from rigidfx.base.types import Array, Bools
 from rigidfx.base.warning import warn
 from rigidfx.effects.supports.symmetry import FLAT
 
 __all__ = ["warn_of_idle"]
 
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 LOADS: tuple[Any, ...] = (fx.DeadLoad, fx.Pressure)  # whose forces are on nodes of a set
 

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from rigidfx.base.types import Bools, Ints
 from rigidfx.effects import Contact
 from rigidfx.effects.joints.joint import Between
 from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
 
 __all__ = ["linked", "met"]
-
-Bools = npt.NDArray[np.bool_]
-Ints = npt.NDArray[np.int64]
 
 
 def linked(scene: Scene) -> Ints:

@@ -7,13 +7,13 @@ from typing import Any
 
 import dolfinx.mesh as dmesh
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from rigidfx import effects as fx
 from rigidfx.base.compat import cell_geometry_dofs
+from rigidfx.base.types import Bools, Ints
 from rigidfx.base.warning import warn
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.domain.domain import Domain
@@ -27,7 +27,7 @@ __all__ = ["parts_in_words", "warn_of_bending", "warn_of_mesh"]
 DIGITS = 1e-9  # error of a cell's size that is warned of
 
 
-def warn_of_bending(domain: Domain, strained: npt.NDArray[np.bool_]) -> None:
+def warn_of_bending(domain: Domain, strained: Bools) -> None:
     """Warn of slender parts whose first-order cells lock in bending. Collective.
 
     Args:
@@ -198,9 +198,7 @@ def parts_in_words(domain: Domain, most: int = 8) -> list[str]:
     return lines + ([f"and {parts.count - most} more"] if parts.count > most else [])
 
 
-def _parts_of_cells(
-    domain: Domain, parts: ConnectedParts, name: str | None
-) -> npt.NDArray[np.int64]:
+def _parts_of_cells(domain: Domain, parts: ConnectedParts, name: str | None) -> Ints:
     """Parts that have cells of a named set; all if it has no name. Collective."""
     if name is None:
         return np.arange(parts.count)
@@ -209,9 +207,7 @@ def _parts_of_cells(
     return np.unique(np.concatenate(every))
 
 
-def _parts_of(
-    domain: Domain, parts: ConnectedParts, name: str | None, owner: str
-) -> npt.NDArray[np.int64]:
+def _parts_of(domain: Domain, parts: ConnectedParts, name: str | None, owner: str) -> Ints:
     """Parts that have entities of a named set; all if it has no name. Collective."""
     if name is None:
         return np.arange(parts.count)
@@ -233,7 +229,7 @@ def _held(domain: Domain, parts: ConnectedParts, effects: Sequence[fx.Effect]) -
 
 def _kept_apart(
     domain: Domain, parts: ConnectedParts, effects: Sequence[fx.Effect], pairs: Any
-) -> npt.NDArray[np.bool_]:
+) -> Bools:
     """Whether a contact is between the two parts of each pair, shape (pairs,). Collective."""
     out = np.zeros(pairs.shape[1], dtype=bool)
     for effect in effects:

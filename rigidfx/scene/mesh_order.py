@@ -10,19 +10,17 @@ from __future__ import annotations
 import hashlib
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import mesh as dmesh
 
 from rigidfx.base import compat
 from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.same_input import digest, items
+from rigidfx.base.types import Array, Ints
 from rigidfx.domain.domain import EntitySet
 from rigidfx.effects import Contact
 from rigidfx.scene.scene import Scene
 
 __all__ = ["mesh_hash", "mesh_order", "scene_hashes"]
-
-Ints = npt.NDArray[np.int64]
 
 
 def mesh_order(scene: Scene) -> MeshOrder:
@@ -95,7 +93,7 @@ def _set_hash(scene: Scene, entities: EntitySet) -> str:
     own = entities.entities[entities.entities < mesh.topology.index_map(dim).size_local]
     mesh.topology.create_connectivity(dim, 3)
     mesh.topology.create_connectivity(3, dim)
-    rows: list[npt.NDArray[np.float64]] = []  # none where a rank owns none of them
+    rows: list[Array] = []  # none where a rank owns none of them
     if own.size:
         corners = mesh.geometry.x[dmesh.entities_to_geometry(mesh, dim, own)]
         order = np.lexsort(np.moveaxis(corners, 2, 0)[::-1], axis=-1)

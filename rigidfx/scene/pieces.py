@@ -10,11 +10,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx import effects as fx
 from rigidfx.base.errors import SceneError
+from rigidfx.base.types import Indices
 from rigidfx.base.warning import warn
 from rigidfx.domain.connected import connected_parts
 from rigidfx.domain.domain import Domain, EntitySet, replace_sets
@@ -151,13 +151,13 @@ def pieces_in_words(
     return lines
 
 
-def _pieces(domain: Domain, rigid: fx.Rigid) -> list[npt.NDArray[np.int32]]:
+def _pieces(domain: Domain, rigid: fx.Rigid) -> list[Indices]:
     """Local cells of each piece, ghosts included, in the order of the mesh file. Collective."""
     topology = domain.mesh.topology
     map_ = topology.index_map(3)
     local = map_.size_local + map_.num_ghosts
     if rigid.where is None:
-        cells: npt.NDArray[np.int32] = np.arange(local, dtype=np.int32)
+        cells: Indices = np.arange(local, dtype=np.int32)
         parts = connected_parts(domain.mesh, 0)
     else:
         cells = domain.find(rigid.where, (3,), rigid.kind).entities

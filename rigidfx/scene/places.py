@@ -7,15 +7,13 @@ from sys import maxsize
 
 import dolfinx.mesh as dmesh
 import numpy as np
-import numpy.typing as npt
 from dolfinx import geometry
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.types import Array
 
 __all__ = ["cells_of"]
-
-Array = npt.NDArray[np.float64]
 
 
 def cells_of(mesh: dmesh.Mesh, points: Mapping[str, Array]) -> dict[str, tuple[int, int]]:

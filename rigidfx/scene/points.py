@@ -7,16 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
+from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Point", "far_apart", "find_probes", "owned_part", "parts_of_nodes", "weights_at"]
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -80,9 +77,7 @@ def owned_part(scene: Scene, nodes: Ints, weights: Array) -> Point:
     return Point(nodes[mine] - first, weights[mine])
 
 
-def far_apart(
-    scene: Scene, count: int, among: npt.NDArray[np.bool_] | None = None
-) -> tuple[Ints, Ints]:
+def far_apart(scene: Scene, count: int, among: Bools | None = None) -> tuple[Ints, Ints]:
     """Nodes chosen one by one, each the farthest from those before; any ranks agree. Collective.
 
     Args:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
+
+from rigidfx.base.types import Array, Ints
 
 __all__ = ["spread"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Place = tuple[int, int, int]
 
 # Parts of the longest side to which places are told, for their last bits depend on the rank.

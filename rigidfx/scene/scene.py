@@ -24,6 +24,7 @@ from rigidfx.base.in_notebook import as_text
 from rigidfx.base.inputs import positive, whole
 from rigidfx.base.same_input import check_same
 from rigidfx.base.taken import read_only
+from rigidfx.base.types import Array, Indices
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.domain.domain import Domain
 from rigidfx.effects.joints.cut_faces import cut_by_symmetry
@@ -54,9 +55,6 @@ from rigidfx.scene.units import warn_of_units
 from rigidfx.scene.weights import inertial_masses, nodal_weights, point_masses
 
 __all__ = ["Scene"]
-
-Array = npt.NDArray[np.float64]
-Nodes = npt.NDArray[np.int32]
 
 
 class Scene:
@@ -229,7 +227,7 @@ class Scene:
         drag = sum(effect.mass_damping for effect in acting)
         return drag, sum(effect.numerical_damping or 0.0 for effect in acting)
 
-    def nodes(self, name: str, wanted_by: str, dims: Sequence[int] = (2, 3, 1, 0)) -> Nodes:
+    def nodes(self, name: str, wanted_by: str, dims: Sequence[int] = (2, 3, 1, 0)) -> Indices:
         """Local nodes in the closure of a named set, ghosts included. Collective."""
         found = self.domain.find(name, dims, wanted_by)
         self.mesh.topology.create_connectivity(found.dim, 3)
@@ -247,7 +245,7 @@ class Scene:
         members[self.nodes(name, wanted_by)] = 1.0
         return members[:, None]
 
-    def boundary(self, name: str, wanted_by: str) -> Nodes:
+    def boundary(self, name: str, wanted_by: str) -> Indices:
         """Owned cell and local number of each facet of a named set, shape (n, 2). Collective.
 
         Raises:
@@ -262,7 +260,7 @@ class Scene:
             )
         return pairs
 
-    def owned_cells(self, name: str | None, wanted_by: str) -> Nodes:
+    def owned_cells(self, name: str | None, wanted_by: str) -> Indices:
         """Owned cells of a named set, sorted; all if it has no name. Collective."""
         owned = self.mesh.topology.index_map(3).size_local
         if name is None:
@@ -309,7 +307,7 @@ class Scene:
         mass = self.sum(own[: self.owned_nodes].sum())
         return float(np.cbrt(mass / self.sum(sum(m.rho * c.size for m, c in self.materials))))
 
-    def cell_weights(self, density: Any, cells: Nodes) -> Array:
+    def cell_weights(self, density: Any, cells: Indices) -> Array:
         """∫ density Nᵢ dV over owned cells, per local node with ghosts. Collective."""
         return nodal_weights(self.space, density, "dx", cells)
 
@@ -321,7 +319,7 @@ class Scene:
         """ρ0 per cell [kg/m³] as a piecewise constant function."""
         return self.cellwise([(m.rho, cells) for m, cells in self.materials])
 
-    def cellwise(self, values: Sequence[tuple[float, Nodes]]) -> fem.Function:
+    def cellwise(self, values: Sequence[tuple[float, Indices]]) -> fem.Function:
         """A piecewise constant function from values and the owned cells that have them."""
         f = fem.Function(self.cell_space)
         for value, cells in values:

@@ -5,19 +5,19 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 
 from rigidfx.base.form_cache import form_on
+from rigidfx.base.types import Array, Indices
 from rigidfx.effects import PointMass
 
 __all__ = ["inertial_masses", "nodal_weights", "point_masses"]
 
 
 def nodal_weights(
-    space: fem.FunctionSpace, density: Any, kind: Literal["dx", "ds"], where: npt.NDArray[np.int32]
-) -> npt.NDArray[np.float64]:
+    space: fem.FunctionSpace, density: Any, kind: Literal["dx", "ds"], where: Indices
+) -> Array:
     """∫ density Nᵢ, per local node with ghosts, shape (nodes,). Collective.
 
     Args:
@@ -39,7 +39,7 @@ def nodal_weights(
     return np.asarray(out.x.array[::3].copy())
 
 
-def point_masses(scene: Any) -> npt.NDArray[np.float64]:
+def point_masses(scene: Any) -> Array:
     """Sum of the point masses of all effects, per local node with ghosts [kg]. Collective.
 
     Args:
@@ -52,7 +52,7 @@ def point_masses(scene: Any) -> npt.NDArray[np.float64]:
     return total
 
 
-def inertial_masses(scene: Any) -> npt.NDArray[np.float64]:
+def inertial_masses(scene: Any) -> Array:
     """Nodal masses, those of bodies of given mass scaled to it, per owned node [kg]. Collective.
 
     A given mass stands for all lumped mass on the nodes of a body, and has its centre. Of a
@@ -67,7 +67,7 @@ def inertial_masses(scene: Any) -> npt.NDArray[np.float64]:
         if not effect.is_rigid or effect.mass is None:
             continue
         inside = slice(None) if effect.where is None else scene.nodes(effect.where, "Rigid", (3,))
-        own: npt.NDArray[np.float64] = np.zeros(len(scene.nodal_mass))
+        own: Array = np.zeros(len(scene.nodal_mass))
         own[inside] = scene.nodal_mass[inside]
         if scene.mass == "consistent":
             cells = scene.owned_cells(effect.where, "Rigid")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.types import Array
 from rigidfx.error.linear_motion import assembled
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.shapes.part import Part
@@ -13,8 +13,6 @@ from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.stiffness import times
 
 __all__ = ["Excess"]
-
-Array = npt.NDArray[np.float64]
 
 
 class Excess:

@@ -15,9 +15,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, la
 
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.rows import Rows
 from rigidfx.error.linear_motion import assembled
@@ -30,9 +30,6 @@ from rigidfx.shapes.orthonormal import Basis, columns, normalised
 from rigidfx.shapes.stiffness import times
 
 __all__ = ["Expanded"]
-
-Array = npt.NDArray[np.float64]
-Int32s = npt.NDArray[np.int32]
 
 
 class Expanded:
@@ -51,9 +48,9 @@ class Expanded:
         scene: Scene,
         linear: LinearForms,
         cells: Cells,
-        nodes: Int32s,
+        nodes: Indices,
         state: Array,
-        held: npt.NDArray[np.bool_] | None = None,
+        held: Bools | None = None,
     ) -> None:
         """Assemble. Collective.
 
@@ -75,7 +72,7 @@ class Expanded:
         self.motions = self._rigid_motions(held)
         self._momenta = self.times_mass(self.motions)
 
-    def _rigid_motions(self, held: npt.NDArray[np.bool_]) -> Array:
+    def _rigid_motions(self, held: Bools) -> Array:
         """Rigid motions that supports in it leave free, RᵀMR = 1. Collective."""
         scene = self._scene
         x = scene.space.tabulate_dof_coordinates()[self.nodes] + self._state

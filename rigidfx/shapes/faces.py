@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array, Ints
 from rigidfx.effects import Joint, SpringDamper
 from rigidfx.effects.joints.face_motion import FaceSide, Vector
 from rigidfx.effects.joints.on_face import OnFace
@@ -15,8 +15,6 @@ from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.samples import interleaved
 
 __all__ = ["of_faces"]
-
-Array = npt.NDArray[np.float64]
 
 
 def of_faces(responses: Responses) -> Array:
@@ -44,7 +42,7 @@ def of_faces(responses: Responses) -> Array:
     return interleaved(responses, [_at(responses, *loads) for loads in each])
 
 
-def _at(responses: Responses, nodes: npt.NDArray[np.int64], loads: Array) -> Array:
+def _at(responses: Responses, nodes: Ints, loads: Array) -> Array:
     """Loads on some nodes as loads on all."""
     out = np.zeros((responses.scene.owned_nodes, 3, loads.shape[2]))
     out[nodes] = loads

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.rigid_body import Body, Frozen, RigidBody
@@ -21,8 +21,6 @@ from rigidfx.shapes.linear import resolved
 from rigidfx.shapes.orthonormal import columns, to_one
 
 __all__ = ["Found"]
-
-Array = npt.NDArray[np.float64]
 
 
 class Found(Expanded):

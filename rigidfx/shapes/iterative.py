@@ -11,10 +11,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.step.linear.linear_solver import default_options
 from rigidfx.step.newton.two_levels import CoarseGrid
@@ -28,8 +27,6 @@ RESIDUAL = 1e-10
 
 ALONE = {"pc_type": "icc", "pc_factor_shift_type": "positive_definite"}
 TOGETHER = {"pc_type": "bjacobi"} | {f"sub_{name}": value for name, value in ALONE.items()}
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,16 +10,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.base.types import Array
 from rigidfx.shapes.responses import Responses
 from rigidfx.step.linear.definite import solver_of
 from rigidfx.step.linear.eigenpairs import EigenControl, clusters, lowest
 
 __all__ = ["MODES", "Linear", "resolved"]
 
-Array = npt.NDArray[np.float64]
 
 # Modes that a body begins with, at most: set-up and steps take longer with each.
 MODES = 20

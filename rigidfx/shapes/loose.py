@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array
 from rigidfx.shapes.orthonormal import columns
 from rigidfx.shapes.stiffness import Stiffness
 from rigidfx.step.system.rigid_motion import FREE, motions_of_parts
 
 __all__ = ["Motions"]
 
-Array = npt.NDArray[np.float64]
 
 # Internal forces over K's diagonal and the extent of the structure: rounding.
 ROUNDING = 1e3 * float(np.finfo(np.float64).eps)

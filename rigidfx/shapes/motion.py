@@ -9,8 +9,8 @@ make it vibrate where they are not in balance.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.dof_layout import nodes_of, split
 from rigidfx.coupling.rows import Rows
 from rigidfx.error.linear_motion import assembled
@@ -22,7 +22,6 @@ from rigidfx.state import State
 
 __all__ = ["of_state", "of_supports"]
 
-Array = npt.NDArray[np.float64]
 
 # Kinetic energy of the rotation over that of a rigid motion, and square of a motion of supports
 # that is not rigid over that of all: below, a pattern is left out.

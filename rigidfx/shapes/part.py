@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.error.linear_motion import assembled
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.surface import SMALL_WAY
@@ -32,8 +32,6 @@ from rigidfx.shapes.stiffness import times
 
 __all__ = ["BLOCK", "LACKING", "MOST", "Part", "PartShapes"]
 
-Array = npt.NDArray[np.float64]
-Int32s = npt.NDArray[np.int32]
 
 # Part of a static response, in the norm of the strain energy, that shapes may lack.
 LACKING = 0.01
@@ -70,7 +68,7 @@ class Part(Expanded):
     """
 
     def __init__(
-        self, responses: Responses, cells: Cells, nodes: Int32s, name: str = "the part"
+        self, responses: Responses, cells: Cells, nodes: Indices, name: str = "the part"
     ) -> None:
         """Assemble stiffness, mass and internal forces. Collective.
 
@@ -91,7 +89,7 @@ class Part(Expanded):
         super().__init__(*known, state.reshape(-1, 3)[nodes], held)
         self.room = free - self.motions.shape[2]
 
-    def _checked(self, scene: Scene, cells: Cells, held: npt.NDArray[np.bool_]) -> int:
+    def _checked(self, scene: Scene, cells: Cells, held: Bools) -> int:
         """Number of its dofs that are free; it can deform, as it is held. Collective."""
         count = sum(len(own) for own in cells.values())
         cells_in, free = map(int, scene.sum([count, int((~held).sum())]))
@@ -101,7 +99,7 @@ class Part(Expanded):
             raise SceneError(f"Reduced '{self._name}': {wrong}.")
         return free
 
-    def bears(self, F: Array) -> npt.NDArray[np.bool_]:
+    def bears(self, F: Array) -> Bools:
         """Which forces act on it, or on what it holds together with, shape (k,). Collective.
 
         Args:

@@ -12,9 +12,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import together
+from rigidfx.base.types import Array, Ints
 from rigidfx.effects import DeadLoad, Effect, Resultant
 from rigidfx.effects.base import vector_at
 from rigidfx.effects.joints.remote import RemoteForces, RemoteMotion
@@ -30,9 +30,6 @@ from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions
 
 __all__ = ["of_springs", "patterns", "unit_loads"]
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 def patterns(responses: Responses, state: State, until: float) -> Array:

@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array, Indices
 from rigidfx.effects import Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
@@ -26,8 +26,6 @@ from rigidfx.state import State
 
 __all__ = ["Responses"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
 
 BALANCED = 1e-9  # part of forces that rounding leaves where inertia balances them
 
@@ -105,7 +103,7 @@ class Responses:
             self._solver = Solver(self.stiffness, self.motions, self._momenta, stressed)
         return self._solver.solve(self.balanced(F))
 
-    def of_nodes(self, nodes: Ints, Q: Array | None = None) -> Callable[[Array], Array]:
+    def of_nodes(self, nodes: Indices, Q: Array | None = None) -> Callable[[Array], Array]:
         """Responses of some owned nodes to forces on them, both of the shape (nodes, 3).
 
         Args:

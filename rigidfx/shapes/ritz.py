@@ -7,16 +7,15 @@ doi:10.1002/eqe.4290100606.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.inputs import whole
+from rigidfx.base.types import Array
 from rigidfx.shapes.orthonormal import Basis, columns, slowest, whole_groups
 from rigidfx.shapes.part import BLOCK, MOST, Part, PartShapes
 from rigidfx.shapes.responses import Responses
 
 __all__ = ["RESOLVED", "ritz", "shapes_of"]
 
-Array = npt.NDArray[np.float64]
 
 # Vectors from each load, at most. A bar that falls on one end errs by 29, 15, 1 % of the peak force
 # with 4, 6, 10.

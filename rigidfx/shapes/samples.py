@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg.lapack import dpstrf
 
+from rigidfx.base.types import Array
 from rigidfx.effects import Effect
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.orthonormal import columns
@@ -16,7 +17,6 @@ from rigidfx.shapes.responses import Responses
 
 __all__ = ["compressed", "instants", "interleaved"]
 
-Array = npt.NDArray[np.float64]
 
 # Size of a pattern over the largest one of its load: to leave it out alters the load's response by
 # a tenth of the error that is allowed, 0.01.

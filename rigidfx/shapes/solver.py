@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.types import Array, Ints
 from rigidfx.mechanics.rigid_motions import independent
 from rigidfx.shapes.iterative import conjugate_gradients
 from rigidfx.shapes.stiffness import Stiffness, times
@@ -14,8 +14,6 @@ from rigidfx.step.linear.definite import solver_of
 
 __all__ = ["Solver"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 # Part of forces that a solve may leave. More is left where K is singular, or slender parts make
 # rounding of K u large; then a correction by the rest is below √SOLVED where K is not singular.

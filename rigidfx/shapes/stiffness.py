@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, la
 from petsc4py import PETSc
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.failures import Failures
+from rigidfx.base.types import Array
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.dof_layout import dof_layout, nodes_of
 from rigidfx.coupling.mass import Mass, mass_operator
@@ -28,8 +28,6 @@ from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 
 __all__ = ["Stiffness", "times"]
-
-Array = npt.NDArray[np.float64]
 
 
 class Stiffness:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-import numpy as np
-import numpy.typing as npt
-
 from rigidfx.base.errors import SceneError
+from rigidfx.base.types import Array
 from rigidfx.effects import Contact, Effect, Motor, Preload, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.scene.scene import Scene
@@ -18,8 +16,6 @@ from rigidfx.step.system.rigid_motion import free_to_move
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 
 __all__ = ["apply_preload"]
-
-Array = npt.NDArray[np.float64]
 
 
 def apply_preload(

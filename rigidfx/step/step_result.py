@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-import numpy.typing as npt
-
+from rigidfx.base.types import Array
 from rigidfx.effects import JointReports, SpringDamperReport, Touch
 from rigidfx.step.newton.solution import Solution
 from rigidfx.step.system.system import Work
@@ -42,9 +40,9 @@ class StepResult:
     work_of_loads: float
     work_of_supports: float
     dissipated: Mapping[str, float]
-    reactions: Mapping[str, npt.NDArray[np.float64]]
-    reaction_moments: Mapping[str, npt.NDArray[np.float64]]
-    alternating_impulse: npt.NDArray[np.float64]
+    reactions: Mapping[str, Array]
+    reaction_moments: Mapping[str, Array]
+    alternating_impulse: Array
     touches: Mapping[str, Touch]
     joints: JointReports = field(default_factory=JointReports)
     spring_dampers: Mapping[str, SpringDamperReport] = field(default_factory=dict)

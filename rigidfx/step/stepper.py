@@ -7,11 +7,11 @@ from contextlib import contextmanager
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.failures import Failures
 from rigidfx.base.instants import longer
 from rigidfx.base.remembered import PART, Remembered, same
+from rigidfx.base.types import Bools
 from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.effects import Contact, Support, Touch, Windowed
 from rigidfx.effects.motion import Instant
@@ -164,7 +164,7 @@ class Stepper:
         return self.system.equilibrium.prolongation.size
 
     @property
-    def flexible(self) -> npt.NDArray[np.bool_]:
+    def flexible(self) -> Bools:
         """For each owned cell, whether it is flexible."""
         mask = np.zeros(self.scene.mesh.topology.index_map(3).size_local, dtype=bool)
         for cells in self._division.flexible.values():
@@ -172,7 +172,7 @@ class Stepper:
         return mask
 
     @property
-    def supported_nodes(self) -> npt.NDArray[np.bool_]:
+    def supported_nodes(self) -> Bools:
         """For each owned node, whether a support holds any of its components."""
         return np.asarray(self.prescribed.mask.reshape(-1, 3).any(axis=1))
 

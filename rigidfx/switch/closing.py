@@ -16,11 +16,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.errors import SceneError, together
+from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.coupling.ports import Ports
 from rigidfx.coupling.prolongation import Prolongation
@@ -30,8 +30,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.step.newton.parted import parted
 
 __all__ = ["Closing", "check_stops", "implied_rows", "warn_of_jumps"]
-
-Array = npt.NDArray[np.float64]
 
 
 class Closing:

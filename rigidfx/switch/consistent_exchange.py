@@ -25,9 +25,9 @@ from collections.abc import Callable, Set
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.decide.decision import PlannedBody
 from rigidfx.effects import Motor
@@ -45,8 +45,6 @@ from rigidfx.switch.whole_mass import WholeMass
 
 __all__ = ["ConsistentExchange"]
 
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 NEGLIGIBLE = 1e-15  # of the largest: difference velocities that need not be kept
 CONTINUOUS = 1e-13  # of the largest: difference of velocities at an interface that is only rounding

@@ -21,9 +21,9 @@ from collections.abc import Callable, Set
 from typing import NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.decide.decision import PlannedBody
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
@@ -62,7 +62,7 @@ class Exchange(Protocol):
 
     shape: Callable[[Body], Body] | None
 
-    def release(self, state: State, numbers: Set[int], prescribed: npt.NDArray[np.bool_]) -> Works:
+    def release(self, state: State, numbers: Set[int], prescribed: Bools) -> Works:
         """Make the bodies of these numbers flexible. Collective.
 
         Args:
@@ -75,9 +75,7 @@ class Exchange(Protocol):
         """
         ...
 
-    def freeze(
-        self, state: State, what: PlannedBody, prescribed: npt.NDArray[np.bool_]
-    ) -> Works | None:
+    def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> Works | None:
         """Make a body of cells. Collective.
 
         Args:
@@ -92,7 +90,7 @@ class Exchange(Protocol):
         """
         ...
 
-    def settle(self, state: State, division: Division, prescribed: npt.NDArray[np.bool_]) -> None:
+    def settle(self, state: State, division: Division, prescribed: Bools) -> None:
         """Have the bodies of a division, momenta and energy kept. Collective.
 
         Args:
@@ -128,7 +126,7 @@ def freeze(scene: Scene, forces: InternalForces, state: State, what: PlannedBody
     strain = float(fem.assemble_scalar(forces.bind_energy(cells)))
     strain, size = scene.sum([strain, what.cells.size])
     turning = p.angular_velocity @ p.inertia @ p.angular_velocity
-    excess: npt.NDArray[np.float64] = np.zeros((3, 3))
+    excess: Array = np.zeros((3, 3))
     if scene.mass == "lumped":
         everywhere = state.X + state.u.x.array.reshape(-1, 3)
         excess = excess_of_lumping(scene, what.cells, everywhere)
@@ -156,7 +154,7 @@ def freeze(scene: Scene, forces: InternalForces, state: State, what: PlannedBody
     return Body(body, motion)
 
 
-def faces_within(scene: Scene, state: State, nodes: npt.NDArray[np.int32]) -> set[int]:
+def faces_within(scene: Scene, state: State, nodes: Indices) -> set[int]:
     """Numbers of the rigid faces that have some of these nodes. Collective.
 
     Args:
@@ -184,7 +182,7 @@ class LumpedExchange:
         self._scene, self._forces = scene, forces
         self.shape: Callable[[Body], Body] | None = None
 
-    def release(self, state: State, numbers: Set[int], prescribed: npt.NDArray[np.bool_]) -> Works:
+    def release(self, state: State, numbers: Set[int], prescribed: Bools) -> Works:
         """See `Exchange`."""
         if not numbers:
             return Works(0.0, 0.0)
@@ -198,9 +196,7 @@ class LumpedExchange:
         state.move(velocity)
         return Works(0.0, 0.0)
 
-    def freeze(
-        self, state: State, what: PlannedBody, prescribed: npt.NDArray[np.bool_]
-    ) -> Works | None:
+    def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> Works | None:
         """See `Exchange`."""
         self.release(state, faces_within(self._scene, state, what.nodes), prescribed)
         body = freeze(self._scene, self._forces, state, what)
@@ -211,7 +207,7 @@ class LumpedExchange:
         state.group(Bodies.of_each([*state.bodies, body]))
         return Works(0.0, 0.0)
 
-    def _still(self, body: Body) -> npt.NDArray[np.float64]:
+    def _still(self, body: Body) -> Array:
         """Kept velocities without angular momentum about the body as it is deformed. Collective."""
         frozen = body.data.frozen
         if body.data.shapes is None or not body.motion.q.any():
@@ -227,6 +223,6 @@ class LumpedExchange:
         W = np.linalg.solve(np.trace(second) * np.eye(3) - second, sums[:3])
         return np.asarray(frozen.velocities - np.cross(W, y[at]))
 
-    def settle(self, state: State, division: Division, prescribed: npt.NDArray[np.bool_]) -> None:
+    def settle(self, state: State, division: Division, prescribed: Bools) -> None:
         """See `Exchange`."""
         state.group(division.bodies)

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.types import Bools, Indices
 from rigidfx.decide.decision import PlannedBody
 from rigidfx.effects import PointMass, Reduced, Rigid, RigidFace, rigid_faces
 from rigidfx.effects.joints.carried import body_of
@@ -26,15 +26,12 @@ from rigidfx.switch.mass_properties import THIN, mass_properties
 
 __all__ = ["face_bodies", "has_bodies", "with_faces"]
 
-Array = npt.NDArray[np.float64]
-Nodes = npt.NDArray[np.int32]
-
 
 def face_bodies(
     scene: Scene,
     forces: InternalForces,
     state: State,
-    held: npt.NDArray[np.bool_],
+    held: Bools,
     first: int,
     others: Sequence[Body],
 ) -> list[Body]:
@@ -111,7 +108,7 @@ def with_faces(scene: Scene, forces: InternalForces, state: State) -> set[int]:
 
 
 def _body(
-    scene: Scene, forces: InternalForces, state: State, face: RigidFace, nodes: Nodes, number: int
+    scene: Scene, forces: InternalForces, state: State, face: RigidFace, nodes: Indices, number: int
 ) -> Body:
     """The body of a face, with the motion that fits its nodes. Collective."""
     what = PlannedBody(np.empty(0, np.int32), nodes, face.name, number)

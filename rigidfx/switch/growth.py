@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 
 from rigidfx.base.log import tell
 from rigidfx.base.remembered import ON_DOFS, ON_NODES, PART, Remembered, same
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.error.cell_strains import CellStrains
 from rigidfx.error.forces.body_forces import BodyForces
 from rigidfx.error.frames import Frames
@@ -38,8 +38,6 @@ from rigidfx.switch.resonance import Resonance
 
 __all__ = ["Growth", "GrowthControl", "Looked"]
 
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 # Part of a body's length below which ν of its motion is that of rounding.
 ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))
@@ -261,7 +259,7 @@ class Growth(Watch):
         tell(self._scene.comm, f"modes that bodies lack may be in resonance: {most:.3g} tol")
         return np.asarray(rates > control.woken)
 
-    def _rates(self, F: Array, dt: float, cells: npt.NDArray[np.int32], limits: Limits) -> Array:
+    def _rates(self, F: Array, dt: float, cells: Indices, limits: Limits) -> Array:
         """Strain rates by the response of a step over the tolerance, of owned cells. Collective."""
         assert limits.rates is not None
         response = self._bound().step(F[:, :, None], dt)[:, :, 0]
@@ -297,7 +295,7 @@ class Growth(Watch):
             return self._with_nodes(marks, body.data.cells)
         return None
 
-    def _with_nodes(self, marks: Bools, cells: npt.NDArray[np.int32]) -> Bools:
+    def _with_nodes(self, marks: Bools, cells: Indices) -> Bools:
         """Those of some owned cells that have a marked node. Collective."""
         field = fem.Function(self._scene.space)
         field.x.array.reshape(-1, 3)[: marks.size] = marks[:, None]
@@ -353,7 +351,7 @@ class Growth(Watch):
             return Looked(woken=woken)
         return Looked(Bodies.of_each(out)) if grown else Looked()
 
-    def _part(self, motion: Array, span: float, cells: npt.NDArray[np.int32], of: Array) -> Array:
+    def _part(self, motion: Array, span: float, cells: Indices, of: Array) -> Array:
         """Strains of cells by a motion over limits, of all owned cells. Collective."""
         out, shape = np.zeros(of.size), self._bound().responses.stiffness.linear.shape
         out[cells] = self._strains.of(motion, span, shape, cells)

@@ -10,9 +10,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, agree
+from rigidfx.base.types import Array, Indices
 from rigidfx.decide.decision import PlannedBody
 from rigidfx.effects import Reduced, Resultant, Rigid, Support, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
@@ -29,8 +29,6 @@ from rigidfx.switch.faces import face_bodies
 
 __all__ = ["about_start", "check_clamps", "divide"]
 
-Array = npt.NDArray[np.float64]
-Nodes = npt.NDArray[np.int32]
 Shape = Callable[[Any, Body, bool], Body]  # of a `Reduced` part
 
 
@@ -105,10 +103,10 @@ def divide(
             it whole.
     """
     bodies: list[Body] = []
-    rigid: list[Nodes] = [body.data.cells for body in found]
+    rigid: list[Indices] = [body.data.cells for body in found]
     inside_found = {name for body in found for name in body.data.named}
-    driven: dict[int, Nodes] = {}
-    clamped: dict[int, Nodes] = {}
+    driven: dict[int, Indices] = {}
+    clamped: dict[int, Indices] = {}
     held: dict[str, int] = {}
     taken = np.zeros(scene.owned_nodes, dtype=bool)
     known = {body.data.name: body for body in state.bodies}
@@ -216,7 +214,7 @@ def _freeze_named(
     return Body(given, body.motion)
 
 
-def _cells_and_nodes(scene: Scene, effect: Rigid) -> tuple[npt.NDArray[np.int32], Nodes]:
+def _cells_and_nodes(scene: Scene, effect: Rigid) -> tuple[Indices, Indices]:
     """Owned cells and owned nodes of a body, sorted. Collective."""
     cells = scene.owned_cells(effect.where, "Rigid")
     if effect.where is None:
@@ -226,7 +224,7 @@ def _cells_and_nodes(scene: Scene, effect: Rigid) -> tuple[npt.NDArray[np.int32]
 
 
 def _clamp(
-    scene: Scene, active: tuple[Support, ...], effect: Rigid, name: str, nodes: Nodes
+    scene: Scene, active: tuple[Support, ...], effect: Rigid, name: str, nodes: Indices
 ) -> int | None:
     """Number of the support that clamps a body, None if nothing holds it. Collective."""
     inside = np.zeros(3 * scene.owned_nodes, dtype=bool)

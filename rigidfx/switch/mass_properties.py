@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import basix
 import basix.ufl
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array, Indices
 from rigidfx.coupling.mass import Mass, mass_operator
 from rigidfx.coupling.rows import Rows
 from rigidfx.domain.cell_quality import CHUNK, determinants
@@ -29,7 +29,6 @@ from rigidfx.scene.scene import Scene
 
 __all__ = ["THIN", "MassProperties", "excess_of_lumping", "mass_properties"]
 
-Array = npt.NDArray[np.float64]
 
 THIN = 1e-10  # least over largest principal moment below which a body counts as a line
 
@@ -58,7 +57,7 @@ class MassProperties:
 
 
 def mass_properties(
-    scene: Scene, cells: Cells, nodes: npt.NDArray[np.int32], x: Array, v: Array
+    scene: Scene, cells: Cells, nodes: Indices, x: Array, v: Array
 ) -> MassProperties:
     """Rigid-body data of cells and nodes, equations (34)-(39). Collective.
 
@@ -113,7 +112,7 @@ def _project(
     return product[:, :6], product[:, 6], kinetic
 
 
-def excess_of_lumping(scene: Scene, cells: npt.NDArray[np.int32], x: Array) -> Array:
+def excess_of_lumping(scene: Scene, cells: Indices, x: Array) -> Array:
     """Addition of lumped masses of cells to their inertia tensor, shape (3, 3) [kg m²]. Collective.
 
     A cell's lumped masses have its mass and its centre of mass, so that the excess is the same

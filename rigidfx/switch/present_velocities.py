@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.dof_layout import nodes_of, split
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.rows import Rows
@@ -14,8 +14,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 
 __all__ = ["Present"]
-
-Array = npt.NDArray[np.float64]
 
 
 class Present:

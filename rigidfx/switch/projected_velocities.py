@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
 from rigidfx.base.failures import Failures
+from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.dof_layout import DofLayout, rigid_fields
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Joint, Motor, Structure
@@ -24,9 +24,6 @@ from rigidfx.step.linear.linear_solver import conjugate_gradients
 from rigidfx.switch.closing import Closing
 
 __all__ = ["Field", "RigidFields"]
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -16,15 +16,12 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.remembered import ON_NODES, Remembered, same
+from rigidfx.base.types import Array, Indices
 from rigidfx.scene.scene import Scene
 
 __all__ = ["PERIODS", "Resonance"]
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
 
 
 # Periods in which an oscillator falls to 1/e, as with 1.6 % of critical damping.
@@ -58,7 +55,7 @@ class Resonance:
         # Sums of products of changes, and number of steps, by body:
         self._products: dict[int, tuple[float, float, int]] = {}
 
-    def keep(self, nodes: Mapping[int, Ints]) -> None:
+    def keep(self, nodes: Mapping[int, Indices]) -> None:
         """Forget all but some bodies.
 
         Args:
@@ -72,7 +69,7 @@ class Resonance:
             field[others] = 0.0
 
     def advance(
-        self, force: Array, nodes: Mapping[int, Ints], lacking: Mapping[int, float], dt: float
+        self, force: Array, nodes: Mapping[int, Indices], lacking: Mapping[int, float], dt: float
     ) -> None:
         """Advance by a step. Collective.
 

@@ -13,11 +13,11 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.log import tell
 from rigidfx.base.remembered import ON_DOFS, Remembered, same
+from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.base.warning import warn
 from rigidfx.effects import Contact, PrescribedRotation, Reduced, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
@@ -39,8 +39,6 @@ from rigidfx.switch.spun_joints import SpinLimits, off_by
 
 __all__ = ["Shaping"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 # Square of a spin over that of the lowest frequency, above which spin stiffens: frequencies are
 # off by half of it without.
@@ -165,7 +163,7 @@ class Shaping:
         body: Body,
         part: PartShapes,
         rates: Array | None = None,
-        pressed: npt.NDArray[np.bool_] | None = None,
+        pressed: Bools | None = None,
         held: bool | None = None,
         spun: Array | None = None,
     ) -> Body:
@@ -300,7 +298,7 @@ class Shaping:
         responses: Responses,
         body: Body,
         loads: tuple[Array, Array],
-        pressed: npt.NDArray[np.bool_],
+        pressed: Bools,
         dt: float,
     ) -> Body:
         """A body with shapes for loads, as far as those that it has do not span them. Collective.

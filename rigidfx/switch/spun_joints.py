@@ -9,7 +9,6 @@ W² = ω²/300.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import eigvalsh
 
 from rigidfx.base.errors import SceneError
@@ -20,8 +19,6 @@ from rigidfx.shapes.part import LACKING
 from rigidfx.state import State
 
 __all__ = ["SpinLimits", "off_by"]
-
-Array = npt.NDArray[np.float64]
 
 
 def off_by(ratio: float) -> float:

@@ -19,13 +19,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.linalg import qr, solve_triangular
 from scipy.sparse import csr_array, dia_array
 
 from rigidfx.base.matrices import dense
+from rigidfx.base.types import Array
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.redundancy import RANK, independent
@@ -33,8 +33,6 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.step.equations.joined import JoinedEquilibrium
 
 __all__ = ["FreeMotions", "HeldState"]
-
-Array = npt.NDArray[np.float64]
 
 
 class HeldState(JoinedEquilibrium):

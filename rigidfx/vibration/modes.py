@@ -14,12 +14,12 @@ from math import pi
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import path_of, whole
 from rigidfx.base.same_input import check_same
 from rigidfx.base.taken import seal
+from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
 from rigidfx.report.current import check_about, check_scene
 from rigidfx.report.report import Report
@@ -34,8 +34,6 @@ from rigidfx.vibration.spin import NEGLECTED
 
 __all__ = ["Modes", "modes", "periods", "periods_in_words"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 CHEAP = 12_000  # unknowns up to which a description has periods unasked
 SAME = 1e-6  # relative distance of two ω² below which any combination of both shapes is a mode

@@ -11,12 +11,12 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.errors import together
 from rigidfx.base.failures import Failures
+from rigidfx.base.types import Array
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
@@ -50,7 +50,6 @@ from rigidfx.vibration.spin import Spin, softening, spin_of
 
 __all__ = ["Problem"]
 
-Array = npt.NDArray[np.float64]
 
 BALANCED = float(np.cbrt(np.finfo(np.float64).eps))  # part of the loads that rounding may leave
 

@@ -6,19 +6,17 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import OutputError, SceneError, agree
 from rigidfx.base.inputs import path_of, whole
+from rigidfx.base.types import Array
 from rigidfx.output.paraview import Body, Series
 from rigidfx.plot.curves import on_first_rank
 from rigidfx.plot.enlarged import SHOWN
 from rigidfx.plot.renders import Photograph, check_camera, pyvista, sheet, surface_of
 
 __all__ = ["draw_modes", "write_modes"]
-
-Array = npt.NDArray[np.float64]
 
 
 class Shaped(Protocol):

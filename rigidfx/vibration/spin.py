@@ -13,9 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.action import Action, Structure
@@ -26,7 +26,6 @@ from rigidfx.state import State
 
 __all__ = ["NEGLECTED", "Spin", "softening", "spin_of"]
 
-Array = npt.NDArray[np.float64]
 
 # Part of an energy: of the kinetic one, by which a motion that turns may differ from a rigid one;
 # of a mode's, by a spin that changes no frequency by more than half of it.

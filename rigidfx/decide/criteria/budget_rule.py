@@ -29,9 +29,9 @@ from math import inf, isnan, nan, pi, sqrt
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.remembered import ON_CELLS, PART, Remembered, same
+from rigidfx.base.types import Array, Bools
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.decide.memory.swings import Swings
@@ -42,8 +42,6 @@ from rigidfx.scene.timeline import Timeline
 
 __all__ = ["BudgetRule", "Spending", "level"]
 
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 PER_OCTAVE, OCTAVES = 4, 400  # levels between which contributions are told apart
 

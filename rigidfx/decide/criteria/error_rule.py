@@ -11,10 +11,10 @@ from math import inf
 from typing import ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.types import Array, Bools
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.criteria.tolerances import Tolerances
 from rigidfx.decide.criteria.window_length import window_length
@@ -23,9 +23,6 @@ from rigidfx.error.strained import Limits, Strained
 from rigidfx.scene.timeline import Timeline
 
 __all__ = ["ErrorRule"]
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 
 class ErrorRule:

@@ -10,13 +10,13 @@ from collections.abc import Callable
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.failures import Failures
 from rigidfx.base.inputs import shown
 from rigidfx.base.remembered import PART, Remembered
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.criteria.rule import Rule
@@ -30,8 +30,6 @@ from rigidfx.scene.timeline import Timeline
 
 __all__ = ["heeded_indicator", "heeded_rule"]
 
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 T = TypeVar("T")
 
 
@@ -184,7 +182,7 @@ class _Indicator(_Heeded):
     """An indicator that finds nothing as soon as it fails: see `Indicator`."""
 
     @property
-    def cells(self) -> npt.NDArray[np.int32]:
+    def cells(self) -> Indices:
         """See `Indicator`."""
         return self._ask("cells", np.empty(0, np.int32))
 

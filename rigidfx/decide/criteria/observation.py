@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
+from rigidfx.base.types import Array, Bools
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.mechanics.rigid_body import RigidBody
@@ -29,7 +27,7 @@ class Observation:
 
     stepper: Stepper
     dt: float
-    shared: npt.NDArray[np.float64] | None = None
+    shared: Array | None = None
     motion: ErrorMotion | None = None
 
     @property
@@ -60,17 +58,17 @@ class Observation:
         return not any(effect.holds for effect in self.stepper.scene.effects)
 
     @property
-    def flexible(self) -> npt.NDArray[np.bool_]:
+    def flexible(self) -> Bools:
         """For each owned cell, whether it is flexible."""
         return self.stepper.flexible
 
     @property
-    def supported(self) -> npt.NDArray[np.bool_]:
+    def supported(self) -> Bools:
         """For each owned node, whether a support holds any of its components."""
         return self.stepper.supported_nodes
 
     @property
-    def held(self) -> npt.NDArray[np.bool_]:
+    def held(self) -> Bools:
         """For each owned dof, whether a support prescribes it."""
         return self.stepper.prescribed.mask
 
@@ -81,12 +79,12 @@ class Observation:
         return self.stepper.indicator
 
     @property
-    def rates(self) -> npt.NDArray[np.float64]:
+    def rates(self) -> Array:
         """Strain rate of each owned cell, zero in bodies [1/s]: by u + e, if that is measured."""
         return self.indicator.values if self.shared is None else self.shared
 
     @property
-    def strains(self) -> npt.NDArray[np.float64]:
+    def strains(self) -> Array:
         """Strain of each owned cell, zero in bodies."""
         return self.indicator.strains()
 

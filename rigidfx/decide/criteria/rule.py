@@ -7,17 +7,12 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
-
+from rigidfx.base.types import Array, Bools
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.error.strained import Limits, Strained
 from rigidfx.report.ledger import Rigidity
 
 __all__ = ["Rule"]
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 
 class Rule(Protocol):

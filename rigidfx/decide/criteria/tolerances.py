@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.types import Array
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.criteria.relative import Relative
 from rigidfx.decide.memory.memory import Memory
@@ -15,8 +15,6 @@ from rigidfx.scene.linked import linked
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Tolerances"]
-
-Array = npt.NDArray[np.float64]
 
 
 class Tolerances:

@@ -14,15 +14,12 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.instants import longer
 from rigidfx.base.remembered import ON_CELLS, Remembered
+from rigidfx.base.types import Array, Bools
 
 __all__ = ["BackOff"]
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 
 class BackOff:

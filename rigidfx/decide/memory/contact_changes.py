@@ -13,14 +13,13 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.types import Array
 from rigidfx.effects import Touch
 
 __all__ = ["ContactChanges"]
 
-Array = npt.NDArray[np.float64]
 NOTHING = np.zeros(4)
 
 

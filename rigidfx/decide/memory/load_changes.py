@@ -12,17 +12,16 @@ from functools import partial
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import by_name, together
 from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.types import Array
 from rigidfx.effects import Effect, Support, Windowed
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
 __all__ = ["LoadChanges"]
 
-Array = npt.NDArray[np.float64]
 
 REST = 1e-3  # of its largest value so far, by which a load at rest may change
 

@@ -11,17 +11,16 @@ from collections import deque
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.distance import pdist
 
 from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.types import Array
 from rigidfx.scene.points import far_apart
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 
 __all__ = ["Signals", "longest_period"]
 
-Array = npt.NDArray[np.float64]
 
 TELLTALES = 8  # nodes whose distances are recorded
 CYCLES = 3.0  # cycles of a signal in a record before its period is believed

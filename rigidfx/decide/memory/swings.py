@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.remembered import ON_CELLS, Remembered
+from rigidfx.base.types import Array, Indices
 
 __all__ = ["Swings"]
-
-Array = npt.NDArray[np.float64]
 
 
 class Swings:
@@ -31,7 +29,7 @@ class Swings:
         """
         self._least, self._most = np.full(cells, np.inf), np.full(cells, -np.inf)
 
-    def add(self, cells: npt.NDArray[np.int32], strains: Array) -> None:
+    def add(self, cells: Indices, strains: Array) -> None:
         """Observe the end of a step.
 
         Args:

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.remembered import ON_CELLS, Remembered, same
+from rigidfx.base.types import Array, Indices
 
 __all__ = ["Window"]
-
-Array = npt.NDArray[np.float64]
 
 
 class Window:
@@ -41,7 +39,7 @@ class Window:
         self.whole = np.ones(cells, dtype=bool)
         self.over = False
 
-    def add(self, cells: npt.NDArray[np.int32], rates: Array) -> None:
+    def add(self, cells: Indices, rates: Array) -> None:
         """Observe a step.
 
         Args:

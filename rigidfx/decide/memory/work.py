@@ -18,19 +18,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
+
+from rigidfx.base.types import Array, Bools, Indices
 
 __all__ = ["too_dear"]
 
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
-Ints = npt.NDArray[np.int32]
 
 SWITCHES = 7.0  # flexible steps that a freeze and a release of a body take
 
 
-def too_dear(parts: Sequence[Ints], quiet: Array, flexible: Bools, comm: MPI.Intracomm) -> Bools:
+def too_dear(parts: Sequence[Indices], quiet: Array, flexible: Bools, comm: MPI.Intracomm) -> Bools:
     """Owned cells of parts whose work while quiet is below the cost of switches. Collective.
 
     Args:

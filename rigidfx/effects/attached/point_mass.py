@@ -9,8 +9,9 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import positive
+from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
-from rigidfx.effects.base import Array, Vector
+from rigidfx.effects.base import Vector
 from rigidfx.effects.joints.carried import tie
 from rigidfx.effects.joints.on_face import OnFace
 from rigidfx.effects.joints.pieces import Pieces

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import numbers, shown
-from rigidfx.effects.action import Action, Array, Structure
+from rigidfx.base.types import Array
+from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Vector
 from rigidfx.effects.joints.face_motion import value_at
 from rigidfx.effects.joints.on_face import OnFace
@@ -68,17 +68,17 @@ class Spring(OnFace):
             )
 
     @property
-    def K(self) -> npt.NDArray[np.float64]:
+    def K(self) -> Array:
         """Total stiffness, shape (3, 3) [N/m]."""
         return _tensor(self.owner, "stiffness", self.stiffness)
 
     @property
-    def C(self) -> npt.NDArray[np.float64]:
+    def C(self) -> Array:
         """Total damping, shape (3, 3) [N s/m]."""
         return _tensor(self.owner, "damping", self.damping)
 
     @property
-    def ground_stiffness(self) -> npt.NDArray[np.float64]:
+    def ground_stiffness(self) -> Array:
         """K [N/m]."""
         return self.K
 
@@ -152,7 +152,7 @@ class SpringForces(Action):
         return float(np.vdot(self.nodes.weights[:, None] * u, u @ tensor))
 
 
-def _tensor(owner: str, name: str, value: Stiffness) -> npt.NDArray[np.float64]:
+def _tensor(owner: str, name: str, value: Stiffness) -> Array:
     """A symmetric positive semidefinite tensor from one, three or nine numbers, shape (3, 3)."""
     given = numbers(value)
     if given.shape == (3, 3):

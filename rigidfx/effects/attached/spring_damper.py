@@ -18,10 +18,10 @@ from math import inf
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown, vector
+from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Vector as Point
 from rigidfx.effects.joints.ends import end_of
@@ -33,7 +33,6 @@ from rigidfx.effects.joints.sides import GROUND
 
 __all__ = ["SpringDamper", "SpringDamperReport"]
 
-Array = npt.NDArray[np.float64]
 
 TAUT = float(np.sqrt(np.finfo(np.float64).eps))  # of its length, by which a taut cable may be short
 

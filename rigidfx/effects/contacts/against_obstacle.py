@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import ContactAction, Structure, Touch
 from rigidfx.effects.base import vector_at
 from rigidfx.effects.contacts.asked import AskedObstacle
@@ -20,8 +20,6 @@ from rigidfx.effects.motion import Instant, Motion, Tangent
 from rigidfx.effects.nodes import Nodes
 
 __all__ = ["ObstacleForces"]
-
-Array = npt.NDArray[np.float64]
 
 
 class ObstacleForces(ContactAction):
@@ -134,7 +132,7 @@ class ObstacleForces(ContactAction):
         """See `Action`."""
         return 0.0 if self._pressed is None else self._pressed.dissipated
 
-    def pressing(self) -> tuple[npt.NDArray[np.int64], Array]:
+    def pressing(self) -> tuple[Ints, Array]:
         """See `ContactAction`: along the normal, with friction along two tangents, too."""
         ways, p, points = np.zeros((len(self.nodes), 3, 3)), self._pressed, self._points
         if p is not None and p.at.size:

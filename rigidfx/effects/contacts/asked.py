@@ -6,16 +6,15 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.failures import Failures
 from rigidfx.base.inputs import shown
+from rigidfx.base.types import Array
 from rigidfx.effects.contacts.obstacles import Approach, Obstacle
 
 __all__ = ["AskedObstacle", "checked_approach", "checked_gap", "checked_outward"]
 
-Array = npt.NDArray[np.float64]
 T = TypeVar("T")
 
 UP = np.array([0.0, 0.0, 1.0])

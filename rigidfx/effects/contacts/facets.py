@@ -13,17 +13,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
 from rigidfx.effects.contacts.surface import triangles_of
 
 __all__ = ["warn_of_facets"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 FLAT = 0.01  # rad: facets that meet at less are one
 SHARP = 0.9  # rad, above an octagon's 45°: facets that meet at more are an edge of a part
@@ -73,7 +71,7 @@ def _round(scene: Any, where: str, owner: str) -> tuple[float, float]:
 
 
 def _of_triangles(
-    numbers: npt.NDArray[np.int64], corners: Array, centre: Array, inside: Array
+    numbers: Ints, corners: Array, centre: Array, inside: Array
 ) -> tuple[float, float]:
     """The same of triangles by the numbers and positions of their corners [rad, m]; 0 if none is.
 

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.types import Array
 from rigidfx.effects.contacts.surface import modulus_of, surface_of, triangles_of
 from rigidfx.effects.rigid import Rigid
 
 __all__ = ["own_time", "resolved_time"]
 
-Array = npt.NDArray[np.float64]
 
 CROSSINGS = 4.0  # of a layer: a mean over them is ρ c v of a flat face within a few per cent
 

@@ -19,15 +19,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import is_function, numbers, positive, shown, vector
 from rigidfx.base.taken import take_fields
+from rigidfx.base.types import Array
 
 __all__ = ["Approach", "Cylinder", "Obstacle", "Plane", "Sphere"]
 
-Array = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
 TINY = float(np.finfo(np.float64).tiny)
 

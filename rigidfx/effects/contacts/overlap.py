@@ -9,12 +9,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import geometry
 from dolfinx import mesh as dmesh
 
 from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
 from rigidfx.base.errors import SceneError, agree
+from rigidfx.base.types import Array
 from rigidfx.effects.contacts.surface import triangles_of
 
 __all__ = ["refuse_overlap"]
@@ -62,7 +62,7 @@ def refuse_overlap(scene: Any, where: str, owner: str) -> None:
     agree(comm, problem, SceneError)
 
 
-def _hits(mesh: Any, points: npt.NDArray[np.float64]) -> tuple[Any, Any]:
+def _hits(mesh: Any, points: Array) -> tuple[Any, Any]:
     """Points, and owned cells whose convex hulls they are in, by numbers, one for each pair."""
     owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
     if not owned.size or not len(points):
@@ -73,7 +73,7 @@ def _hits(mesh: Any, points: npt.NDArray[np.float64]) -> tuple[Any, Any]:
     return np.repeat(np.arange(len(points)), np.diff(hits.offsets)), hits.array
 
 
-def _holds(mesh: Any, cell: int, point: npt.NDArray[np.float64]) -> bool:
+def _holds(mesh: Any, cell: int, point: Array) -> bool:
     """Whether a point is in a cell, which may be smaller than its hull; few are asked for."""
     corners = mesh.geometry.x[cell_geometry_dofs(mesh)[cell]]
     try:

@@ -15,17 +15,15 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, la
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
+from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.effects.contacts.surface import surface_of, triangles_of
 
 __all__ = ["PairSurface", "pair_of", "projected"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 _known: WeakKeyDictionary[Any, dict[tuple[str, str, float | None], PairSurface]]
 _known = WeakKeyDictionary()
@@ -134,7 +132,7 @@ class PairSurface:
         np.add.at(at_nodes, self.triangles, normals[:, None])
         return normals, _unit(at_nodes)
 
-    def _of_one_wall(self, node: Ints, triangle: Ints) -> npt.NDArray[np.bool_]:
+    def _of_one_wall(self, node: Ints, triangle: Ints) -> Bools:
         """Whether nodes are near triangles in the reference, and behind: on a wall's other side."""
         X, corners = self.X[self.slaves[node]], self.X[self.triangles[triangle]]
         g, _, _ = projected(X, corners)

@@ -21,11 +21,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.mesh_order import MeshOrder
+from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import ContactAction, Structure, Touch
 from rigidfx.effects.contacts.pair_surface import PairSurface, projected
 from rigidfx.effects.contacts.penalty import outdated, secant, stored
@@ -35,8 +35,6 @@ from rigidfx.effects.nodes import SharedNodes
 
 __all__ = ["PairForces"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 _SEARCH = PETSc.Log.Event("rigidfxSearch")  # what PETSc's log calls the look for triangles
 

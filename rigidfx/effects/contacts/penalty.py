@@ -8,11 +8,11 @@ exceeds the penetration at the other end, so 0/0 cannot occur.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
+
+from rigidfx.base.types import Array
 
 __all__ = ["STALE", "outdated", "secant", "stored"]
 
-Array = npt.NDArray[np.float64]
 
 STALE = 0.05  # change of a derivative, which is k/2 at most, by k
 

@@ -18,16 +18,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array, Ints
 from rigidfx.effects.contacts.asked import AskedObstacle
 from rigidfx.effects.contacts.obstacles import Approach
 from rigidfx.effects.contacts.penalty import outdated, secant
 
 __all__ = ["Friction", "Points", "Pressed", "Sliding"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 IDENTITY = np.eye(3)
 TINY = float(np.finfo(np.float64).tiny)
 

@@ -14,7 +14,6 @@ from weakref import WeakKeyDictionary
 
 import basix
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 from mpi4py import MPI
@@ -22,12 +21,11 @@ from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.form_cache import form_on
+from rigidfx.base.types import Array, Ints
 from rigidfx.mechanics.materials import Material
 
 __all__ = ["ContactSurface", "modulus_of", "surface_of", "triangles_of"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 LAYERS = 5.0  # default stiffness in those of a layer of cells
 STRAIN = 1e-4  # at which a material's modulus is measured

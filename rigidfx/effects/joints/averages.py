@@ -15,13 +15,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.types import Array, Ints
 
 __all__ = ["Average", "Averages", "Grounded"]
 
-Array = npt.NDArray[np.float64]
 NONE = np.empty(0)
 
 
@@ -37,7 +36,7 @@ class Average:
         is_place: Whether it is a place, not a direction.
     """
 
-    nodes: npt.NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    nodes: Ints = field(default_factory=lambda: np.empty(0, np.int64))
     weights: Array = field(default_factory=lambda: NONE)
     constant: Array = field(default_factory=lambda: np.zeros(3))
     start: Array = field(default_factory=lambda: np.zeros(3))

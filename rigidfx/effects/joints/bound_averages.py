@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import csr_array
 
 from rigidfx.base.matrices import compact, dense
+from rigidfx.base.types import Array
 from rigidfx.effects.action import Structure
 from rigidfx.effects.joints.averages import Average
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant
@@ -19,8 +19,6 @@ from rigidfx.effects.nodes import Nodes
 from rigidfx.mechanics.rigid_body import RigidBody
 
 __all__ = ["BoundAverages", "StiffRow", "stiff_rows"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

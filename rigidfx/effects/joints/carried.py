@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array
 from rigidfx.effects.joints.averages import Average
 from rigidfx.effects.joints.face_motion import motion_at
 from rigidfx.effects.joints.pieces import Pieces
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 __all__ = ["body_of", "tie"]
 
-Array = npt.NDArray[np.float64]
 
 SMALL = 0.02  # radius of gyration over the size of the face; 1e-3 drowns low modes in rounding
 

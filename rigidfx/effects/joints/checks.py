@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.effects.joints.averages import Grounded
 from rigidfx.effects.joints.face_motion import Sided
@@ -16,7 +16,6 @@ from rigidfx.effects.supports.support import Support
 
 __all__ = ["check_near", "check_sides", "warn_of_arm"]
 
-Array = npt.NDArray[np.float64]
 
 FAR = 20.0  # times its own size, that a surface may be away from its joint or remote point
 

@@ -19,12 +19,11 @@ from dataclasses import dataclass
 from math import pi
 
 import numpy as np
-import numpy.typing as npt
+
+from rigidfx.base.types import Array, Ints
 
 __all__ = ["Angle", "Coordinate", "Coordinates", "Travel", "secant"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 SMALL = 1e-5  # gain of invariants, in lengths of a joint or none, whose cube is rounding
 

@@ -12,9 +12,9 @@ from math import inf
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.types import Indices
 from rigidfx.effects.base import Vector
 from rigidfx.effects.joints.face_motion import Sided
 from rigidfx.effects.joints.joint import Joint, axis_of
@@ -25,7 +25,7 @@ from rigidfx.effects.supports.symmetry import Symmetry
 
 __all__ = ["Mirrored", "cut_by_symmetry"]
 
-Supports = tuple[tuple[Support, npt.NDArray[np.int32]], ...]
+Supports = tuple[tuple[Support, Indices], ...]
 
 
 @dataclass(frozen=True)

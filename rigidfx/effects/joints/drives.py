@@ -18,10 +18,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_array
 
 from rigidfx.base.matrices import Matrix, Pattern
+from rigidfx.base.types import Array, Ints
 from rigidfx.effects.joints.coordinates import Coordinate, Coordinates
 from rigidfx.effects.joints.elements import (
     Blow,
@@ -36,8 +36,6 @@ from rigidfx.effects.joints.joint import Joint
 
 __all__ = ["Drives", "Element"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Element = Motor | JointSpring | Stop
 
 APART = float(np.sqrt(np.sqrt(np.finfo(np.float64).eps)))  # of a large coordinate: a jump

@@ -33,8 +33,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array, Ints
 from rigidfx.effects.joints.averages import Average, Averages, Grounded
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.mechanics.rotation import cross, nearest_rotations, skew
@@ -49,8 +49,6 @@ __all__ = [
     "turn_map",
     "value_at",
 ]
-
-Array = npt.NDArray[np.float64]
 
 
 def cyclic() -> list[tuple[int, int, int]]:
@@ -184,7 +182,7 @@ class FaceVector:
         return self.face.centre + self.arm if self.is_place else self.arm
 
     @property
-    def nodes(self) -> npt.NDArray[np.int64]:
+    def nodes(self) -> Ints:
         """Owned nodes of this rank."""
         return self.face.nodes
 

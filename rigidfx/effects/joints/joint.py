@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown, vector
+from rigidfx.base.types import Array
 from rigidfx.effects.base import WHOLE, Effect
 from rigidfx.effects.base import Vector as Place
 from rigidfx.effects.joints.checks import check_sides
@@ -29,8 +29,6 @@ from rigidfx.effects.joints.sides import (
 )
 
 __all__ = ["Aligned", "Between", "Joint", "axis_of"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,16 +6,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.named import Named, no_such
+from rigidfx.base.types import Array
 from rigidfx.effects.joints.elements import Blow
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.sides import GROUND
 
 __all__ = ["JointReport", "JointReports", "told_of"]
 
-Array = npt.NDArray[np.float64]
 NO_BLOWS: Mapping[str, Blow] = {}
 
 

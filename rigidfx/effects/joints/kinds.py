@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.types import Array
 from rigidfx.effects.base import Vector
 from rigidfx.effects.joints.face_motion import Sided
 from rigidfx.effects.joints.joint import Joint, axis_of
@@ -17,7 +17,6 @@ from rigidfx.effects.joints.round_surfaces import sphere_of
 
 __all__ = ["Axial", "Cylindrical", "Prismatic", "Revolute", "Spherical", "Tied", "Universal"]
 
-Array = npt.NDArray[np.float64]
 
 RIGHT_ANGLE = 1e-6  # cosine that the axes of a universal joint may have at the start
 

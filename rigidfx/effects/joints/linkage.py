@@ -20,10 +20,10 @@ from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_array
 
 from rigidfx.base.matrices import Matrix, stacked
+from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import Structure
 from rigidfx.effects.joints.bound_averages import BoundAverages, stiff_rows
 from rigidfx.effects.joints.coordinates import Coordinates
@@ -37,9 +37,6 @@ from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion
 from rigidfx.mechanics.bodies import Bodies
 
 __all__ = ["Linkage"]
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 class Linkage:

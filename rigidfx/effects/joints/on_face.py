@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import vector
+from rigidfx.base.types import Array
 from rigidfx.effects.base import WHOLE, Effect
 from rigidfx.effects.joints.averages import Grounded
 from rigidfx.effects.joints.checks import check_sides
@@ -25,8 +25,6 @@ from rigidfx.effects.joints.face_motion import Vector
 from rigidfx.effects.joints.sides import Surface, side_of
 
 __all__ = ["OnFace", "RemotePoint"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -15,16 +15,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_array
 
 from rigidfx.base.matrices import Matrix, Pattern
+from rigidfx.base.types import Array
 from rigidfx.effects.joints.coordinates import Coordinate
 from rigidfx.effects.joints.face_motion import Vector
 
 __all__ = ["Pieces", "Row", "Terms", "perpendiculars"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,17 +8,17 @@ compliance C = B Bᵀ of the ports, rows are independent as the columns of (D B)
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import qr
+
+from rigidfx.base.types import Array, Ints
 
 __all__ = ["RANK", "independent"]
 
-Array = npt.NDArray[np.float64]
 
 RANK = 1e-9  # of the largest pivot: what is less is rounding in places that joints hold to 1e-13 m
 
 
-def independent(D: Array, terms: Array, compliance: Array) -> npt.NDArray[np.int64]:
+def independent(D: Array, terms: Array, compliance: Array) -> Ints:
     """Numbers of rows that imply all others, sorted.
 
     Args:

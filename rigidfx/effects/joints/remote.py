@@ -12,16 +12,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_array
 
+from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.joints.face_motion import Vector
 
 __all__ = ["Points", "RemoteForces", "RemoteMotion", "RemoteNodes", "RemoteTangent"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Heed = Callable[[Action, str], Callable[..., Any]]
 
 

@@ -10,14 +10,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import mesh as dmesh
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.types import Array, Indices
 
 __all__ = ["corners_of", "cylinder_of", "sphere_of"]
 
-Array = npt.NDArray[np.float64]
 
 ROUND = 0.02  # part of the normals' squares along the axis, or of the radius, that may be off
 
@@ -101,7 +100,7 @@ def _fitted(scene: Any, x: Array) -> tuple[Array, float, float]:
     )
 
 
-def corners_of(scene: Any, pairs: npt.NDArray[np.int32]) -> Array:
+def corners_of(scene: Any, pairs: Indices) -> Array:
     """Corners of owned facets, shape (facets, 3 or 4, 3) [m].
 
     Args:

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.matrices import Matrix, Pattern
+from rigidfx.base.types import Array, Ints
 from rigidfx.effects.joints.averages import Average
 from rigidfx.effects.joints.bound_averages import StiffRow
 from rigidfx.effects.joints.face_motion import FaceVector, Vector, cyclic, turn_map
@@ -19,9 +19,6 @@ from rigidfx.effects.motion import ForcesOfNodes
 from rigidfx.mechanics.rotation import AXES, cross, nearest_rotations, skew
 
 __all__ = ["Vectors"]
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 class Vectors:

@@ -15,7 +15,8 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import check_factor, is_function, numbers, scalar, vector
-from rigidfx.effects.action import Action, Array, Structure
+from rigidfx.base.types import Array
+from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import TimeFunction, Windowed, check_vector, vector_at
 from rigidfx.effects.fields import of_place, some_points, values_at
 from rigidfx.effects.motion import Forces

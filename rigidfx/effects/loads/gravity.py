@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.types import Array
 from rigidfx.effects.action import Structure
 from rigidfx.effects.attached.point_mass import PointMass
-from rigidfx.effects.base import Array, Vector
+from rigidfx.effects.base import Vector
 from rigidfx.effects.loads.dead_load import DeadLoad
 from rigidfx.mechanics.rigid_body import RigidBody
 

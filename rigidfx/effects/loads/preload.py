@@ -10,7 +10,8 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown, vector, whole
-from rigidfx.effects.base import Array, Effect, Vector
+from rigidfx.base.types import Array
+from rigidfx.effects.base import Effect, Vector
 from rigidfx.effects.inertia import Centrifugal
 from rigidfx.effects.joints.joint import axis_of
 from rigidfx.effects.joints.kinds import Axial

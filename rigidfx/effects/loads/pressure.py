@@ -21,7 +21,8 @@ from dolfinx import fem
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import check_factor, is_function, number, scalar
-from rigidfx.effects.action import Action, Array, FormTerm, Structure
+from rigidfx.base.types import Array
+from rigidfx.effects.action import Action, FormTerm, Structure
 from rigidfx.effects.base import TimeFunction, Windowed
 from rigidfx.effects.motion import Motion, Tangent
 from rigidfx.mechanics.body_step import Increments

@@ -10,7 +10,8 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import check_factor, scalar, vector
-from rigidfx.effects.action import Action, Array, Structure
+from rigidfx.base.types import Array
+from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import WHOLE, TimeFunction, Vector, Windowed, check_vector
 from rigidfx.effects.joints.on_face import OnFace
 from rigidfx.effects.joints.remote import RemoteMotion, RemoteNodes

@@ -10,8 +10,9 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown
+from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
-from rigidfx.effects.base import Array, Vector
+from rigidfx.effects.base import Vector
 from rigidfx.effects.fields import PlaceAndTime
 from rigidfx.effects.loads.dead_load import DeadLoad
 

@@ -13,14 +13,13 @@ from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, together
+from rigidfx.base.types import Array
 from rigidfx.effects.supports.support import Support
 
 __all__ = ["GuidedSupport", "PathAndVelocity"]
 
-Array = npt.NDArray[np.float64]
 
 AT_START = 1e-2  # of the largest velocity: nodes get the velocity of the start
 LATER = 5e-2  # of it: a path may be a polygon and the velocity that of the curve it stands for

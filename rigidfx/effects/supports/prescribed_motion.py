@@ -7,11 +7,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import is_function, numbers, shown
-from rigidfx.effects.fields import Array, PlaceAndTime, of_place, values_at
+from rigidfx.base.types import Array
+from rigidfx.effects.fields import PlaceAndTime, of_place, values_at
 from rigidfx.effects.supports.path_velocity import GuidedSupport, PathAndVelocity
 from rigidfx.effects.supports.support import Support
 
@@ -73,12 +73,12 @@ class PrescribedMotion(GuidedSupport):
         u0, u1, u2 = (self.displacements_at(t + k * h, X) for k in range(3))
         return np.asarray((4 * u1 - 3 * u0 - u2) / (2 * h))
 
-    def displacement_at(self, t: float) -> npt.NDArray[np.float64]:
+    def displacement_at(self, t: float) -> Array:
         """The given path at t, of all nodes."""
         path: Any = self.displacement
         return numbers(path(t))
 
-    def velocity_at(self, t: float, dt: float) -> npt.NDArray[np.float64]:
+    def velocity_at(self, t: float, dt: float) -> Array:
         """The given velocity at t, or the difference quotient of the path just after t."""
         if self.velocity is not None:
             velocity: Any = self.velocity
@@ -113,7 +113,7 @@ class PrescribedMotion(GuidedSupport):
         velocity: Any = self.velocity
         return PathAndVelocity(self.displacement_at, lambda t: numbers(velocity(t)), self.axes)
 
-    def signal(self, t: float, dt: float) -> npt.NDArray[np.float64]:
+    def signal(self, t: float, dt: float) -> Array:
         """The velocity, while it acts."""
         some = np.zeros((1, 3)) if self.uniform else self._points
         if not self.acts(t):

@@ -12,9 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import is_function, scalar, shown, vector
+from rigidfx.base.types import Array
 from rigidfx.effects.base import Vector
 from rigidfx.effects.supports.path_velocity import GuidedSupport, PathAndVelocity
-from rigidfx.effects.supports.support import Array, Support
+from rigidfx.effects.supports.support import Support
 
 __all__ = ["PrescribedRotation"]
 

@@ -9,16 +9,14 @@ from math import isfinite
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import shown
+from rigidfx.base.types import Array
 from rigidfx.effects.base import Windowed, check_vector
 from rigidfx.effects.fields import some_points
 
 __all__ = ["Fixed", "Support"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -63,11 +61,11 @@ class Support(Windowed):
         """The held components as numbers 0, 1, 2."""
         return tuple("xyz".index(c) for c in self.components)
 
-    def displacement_at(self, t: float) -> npt.NDArray[np.float64]:
+    def displacement_at(self, t: float) -> Array:
         """Prescribed displacement, shape (3,) [m], up to a constant of no consequence."""
         raise NotImplementedError
 
-    def velocity_at(self, t: float, dt: float) -> npt.NDArray[np.float64]:
+    def velocity_at(self, t: float, dt: float) -> Array:
         """Prescribed velocity just after t, shape (3,) [m/s].
 
         Args:
@@ -176,11 +174,11 @@ class Support(Windowed):
 class Fixed(Support):
     """Holds the nodes of a named set where they are when the window begins."""
 
-    def displacement_at(self, t: float) -> npt.NDArray[np.float64]:
+    def displacement_at(self, t: float) -> Array:
         """Zero."""
         return np.zeros(3)
 
-    def velocity_at(self, t: float, dt: float) -> npt.NDArray[np.float64]:
+    def velocity_at(self, t: float, dt: float) -> Array:
         """Zero."""
         return np.zeros(3)
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
 from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.types import Array
 from rigidfx.coupling.mass import Mass
 from rigidfx.error.forces.parts import Parts, watched
 from rigidfx.error.forces.withheld import Withheld
@@ -20,9 +19,6 @@ from rigidfx.step.watches.watch import Watch
 
 __all__ = ["BodyForces"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
-Nodes = npt.NDArray[np.int64]
 
 # What PETSc's log calls this part of a run.
 _BEARING = PETSc.Log.Event("rigidfxBodyForces")

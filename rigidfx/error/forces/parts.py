@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.coupling.mass import Mass, mass_operator
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import Cells, InternalForces
@@ -17,10 +17,6 @@ from rigidfx.mechanics.rotation import axial, skew
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Parts", "mass_of", "watched"]
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Int32s = npt.NDArray[np.int32]
 
 
 class Parts:
@@ -51,7 +47,7 @@ class Parts:
         """
         self.bodies = tuple(bodies)
         self._scene = scene
-        none: list[npt.NDArray[np.int32]] = [np.empty(0, np.int32)]
+        none: list[Indices] = [np.empty(0, np.int32)]
         nodes = np.sort(np.concatenate([*none, *(body.nodes for body in bodies)]))
         self.cells: Cells = forces.cells(
             np.sort(np.concatenate([*none, *(body.cells for body in bodies)]))
@@ -178,7 +174,7 @@ class Parts:
         out[:, 1:] /= self._lengths[:, None]
         return out
 
-    def in_space(self, u: Array, bodies: Bodies, out: Array) -> tuple[Array, Int32s]:
+    def in_space(self, u: Array, bodies: Bodies, out: Array) -> tuple[Array, Indices]:
         """Displacements in the bodies' frames, as they are in space.
 
         Args:
@@ -190,7 +186,7 @@ class Parts:
             The same, and the owned cells of the bodies that are here.
         """
         now = {id(body.data): body.motion.R for body in bodies}
-        cells: list[Int32s] = [np.empty(0, np.int32)]
+        cells: list[Indices] = [np.empty(0, np.int32)]
         for data, at in zip(self.bodies, self.at, strict=True):
             if id(data) in now:
                 out[data.nodes] = u[at] @ now[id(data)].T

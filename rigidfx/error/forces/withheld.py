@@ -17,10 +17,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, la
 from mpi4py import MPI
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.mass import Mass
 from rigidfx.effects import Windowed
 from rigidfx.effects.motion import Forces, Motion
@@ -33,8 +33,6 @@ from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.stepper import Stepper
 
 __all__ = ["Withheld"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

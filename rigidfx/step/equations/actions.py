@@ -11,11 +11,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import by_name, together
 from rigidfx.base.inputs import shown
+from rigidfx.base.types import Array, Ints
 from rigidfx.effects import Action, Effect, Touch
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion, Tangent
 from rigidfx.step.equations.eased_forces import EasedForces
@@ -25,7 +25,6 @@ from rigidfx.step.equations.structure import BoundStructure
 
 __all__ = ["Actions", "bound"]
 
-Array = npt.NDArray[np.float64]
 
 # Methods that a step calls; none raises.
 METHODS = ("load", "resist", "stiffen", "stored", "taken", "accept", "touch", "creep_for")
@@ -218,7 +217,7 @@ class Actions:
             }
         return self._touches
 
-    def pressing(self) -> tuple[npt.NDArray[np.int64], Array]:
+    def pressing(self) -> tuple[Ints, Array]:
         """Owned nodes of bodies that contacts press, and how: see `ContactAction`."""
         each = [contact.pressing() for contact in self._contacts]
         nodes = np.concatenate([np.empty(0, np.int64), *(own for own, _ in each)])

@@ -6,11 +6,11 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.mass import without_zeros
 from rigidfx.coupling.prolongation import Prolongation
@@ -22,8 +22,6 @@ from rigidfx.flexible.internal_forces import Cells
 from rigidfx.mechanics.eased import Eased
 
 __all__ = ["EasedForces"]
-
-Array = npt.NDArray[np.float64]
 
 
 class EasedForces(Action):

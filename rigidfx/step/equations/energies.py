@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.coupling.mass import Mass
 from rigidfx.effects.joints.linkage import Linkage
@@ -19,8 +19,6 @@ from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions
 
 __all__ = ["Energies", "Measures", "Momenta"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

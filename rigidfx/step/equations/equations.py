@@ -14,11 +14,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.cell_forces import CellForces
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.mass import Mass
@@ -37,7 +37,6 @@ from rigidfx.step.equations.trial import Trial
 
 __all__ = ["Equilibrium"]
 
-Array = npt.NDArray[np.float64]
 
 WELL_CONDITIONED = 50.0  # cells that the fastest wave passes in a step; its square is the condition
 

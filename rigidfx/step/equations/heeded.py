@@ -9,15 +9,14 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.failures import Failures
 from rigidfx.base.inputs import number, shown
+from rigidfx.base.types import Array
 from rigidfx.effects import Action, ContactAction, Touch
 
 __all__ = ["Heeded", "doing"]
 
-Array = npt.NDArray[np.float64]
 
 NUMBERS = ("stored", "taken")  # methods that give a number
 

@@ -17,13 +17,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array, dia_array
 
 from rigidfx.base.errors import StepError
 from rigidfx.base.matrices import Matrix, compact, dense
+from rigidfx.base.types import Array
 from rigidfx.coupling.ports import Ports
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.redundancy import independent
@@ -34,7 +34,6 @@ from rigidfx.step.equations.trial import Trial
 
 __all__ = ["DraggedEquilibrium", "JoinedEquilibrium"]
 
-Array = npt.NDArray[np.float64]
 
 # Of a joint's size, that a row without a force may be open by: rounding and poses make some 1e-9.
 OPEN = float(np.cbrt(np.finfo(np.float64).eps))

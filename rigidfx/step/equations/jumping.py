@@ -9,19 +9,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import coo_array, csr_array
 
+from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Action
 from rigidfx.effects.motion import Motion, Tangent
 from rigidfx.step.equations.heeded import Heeded
 
 __all__ = ["Jumping"]
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 class Jumping:
@@ -73,7 +70,7 @@ class _Entries:
         self._p = prolongation
         self._parts: list[tuple[Ints, Ints, Array]] = []
 
-    def add_nodal(self, nodes: npt.NDArray[np.int32], blocks: Array) -> None:
+    def add_nodal(self, nodes: Indices, blocks: Array) -> None:
         """Add to the diagonal blocks of free nodes of this rank, shape (nodes, 3, 3)."""
         places = self._p.layout.rows.positions(nodes)
         self._add(self._p.numbers.reshape(-1, 3)[places], blocks)

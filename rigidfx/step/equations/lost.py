@@ -14,16 +14,15 @@ turn a part that has next to no inertia against it, compared with its stiffness.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.rotation import axial, skew
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Lost"]
 
-Array = npt.NDArray[np.float64]
 
 TINY = 1e-200  # J, and kg m/s; what is relative to less than that would be beyond all numbers
 

@@ -8,11 +8,11 @@ residual would pass for rounding.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.flexible.internal_forces import InternalForces
@@ -22,8 +22,6 @@ from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.stiff_parts import StiffParts
 
 __all__ = ["Rounding"]
-
-Array = npt.NDArray[np.float64]
 
 
 class Rounding:

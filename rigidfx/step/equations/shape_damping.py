@@ -13,10 +13,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
@@ -26,8 +26,6 @@ from rigidfx.mechanics.shapes import times
 from rigidfx.scene.scene import Scene
 
 __all__ = ["ShapeDamping"]
-
-Array = npt.NDArray[np.float64]
 
 
 class ShapeDamping:

@@ -11,17 +11,15 @@ are known well, so that one 6 × 6 system for each part says how far it is from 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.scene.scene import Scene
 
 __all__ = ["StiffParts"]
-
-Array = npt.NDArray[np.float64]
 
 
 class StiffParts:

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
+from rigidfx.base.types import Array
 from rigidfx.effects import Structure
 from rigidfx.flexible.surface import Surface
 
 __all__ = ["BoundStructure"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

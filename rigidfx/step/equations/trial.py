@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.base.types import Array
 from rigidfx.mechanics.body_step import Step
 
 __all__ = ["Trial"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,9 @@ from math import inf, sqrt
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.types import Array
 from rigidfx.effects import Contact, Touch
 from rigidfx.scene.linked import met
 from rigidfx.scene.points import parts_of_nodes
@@ -31,7 +31,6 @@ from rigidfx.scene.scene import Scene
 
 __all__ = ["Blows"]
 
-Array = npt.NDArray[np.float64]
 
 LONGER = 4.0  # times a step: the force in one so long tells nothing of that at its ends, but is
 # next to nothing where it gives less than this step: a step that ends at a touch may press a little

@@ -16,13 +16,11 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.types import Array
 
 __all__ = ["Elsewhere"]
-
-Array = npt.NDArray[np.float64]
 
 
 class Elsewhere:

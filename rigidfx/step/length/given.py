@@ -19,13 +19,13 @@ import numpy.typing as npt
 from rigidfx.base.errors import SceneError, by_name
 from rigidfx.base.inputs import is_function
 from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.types import Array
 from rigidfx.effects import Effect, Table, Windowed
 from rigidfx.scene.sample import spread
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Given", "given_loads", "is_given"]
 
-Array = npt.NDArray[np.float64]
 Signal = Callable[[float, float], npt.ArrayLike]
 
 NODES = 1000  # at which a function of place is evaluated, at most

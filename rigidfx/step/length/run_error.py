@@ -23,16 +23,15 @@ from math import exp, log2
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.types import Array
 from rigidfx.effects import Contact
 from rigidfx.scene.damped import Damped
 from rigidfx.scene.scene import Scene
 
 __all__ = ["RunError"]
 
-Array = npt.NDArray[np.float64]
 
 STAGES = 4  # of both filters: a flight that goes with t³ has no amplitude
 OF_CUT = 0.5  # of ω_b: the frequency that is damped at δ_b, and above which A_b is found

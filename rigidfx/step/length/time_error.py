@@ -25,13 +25,12 @@ from math import comb, exp, nan, sqrt
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.types import Array
 
 __all__ = ["TimeError"]
 
-Array = npt.NDArray[np.float64]
 
 DIFFERENCES = 3  # that ĵ is the mean of: two let a ringing from step to step through
 TURN = 3.0  # over ω, the time in which squares fade: half a period

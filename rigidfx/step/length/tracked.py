@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.scene.points import far_apart, find_probes, parts_of_nodes
 from rigidfx.scene.scene import Scene
@@ -22,8 +23,6 @@ from rigidfx.step.system.system import System
 
 __all__ = ["Tracked"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 NODES = 32  # of its own choice
 ROUNDING = 1e-9  # of a probe's weights of nodes, which add up to one
@@ -63,7 +62,7 @@ class Tracked:
         self._a: Array = np.zeros((self.nodes.size, 4))  # their coordinates in bodies
         self._free: Ints = np.empty(0, np.int64)  # those that take part in a step ...
         self._rows: Ints = np.empty((0, 3), np.int64)  # ... and where in its increments
-        self._held: npt.NDArray[np.bool_] = np.zeros(self._X.shape, dtype=bool)
+        self._held: Bools = np.zeros(self._X.shape, dtype=bool)
         self._bodies: tuple[object, ...] = ()
 
     def bind(self, system: System, bodies: Bodies) -> bool:
@@ -136,7 +135,7 @@ def _found(among: npt.NDArray[np.integer[Any]], nodes: Ints) -> tuple[Ints, Ints
     return inside, place[inside]
 
 
-def _parts_of(scene: Scene, nodes: Ints) -> npt.NDArray[np.bool_]:
+def _parts_of(scene: Scene, nodes: Ints) -> Bools:
     """Owned nodes of the connected parts that some nodes of all ranks are in. Collective."""
     of_node = parts_of_nodes(scene)
     held = np.asarray(scene.sum(np.bincount(of_node[nodes], minlength=scene.parts.count) + 0.0))

@@ -15,17 +15,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.linalg import eigh
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.step.linear.eigensolver import MOST, check_installed, eigensolver
 
 __all__ = ["EigenControl", "Eigenpairs", "clusters", "lowest"]
-
-Array = npt.NDArray[np.float64]
 
 
 class _NotFound(SceneError, np.linalg.LinAlgError):
@@ -124,7 +122,7 @@ def lowest(
         K.destroy()
 
 
-def clusters(values: Array, gap: float) -> npt.NDArray[np.int64]:
+def clusters(values: Array, gap: float) -> Ints:
     """Number of the cluster that each of some sorted values belongs to.
 
     Args:
@@ -231,7 +229,7 @@ class _Search:
         end = int(np.searchsorted(of, of[count - 1], side="right"))
         return end if end < values.size else None
 
-    def _zeros(self, values: Array, vectors: list[PETSc.Vec]) -> npt.NDArray[np.bool_]:
+    def _zeros(self, values: Array, vectors: list[PETSc.Vec]) -> Bools:
         """Whether each value is none but for rounding."""
         sizes = []
         for vector in vectors:

@@ -9,18 +9,16 @@ boxes with about equal numbers of nodes; each rigid body is an aggregate.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
+from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.step.newton.motions import EMPTY
 
 __all__ = ["Aggregates"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Int = PETSc.IntType
 
 # Nodes of an aggregate, at most. An L of 196 875 unknowns (solves to a hundredth, 8.0 iterations
@@ -75,7 +73,7 @@ class Aggregates:
         out.assemble()
         return out
 
-    def _orthonormal(self, x: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+    def _orthonormal(self, x: Array) -> tuple[Array, Bools]:
         """Motions of each node with its aggregate, and which an aggregate has.
 
         Returns:

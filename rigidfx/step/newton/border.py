@@ -25,13 +25,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from rigidfx.base.errors import StepError
 from rigidfx.base.matrices import Matrix, Pattern, compact, dense
+from rigidfx.base.types import Array, Indices
 from rigidfx.mechanics.rotation import AXES, nearest_rotations
 from rigidfx.step.equations.joined import JoinedEquilibrium
 from rigidfx.step.newton.parted import Shared, parted
@@ -39,7 +39,6 @@ from rigidfx.step.newton.small_system import Factors, small_system
 
 __all__ = ["Border", "BorderedFactors"]
 
-Array = npt.NDArray[np.float64]
 Solve = Callable[[PETSc.Vec, PETSc.Vec], None]
 
 
@@ -115,7 +114,7 @@ class Border:
             return own
         return self._sum(np.ascontiguousarray(dense(own)))
 
-    def turn(self, starts: npt.NDArray[np.int32], Q: Array | None) -> None:
+    def turn(self, starts: Indices, Q: Array | None) -> None:
         """Begin a step: take note of how nodes and bodies have turned since. Collective.
 
         Args:

@@ -11,13 +11,12 @@ and later steps need not be better. An iterate with a larger change than the one
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array
 from rigidfx.step.newton.stopping_test import ROUNDING
 
 __all__ = ["Conserving"]
 
-Array = npt.NDArray[np.float64]
 
 SLOW = 0.5  # factor by which what falls in an iteration is no rounding
 GROWN = 2.0  # a residual that has grown by that belongs to no solution any more

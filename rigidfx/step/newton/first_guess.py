@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rotation import IDENTITY, axial, cayley, skew
@@ -22,7 +22,6 @@ from rigidfx.scene.scene import Scene
 
 __all__ = ["Guess", "predict"]
 
-Array = npt.NDArray[np.float64]
 
 SMALL = 1e-3  # rotation per step [rad] below which a straight line is as good a guess
 SINGULAR = 1e-9  # ratio of a principal moment of inertia to the largest that counts as none

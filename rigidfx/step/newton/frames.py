@@ -10,16 +10,14 @@ Coordinates of shapes do not turn. A node that supports hold in part keeps its d
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import la
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.local_rotations import LocalRotations, turn_vectors
 from rigidfx.mechanics.rotation import IDENTITY
 
 __all__ = ["Frames"]
-
-Array = npt.NDArray[np.float64]
 
 
 class Frames:

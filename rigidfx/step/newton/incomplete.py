@@ -17,17 +17,16 @@ nodes, the correction would increase the residual many times, and slow Newton's 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from rigidfx.base.types import Array
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear.linear_solver import PREFIX, configure, default_options
 from rigidfx.step.newton.motions import motions_of_unknowns
 
 __all__ = ["IncompleteFactors"]
 
-Array = npt.NDArray[np.float64]
 
 OWN = PREFIX + "incomplete_"  # prefix of its options
 REDUCTION = 1e-2  # of the residual in a solve

@@ -14,10 +14,10 @@ tangent fits. For a steadily turning body the fit is exact.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
+from rigidfx.base.types import Array
 from rigidfx.step.newton.border import Border
 from rigidfx.step.newton.factors import Factors
 from rigidfx.step.newton.frames import Frames
@@ -27,7 +27,6 @@ from rigidfx.step.newton.secants import Secants
 
 __all__ = ["Inverse", "KeptTangent"]
 
-Array = npt.NDArray[np.float64]
 
 NEAR = 0.1  # change of Δt that a tangent survives
 Inverse = Factors | IncompleteFactors  # solvers with a tangent that has been assembled once

@@ -17,20 +17,18 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse import csc_array, csr_array
 
+from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.contacts.penalty import STALE
 from rigidfx.step.newton.frames import Frames
 
 __all__ = ["LowRank"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Solve = Callable[[PETSc.Vec, PETSc.Vec], None]
 
 
@@ -135,11 +133,11 @@ class LowRank:
         found = np.concatenate([every, own[~within]]) + self._first
         return np.unique(np.concatenate(self._comm.allgather(found)))
 
-    def _here(self, rows: Ints) -> npt.NDArray[np.bool_]:
+    def _here(self, rows: Ints) -> Bools:
         """Which unknowns are this rank's."""
         return np.asarray((rows >= self._first) & (rows < self._first + self._owned))
 
-    def _vectors(self, own: Ints) -> tuple[Ints, npt.NDArray[np.bool_]]:
+    def _vectors(self, own: Ints) -> tuple[Ints, Bools]:
         """Where the vector of each unknown of this rank begins, and whether it is of one."""
         starts = self._frames.starts.astype(np.int64)
         if not starts.size:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.rigid_motions import rigid_motions
 
 __all__ = ["EMPTY", "motions_of_unknowns"]
 
-Array = npt.NDArray[np.float64]
 
 EMPTY = 1e-12  # squared norm of a motion that nothing takes part in, relative to the largest
 

@@ -13,12 +13,12 @@ the tangent, until there is a new one.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
+
+from rigidfx.base.types import Array
 
 __all__ = ["Secants"]
 
-Array = npt.NDArray[np.float64]
 
 MOST = 12  # pairs that are kept
 INDEPENDENT = 1e-4  # square of the part in which pairs have to differ

@@ -13,16 +13,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg.lapack import dgetrf, dgetrs
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
 from rigidfx.base.matrices import Matrix, dense, is_small
+from rigidfx.base.types import Array
 
 __all__ = ["Factors", "small_system"]
 
-Array = npt.NDArray[np.float64]
 Factors = Callable[[Array, Array], tuple[Array, Array]]
 
 

@@ -16,10 +16,9 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear.linear_solver import configure
@@ -43,7 +42,7 @@ class Tangent(Protocol):
         """Map between its unknowns and nodes."""
 
     @property
-    def positions(self) -> npt.NDArray[np.float64]:
+    def positions(self) -> Array:
         """Places of the nodes, shape (nodes, 3) [m]."""
 
 

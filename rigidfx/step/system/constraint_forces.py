@@ -24,6 +24,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.matrices import dense
+from rigidfx.base.types import Array
 from rigidfx.coupling.ports import Ports
 from rigidfx.effects.joints.elements import end_rates
 from rigidfx.effects.joints.linkage import Linkage
@@ -38,7 +39,6 @@ from rigidfx.step.system.supports import PrescribedDofs
 
 __all__ = ["HeldForces", "JointForces", "gained_across", "path_rates"]
 
-Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.signedinteger]
 
 

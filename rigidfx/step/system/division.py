@@ -6,15 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Indices
 from rigidfx.effects import Support
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.mechanics.bodies import Bodies
 
 __all__ = ["Division"]
-
-Indices = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True)

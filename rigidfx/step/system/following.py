@@ -8,18 +8,16 @@ energy of the held nodes alone depends on the size of the cells, and hides the b
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array, Ints
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.weights import inertial_masses
 from rigidfx.step.system.rigid_motion import FREE, motions_of_parts
 
 __all__ = ["following_energy"]
 
-Array = npt.NDArray[np.float64]
 
-
-def following_energy(scene: Scene, held: npt.NDArray[np.int64], jump: Array, u: Array) -> float:
+def following_energy(scene: Scene, held: Ints, jump: Array, u: Array) -> float:
     """The kinetic energy of the fitted rigid motion [J]. Collective.
 
     Args:

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import together
+from rigidfx.base.types import Array
 from rigidfx.coupling.ports import far_apart
 from rigidfx.effects import Support
 from rigidfx.mechanics.bodies import Bodies
@@ -16,8 +16,6 @@ from rigidfx.mechanics.rotation import IDENTITY, axial, skew
 from rigidfx.scene.scene import Scene
 
 __all__ = ["HeldBodies"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

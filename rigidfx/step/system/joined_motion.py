@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.matrices import dense
+from rigidfx.base.types import Array, Ints
 from rigidfx.effects import Joint, SpringDamper, Windowed
 from rigidfx.effects.joints.elements import coordinate_of
 from rigidfx.effects.joints.face_motion import Vector
@@ -17,14 +17,11 @@ from rigidfx.step.system.linked import elements_of
 
 __all__ = ["joint_rows"]
 
-Array = npt.NDArray[np.float64]
 
 NOTHING = float(np.sqrt(np.finfo(np.float64).eps))  # of a motion: what asks less asks nothing
 
 
-def joint_rows(
-    scene: Any, acting: Sequence[Windowed], motions: Callable[[npt.NDArray[np.int64]], Array]
-) -> Array:
+def joint_rows(scene: Any, acting: Sequence[Windowed], motions: Callable[[Ints], Array]) -> Array:
     """Rows that rigid motions fulfil which leave joints, locks, and springs beside. Collective.
 
     Args:

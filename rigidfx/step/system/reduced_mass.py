@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.step.linear.linear_solver import conjugate_gradients
 
 __all__ = ["ReducedMass"]
-
-Array = npt.NDArray[np.float64]
 
 
 class ReducedMass:

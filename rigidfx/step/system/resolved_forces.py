@@ -26,9 +26,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.types import Array
 from rigidfx.coupling.mass import Mass
 from rigidfx.effects.motion import Forces
 from rigidfx.scene.scene import Scene
@@ -41,7 +41,6 @@ from rigidfx.step.system.supports import PrescribedDofs
 
 __all__ = ["ResolvedConstraints"]
 
-Array = npt.NDArray[np.float64]
 
 # Strain by which forces are differentiated: rounding, and products of velocities, leave as much of
 # K v as this is of the strain of one cell that moves alone.

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
+from rigidfx.base.types import Array, Ints
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.effects import Joint, SpringDamper, Windowed
 from rigidfx.effects.joints.face_motion import Vector
@@ -25,9 +25,6 @@ from rigidfx.step.system.supports import PrescribedDofs
 
 __all__ = ["FREE", "free_to_move", "motions_of_parts"]
 
-Array = npt.NDArray[np.float64]
-Labels = npt.NDArray[np.int64]
-Ints = npt.NDArray[np.int64]
 
 FREE = 1e-10  # of the largest eigenvalue of BᵀB: motions that B does not see
 
@@ -87,20 +84,20 @@ def free_to_move(
     return parts.place(int(np.argmax(moving))) if parts.count > 1 else "the whole"
 
 
-def motions_of_parts(X: Array, part: Labels, parts: ConnectedParts) -> Array:
+def motions_of_parts(X: Array, part: Ints, parts: ConnectedParts) -> Array:
     """Displacements of points by the six motions of the parts they are in, shape (points, 3, 6)."""
     size = np.linalg.norm(parts.upper - parts.lower, axis=1)
     return rigid_motions(X - (parts.lower + parts.upper)[part] / 2, size[part, None])
 
 
-def _every_motion(X: Array, part: Labels, parts: ConnectedParts, nodes: Ints) -> Array:
+def _every_motion(X: Array, part: Ints, parts: ConnectedParts, nodes: Ints) -> Array:
     """Displacements of nodes by the motions of all parts, shape (nodes, 3, 6 · parts)."""
     out = np.zeros((nodes.size, 3, parts.count, 6))
     out[np.arange(nodes.size), :, part[nodes]] = motions_of_parts(X[nodes], part[nodes], parts)
     return out.reshape(nodes.size, 3, 6 * parts.count)
 
 
-def _add(gram: Array, rows: Array, part: Labels) -> None:
+def _add(gram: Array, rows: Array, part: Ints) -> None:
     """Add rows of shape (points, rows, 6), each of one part, to BᵀB."""
     blocks = gram.reshape(len(gram) // 6, 6, len(gram) // 6, 6)  # of a view: gram is changed
     for k in np.unique(part):

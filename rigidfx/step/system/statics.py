@@ -15,12 +15,12 @@ from functools import partial
 from math import nextafter
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.errors import together
 from rigidfx.base.failures import Failures
+from rigidfx.base.types import Array
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
@@ -44,8 +44,6 @@ from rigidfx.step.system.linked import linked
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 
 __all__ = ["StaticSystem"]
-
-Array = npt.NDArray[np.float64]
 
 
 class StaticSystem:

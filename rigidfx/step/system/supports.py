@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
 from rigidfx.base.errors import SceneError, together
+from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
@@ -27,8 +27,6 @@ from rigidfx.step.linear.linear_solver import conjugate_gradients
 from rigidfx.step.watches.jumps import Jumps
 
 __all__ = ["Impact", "PrescribedDofs", "impose_velocity", "supports_of"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -77,9 +75,9 @@ class PrescribedDofs:
         self,
         scene: Scene,
         active: tuple[Support, ...],
-        driven: Mapping[int, npt.NDArray[np.int32]] | None = None,
+        driven: Mapping[int, Indices] | None = None,
         jumps: Jumps | None = None,
-        without: npt.NDArray[np.int32] | None = None,
+        without: Indices | None = None,
     ) -> None:
         """Find the dofs of the supports that act.
 
@@ -109,7 +107,7 @@ class PrescribedDofs:
         self._own = [np.flatnonzero(self._owner == k) for k in range(len(self.active))]
         self._paths: dict[int, dict[float, Array]] = {}  # of each support, where last asked for
 
-    def of_each(self) -> list[tuple[str, npt.NDArray[np.int64]]]:
+    def of_each(self) -> list[tuple[str, Ints]]:
         """Each support's set, and the owned dofs that it holds."""
         held = np.flatnonzero(self.mask)
         return [(s.where, held[own]) for s, own in zip(self.active, self._own, strict=True)]
@@ -239,7 +237,7 @@ def supports_of(acting: Sequence[Windowed]) -> tuple[Support, ...]:
     return tuple(effect for effect in every if effect.is_support)
 
 
-def dofs_of(scene: Scene, support: Support) -> npt.NDArray[np.int64]:
+def dofs_of(scene: Scene, support: Support) -> Ints:
     """Owned dofs that a support holds while it acts."""
     nodes = next(nodes for s, nodes in scene.supports if s is support)
     owned = nodes[nodes < scene.owned_nodes].astype(np.int64)
@@ -248,7 +246,7 @@ def dofs_of(scene: Scene, support: Support) -> npt.NDArray[np.int64]:
 
 def impose_velocity(
     scene: Scene, state: State, mass: Mass, layout: DofLayout, velocities: Array
-) -> tuple[npt.NDArray[np.int64], Array] | None:
+) -> tuple[Ints, Array] | None:
     """Give the held dofs their prescribed velocity by an impact without rebound. Collective.
 
     The impulse acts on held dofs only, so the momentum of all others stays: with Δv_s given,

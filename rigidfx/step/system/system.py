@@ -12,10 +12,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.errors import together
 from rigidfx.base.failures import Failures
+from rigidfx.base.types import Array, Indices
 from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
@@ -54,8 +54,6 @@ from rigidfx.step.system.resolved_forces import ResolvedConstraints
 from rigidfx.step.system.supports import PrescribedDofs
 
 __all__ = ["System", "Work"]
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -249,7 +247,7 @@ class System:
         """Whether no force but those of cells and bodies depends on the motion."""
         return self.actions.dead and self.linkage is None
 
-    def resist_at_nodes(self, nodes: npt.NDArray[np.int32], forces: Array) -> None:
+    def resist_at_nodes(self, nodes: Indices, forces: Array) -> None:
         """Add resistance at owned nodes, in bodies or not, that is not bound to bodies' nodes.
 
         Args:

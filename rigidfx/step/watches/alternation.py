@@ -14,9 +14,9 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.remembered import Remembered
+from rigidfx.base.types import Array
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.judge import Attempt
@@ -25,7 +25,6 @@ from rigidfx.step.watches.watch import WarnsOnce
 
 __all__ = ["Alternation"]
 
-Array = npt.NDArray[np.float64]
 
 BACK = -0.6  # r of a period of 1.6 steps, below which motion counts as alternating
 LARGE = 0.25  # of displacements: smaller increments do not matter

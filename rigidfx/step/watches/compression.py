@@ -11,10 +11,10 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.types import Array
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.judge import Attempt
@@ -22,7 +22,6 @@ from rigidfx.step.watches.watch import WarnsOnce, name_of_cell
 
 __all__ = ["Compression"]
 
-Array = npt.NDArray[np.float64]
 
 LEAST = 0.75  # stretch that is warned of
 EVERY = 8  # steps

@@ -17,10 +17,10 @@ from collections.abc import Callable, Mapping
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from rigidfx.base.failures import Failures
 from rigidfx.base.remembered import PART, ByObject, Remembered
+from rigidfx.base.types import Array
 from rigidfx.effects import Contact, Obstacle, Support, Touch
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.judge import Attempt
@@ -28,7 +28,6 @@ from rigidfx.step.watches.watch import WarnsOnce
 
 __all__ = ["JumpingObstacles", "Jumps", "jump_of"]
 
-Array = npt.NDArray[np.float64]
 Path = Callable[[float], Array]
 
 SUDDEN = 2.0  # times what the path gained in the step before

@@ -10,10 +10,10 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.types import Array
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.judge import Attempt
@@ -21,7 +21,6 @@ from rigidfx.step.watches.watch import WarnsOnce, name_of_cell
 
 __all__ = ["RotationPerStep", "cell_rotations"]
 
-Array = npt.NDArray[np.float64]
 
 WORTH_A_WARNING = 1.0  # |θ|, where a free rotation is 7 % too slow
 ONE_PER_CENT = 0.33  # |θ| where, also after Δt is rounded for a message, it is 1 % too slow

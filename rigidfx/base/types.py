@@ -1,0 +1,11 @@
+"""Arrays of NumPy by what they hold."""
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Array", "Bools", "Indices", "Ints"]
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int32]  # of cells, nodes and facets of a mesh, as DOLFINx has them
+Ints = npt.NDArray[np.int64]
