@@ -10,7 +10,7 @@ import pytest
 from test_contact_pairs import boxes
 
 import rigidfx as rf
-from rigidfx.report.resolved_series import split
+from rigidfx.report.resolved_series import resolved_part
 
 STEEL = rf.StVenantKirchhoff(rho=7800.0, E=2.1e11, nu=0.3)
 PIN = rf.Revolute("ground", "disc", at=(0, 0, 0), axis=(0, 0, 1), name="pin")
@@ -215,11 +215,10 @@ def test_a_series_keeps_vibration_that_steps_resolve_and_jumps():
     smooth = 5 + 0.1 * k - 0.002 * k**2
     jump, ten = smooth + 3 * (k > 30), np.cos(2 * np.pi * k / 10 + 0.3)
     fast, θ = np.cos(2 * np.arctan(10.0) * k + 0.3), 2 * np.arctan(10.0)
-    alternating, rest = split(np.stack([smooth + (-1.0) ** k, jump, ten, fast], axis=1))
+    found = resolved_part(np.stack([smooth + (-1.0) ** k, jump, ten, fast], axis=1))
     expected = np.stack([smooth, jump, ten, (1 - np.sin(θ / 2) ** 4) * fast], axis=1)
-    assert alternating[2:-2] == pytest.approx(expected[2:-2], abs=1e-12)
-    assert np.abs(alternating - expected)[:, :3].max() <= 5e-3
-    assert alternating + rest == pytest.approx(np.stack([smooth + (-1.0) ** k, jump, ten, fast], 1))
+    assert found[2:-2] == pytest.approx(expected[2:-2], abs=1e-12)
+    assert np.abs(found - expected)[:, :3].max() <= 5e-3
 
 
 @pytest.mark.parametrize(

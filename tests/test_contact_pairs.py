@@ -127,9 +127,9 @@ def test_reduced_parts_get_shapes_where_they_strike_each_other(monkeypatch):
 @NO_WARNINGS
 @TOO_MANY
 def test_a_reduced_part_may_touch_itself():
-    """Its prongs are parts of one body, but deform."""
+    """Its prongs are parts of one body, but deform; thrown faster they leave its range (ν > 1)."""
     contact = rf.Contact("slot", against="slot")
-    reports, H, L, J = drifts(fork(contact, rf.Reduced(shapes=30)), 1e-3, 20)
+    reports, H, L, J = drifts(fork(contact, rf.Reduced(), speed=6), 1e-3, 20)
     assert any(r.touches["slot_slot"].nodes for r in reports)
     assert H <= 1e-11
     assert max(L, J) <= 1e-12
@@ -160,7 +160,7 @@ def test_equal_bars_exchange_their_velocities():
     assert reports[-1].touches[contact.title].nodes == 0
 
 
-def fork(*effects):
+def fork(*effects, speed=12):
     """The prongs of a fork, thrown at each other; at its root the sets have nodes in common.
 
     It is sheared, so that no node meets an edge: rounding would choose the facet, and the motion.
@@ -183,7 +183,7 @@ def fork(*effects):
     domain = domain.with_facets("slot", within)
 
     def closing(x):
-        return np.stack([0 * x[0], 0.5 * x[0], 12 * x[0] * np.sign(0.15 - x[2])])
+        return np.stack([0 * x[0], 0.5 * x[0], speed * x[0] * np.sign(0.15 - x[2])])
 
     return rf.Scene(domain, SOFT, [*effects, rf.InitialVelocity(function=closing)])
 

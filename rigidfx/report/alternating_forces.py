@@ -24,7 +24,7 @@ from rigidfx.effects.joints.elements import titles_of
 from rigidfx.report.look import Look
 from rigidfx.report.lumping import OF_ALL, WORTH_A_WARNING
 from rigidfx.report.report import Report
-from rigidfx.report.resolved_series import split
+from rigidfx.report.resolved_series import resolved_part
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.alternation import FIRST, Alternation
 from rigidfx.step.watches.unresolved import WORTH_A_WARNING as NOTHING
@@ -112,7 +112,7 @@ class AlternatingForces(Look):
             return
         own = slice(2 * self._goes_on, -2 if goes_on else None)
         now = np.array(self._last).reshape(len(self._last), 3 * self._most.size)
-        for kept, forces in zip((self._most, self._resolved), (now, split(now)[0]), strict=True):
+        for kept, forces in ((self._most, now), (self._resolved, resolved_part(now))):
             sizes = np.linalg.norm(forces[own].reshape(-1, kept.size, 3), axis=2)
             np.fmax(kept, np.nanmax(sizes, axis=0, initial=0.0), out=kept)
         rests = np.diff(now, 2, axis=0) / 2**2

@@ -22,17 +22,17 @@ from rigidfx.base.types import Array, Bools
 from rigidfx.step.watches.alternation import FIRST
 from rigidfx.step.watches.unresolved import WORTH_A_WARNING as NOTHING
 
-__all__ = ["resolved", "split"]
+__all__ = ["resolved", "resolved_part"]
 
 
-def split(forces: Array) -> tuple[Array, Array]:
-    """Forces without the part that alternates, and that part; zero in less than eight steps.
+def resolved_part(forces: Array) -> Array:
+    """Forces without the part that alternates; all of them in less than eight steps.
 
     Args:
         forces: Of successive steps of one length, shape (steps, columns).
     """
     if len(forces) < 2 * FIRST:
-        return forces, np.zeros_like(forces)
+        return forces
     rest, ends = np.diff(forces, 4, axis=0) / 2**4, np.diff(forces, 2, axis=0)[[0, -1]] / 2**2
     turns = np.cumsum(rest[1:] * rest[:-1] < 0, axis=0)
     turns = np.concatenate([np.zeros_like(turns[:1]), turns])
@@ -42,8 +42,7 @@ def split(forces: Array) -> tuple[Array, Array]:
     alternates = 3 * (turns[end] - turns[begin]) >= 2 * (end - begin)[:, None]
     inner = forces[1:-1] - np.concatenate([-ends[:1], rest, -ends[1:]])
     first, last = 2 * inner[:1] - inner[1:2], 2 * inner[-1:] - inner[-2:-1]
-    found = np.where(alternates, np.concatenate([first, inner, last]), forces)
-    return found, forces - found
+    return np.where(alternates, np.concatenate([first, inner, last]), forces)
 
 
 def resolved(forces: Array, dt: Array, cut: Bools) -> Array:
@@ -56,4 +55,4 @@ def resolved(forces: Array, dt: Array, cut: Bools) -> Array:
     """
     longer = np.abs(np.diff(dt, prepend=dt[:1])) > NOTHING * dt
     at = np.flatnonzero(cut | longer)
-    return np.concatenate([split(part)[0] for part in np.split(forces, at)])
+    return np.concatenate([resolved_part(part) for part in np.split(forces, at)])

@@ -22,8 +22,8 @@ __all__ = ["MAX_ITERATIONS", "RELATIVE_TOLERANCE", "StoppingTest", "judged", "re
 RELATIVE_TOLERANCE = 1e-12
 ROUNDING = 2.0  # safety on an estimated, or met, level of rounding
 STALL = 0.2  # Newton has met rounding where it reduces the residual by less than this ...
-HIDDEN = 0.1  # of Newton's tolerance, whose last correction squares what is left, for others
 MARGIN = 100.0  # ... and the residual, if it has not grown, is within this factor of the estimate
+HIDDEN = 0.1  # of the tolerance: an older tangent, unlike a new one, does not square the error
 # Reduction of ‖R‖ by an iteration after which its tangent serves the next one: by three such
 # iterations a step ends.
 STEEP = float(np.cbrt(RELATIVE_TOLERANCE))
