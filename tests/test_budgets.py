@@ -17,7 +17,7 @@ from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.decide.criteria.budget_rule import level
-from rigidfx.plot.ledger import spent
+from rigidfx.plot.pictures import spent
 from rigidfx.report.ledger import NOTHING, Entry
 
 SOFT, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8))

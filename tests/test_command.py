@@ -15,7 +15,7 @@ import rigidfx as rf
 from rigidfx.command.main import main
 from rigidfx.command.options import ask
 from rigidfx.command.pair import Pair
-from rigidfx.command.words import WORDS, in_options
+from rigidfx.command.told import WORDS, in_options
 from rigidfx.report.peaks import Peaks
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="writes files")

@@ -22,7 +22,7 @@ from mpi4py import MPI
 import rigidfx as rf
 from rigidfx.base import c_library, form_cache
 from rigidfx.flexible import kernels
-from rigidfx.output.csv_file import CsvFile
+from rigidfx.output.run_files import CsvFile
 
 COMM = MPI.COMM_WORLD
 

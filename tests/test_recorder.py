@@ -18,7 +18,7 @@ from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.base.log import tell
-from rigidfx.output.csv_file import CsvFile
+from rigidfx.output.run_files import CsvFile
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank is enough")
 

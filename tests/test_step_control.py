@@ -18,7 +18,7 @@ from test_contact_pairs import boxes
 
 import rigidfx as rf
 from rigidfx.effects import Touch
-from rigidfx.plot.ledger import spent
+from rigidfx.plot.pictures import spent
 from rigidfx.scene.damped import Damped, comes_back
 from rigidfx.scene.points import far_apart
 from rigidfx.scene.timeline import Timeline

@@ -9,9 +9,8 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from rigidfx.command.files import conclude, write_json
-from rigidfx.command.kept_run import KeptRun
-from rigidfx.command.numbers import nonnegative, number, positive
-from rigidfx.command.pair import Pair
+from rigidfx.command.options import nonnegative, number, positive
+from rigidfx.command.pair import KeptRun, Pair
 from rigidfx.command.parser import say
 from rigidfx.command.reports import curve, energy_jump, events_of, freezes_of
 

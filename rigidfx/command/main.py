@@ -15,7 +15,6 @@ import numpy as np
 from mpi4py import MPI
 
 from rigidfx.base.errors import RigidfxWarning
-from rigidfx.command.acting import supports_and_loads
 from rigidfx.command.at_rest import at_rest, is_at_rest
 from rigidfx.command.files import write_json
 from rigidfx.command.largest import Largest
@@ -27,6 +26,8 @@ from rigidfx.command.reports import curve, energy_jump, events_of, freezes_of
 from rigidfx.command.told import told
 from rigidfx.decide.criteria.criterion import StrainRate
 from rigidfx.domain.domain import Domain
+from rigidfx.effects import Fixed, Gravity, NumericalDamping, Traction
+from rigidfx.effects.base import Effect
 from rigidfx.mechanics.materials import StVenantKirchhoff
 from rigidfx.output.recorder import Recorder
 from rigidfx.plot import Shapes, curves
@@ -38,6 +39,22 @@ __all__ = ["main", "materials", "run"]
 
 QUIET = 0.02  # tolerance, relative to the largest strain rate under the load
 PICTURES = 0.05, 0.35, 0.65, 1.0  # of the run's time, of the shapes that are drawn
+
+
+def supports_and_loads(options: Namespace) -> list[Effect]:
+    """The effects that the options name.
+
+    A load is a total force over the area of its facets.
+    """
+    found: list[Effect] = [NumericalDamping(options.damping)] if options.damping else []
+    for text in options.hold:
+        name, _, components = text.partition(":")
+        found.append(Fixed(name, components or "xyz"))
+    for name, force in options.load:
+        found.append(Traction(name, tuple(force), total=True, until=options.until))
+    if options.gravity:
+        found.append(Gravity(tuple(options.gravity)))
+    return found
 
 
 def main(prog: str | None = None, example: Example | None = None) -> dict[str, Any]:

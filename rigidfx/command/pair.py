@@ -1,23 +1,167 @@
-"""A run with parts that become rigid and, beside it, the same without, step by step."""
+"""A run with parts that become rigid and, beside it, the same without, step by step.
+
+Reports are kept in a file beside checkpoints, so that a run goes on with all of them.
+"""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields
+from math import nan
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from rigidfx.base.errors import SceneError
-from rigidfx.command.kept_run import KeptRun
+from rigidfx.base.errors import OutputError, SceneError, agree
+from rigidfx.checkpoint.checkpoint import Checkpoint
+from rigidfx.checkpoint.files import dumped, loaded
 from rigidfx.command.parser import say
 from rigidfx.command.reports import line_of
 from rigidfx.decide.criteria.criterion import StrainRate
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
+from rigidfx.simulation import resume as gone_on
+from rigidfx.simulation import simulate
 
-__all__ = ["Pair"]
+__all__ = ["KeptRun", "Pair"]
 
 SAME = 1e-9  # relative difference of times that are one
+
+
+class _Past:
+    """The state of a report that was read from a file: the run has gone on since."""
+
+    changes, t = None, nan
+
+
+class KeptRun(Iterator[Report]):
+    """A run that leaves a checkpoint a minute in a folder, and its reports in `reports.rfx` there.
+
+    Attributes:
+        reports: Reports so far. Those of before a checkpoint have their numbers, no state.
+        notes: What `note` has said of each of them.
+        goes_on: Whether the run goes on from a checkpoint.
+    """
+
+    def __init__(
+        self,
+        folder: str | Path | None,
+        scene: Scene,
+        dt: float | Mapping[float, float],
+        t_end: float,
+        *,
+        resume: bool = False,
+        note: Callable[[Report], Any] = lambda report: None,
+        progress: bool | None = None,
+        **how: Any,
+    ) -> None:
+        """Begin the run, or go on with it if there is a checkpoint. Collective.
+
+        Args:
+            folder: Of its checkpoints; None to keep nothing.
+            scene: The problem.
+            dt: Δt [s]; see `rigidfx.simulate`.
+            t_end: End [s].
+            resume: Whether it goes on.
+            note: What is noted of a report while its state is there: numbers and arrays, which are
+                taken from rank 0. Collective.
+            progress: See `rigidfx.simulate`.
+            how: `rigidify` and `petsc_options`, as of `rigidfx.simulate`.
+
+        Raises:
+            OutputError: On every rank, if the folder cannot be written or read.
+            SceneError: On every rank, if the run is another one, or reports are missing.
+        """
+        self.reports: list[Report] = []
+        self.notes: list[Any] = []
+        self._comm, self._note = scene.comm, note
+        self._path = None if folder is None else Path(folder) / "reports.rfx"
+        found = resume and folder is not None and any(Path(folder).glob("checkpoint-*.rfx"))
+        self.goes_on: bool = scene.comm.bcast(found)
+        self._first: Report | None = None
+        if self.goes_on:
+            again: dict[str, Any] = {"dt": dt, "t_end": t_end, "rigidify": how.get("rigidify")}
+            self._steps = gone_on(str(folder), scene, progress=progress, **again)
+            self._first = next(self._steps, None)
+            self._read()
+            return
+        left = None if folder is None else Checkpoint(folder)
+        self._steps = simulate(scene, dt, t_end, progress=progress, checkpoint=left, **how)
+        if self._path is not None:
+            self._write(self._path, bytes, "wb")
+
+    def __next__(self) -> Report:
+        """The report of the next step."""
+        report = next(self._steps) if self._first is None else self._first
+        self._first = None
+        self.reports.append(report)
+        self.notes.append(self._note(report))
+        if self._path is not None:
+            self._write(self._path, lambda: _record(report, self.notes[-1]), "ab")
+        return report
+
+    def close(self) -> None:
+        """Free what the run holds."""
+        cast(Any, self._steps).close()
+
+    def _write(self, path: Path, data: Callable[[], bytes], mode: str) -> None:
+        """Write to the file on rank 0. Collective."""
+        problem = None
+        if self._comm.rank == 0:
+            try:
+                with path.open(mode) as file:
+                    file.write(data())
+            except (OSError, ValueError) as error:
+                problem = f"cannot write '{path}' ({error})."
+        agree(self._comm, problem, OutputError)
+
+    def _read(self) -> None:
+        """Have the reports of before the checkpoint, and cut off what came later. Collective."""
+        first, records, problem = self._first, list[bytes](), None
+        if self._comm.rank == 0 and self._path is not None:
+            try:
+                end = 0
+                data = self._path.read_bytes()
+                while end < len(data) and (first is None or len(records) < first.step):
+                    begin = data.index(b"\n", end) + 1
+                    end = begin + int(data[end:begin])
+                    records.append(data[begin:end])
+                with self._path.open("r+b") as file:
+                    file.truncate(end)
+            except (OSError, ValueError) as error:
+                problem = f"cannot read '{self._path}' ({error})."
+        agree(self._comm, problem, OutputError)
+        for record in self._comm.bcast(records):
+            report, note = _report_of(record)
+            self.reports.append(report)
+            self.notes.append(note)
+        if first is not None and len(self.reports) != first.step:
+            raise SceneError(
+                f"'{self._path}' has {len(self.reports)} reports of the {first.step} before the "
+                "checkpoint. Begin anew, without going on."
+            )
+
+
+def _record(report: Report, note: Any) -> bytes:
+    """The numbers of a report, and what is noted of it, behind their length."""
+    names = (field.name for field in fields(report))
+    out = {name: getattr(report, name) for name in names if not name.startswith("_")}
+    out |= {"rigid": None, "joints": dict(report.joints)}
+    data = dumped((out, report.bodies, note))
+    if data is None:
+        data = dumped((out | {"ledger": None}, report.bodies, note))
+    if data is None:
+        raise ValueError("a note has to be made of numbers, texts and arrays")
+    return b"%d\n" % len(data) + data
+
+
+def _report_of(data: bytes) -> tuple[Report, Any]:
+    """A report from its numbers, and what was noted of it."""
+    numbers, bodies, note = loaded(data)
+    gone: Any = _Past()
+    report = Report(**numbers, _state=gone, _changes=0, _indicator=None, _probes=gone)
+    vars(report)["bodies"] = bodies  # in the place of what would be made of `rigid`
+    return report, note
 
 
 class Pair:

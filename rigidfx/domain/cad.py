@@ -2,12 +2,20 @@
 
 CAD files know no physical names. The volumes and surfaces of a file are listed with their numbers,
 labels, places and shapes; names are then given by number, by label, or by a condition on these.
+
+OpenCASCADE reads a file in UTF-8, in silence, and only if it is whole. A STEP file that was cut short names entities that are not there, and OpenCASCADE ends Python over
+some of them.
+
+Labels of volumes and surfaces are the names of their parts. gmsh joins the names of assemblies, their pieces and parts by "/": "Shapes/machine/3/M8/20". The
+part's name is the last of them, but for names that have a "/" themselves; these are in the file.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -15,22 +23,86 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import number, path_of, positive, shown
+from rigidfx.base.text_files import decoded
 from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.domain.cad_entities import Cad, CadEntity, Which
-from rigidfx.domain.cad_import import import_shapes
 from rigidfx.domain.cad_names import named_surfaces, named_volumes, numbers_of
 from rigidfx.domain.cell_quality import volume
 from rigidfx.domain.domain import Domain
+from rigidfx.domain.gmsh_groups import name_of
 from rigidfx.domain.gmsh_model import domain_of, find_file, gmsh_session
 from rigidfx.domain.gmsh_script import check_order, mesh_model, tell
+from rigidfx.domain.silence import silent
 
 __all__ = ["list_cad", "read_cad"]
-
 
 EVEN = 1e-5  # relative: what is constant; of a surface's size over its radius: what is flat
 LOST = 0.01  # of the volume: more than that is told
 CELLS = 20  # along the diagonal of the geometry, where no size is given
+# Letters that STEP writes in other ways: X2, X4 and X by numbers, S by another one, ' twice.
+ESCAPE = r"\\X[24]\\[0-9A-F]*\\X0\\|\\X\\[0-9A-F]{2}|\\S\\.|\\P[A-I]\\|''|\\\\"
+
+
+def labels_of(gmsh: Any, text: str) -> dict[tuple[int, int], str]:
+    """The label of each entity of gmsh's model, by dimension and number; "" where it has none.
+
+    Args:
+        gmsh: The module; its model is the content of the file.
+        text: The file.
+    """
+    model = gmsh.model
+    given = {each: name_of(model.getEntityName, *each) for each in model.getEntities()}
+    if not any(given.values()):
+        return given
+    strings = re.findall(r"'((?:[^'/]|'')*/(?:[^']|'')*)'", text)
+    with_slash = [
+        re.compile("/(" + ".+?".join(map(re.escape, re.split(ESCAPE, each))) + ")$", re.DOTALL)
+        for each in sorted(set(strings), key=len, reverse=True)
+    ]
+    return {each: _last(name, with_slash) for each, name in given.items()}
+
+
+def _last(name: str, with_slash: list[re.Pattern[str]]) -> str:
+    """The last of the names that are joined."""
+    found = (match[1] for each in with_slash if (match := each.search(name)))
+    return next(found, name.split("/")[-1])
+
+
+def import_shapes(gmsh: Any, path: str | Path) -> dict[tuple[int, int], str]:
+    """Add the shapes of a file to gmsh's model; their labels by dimension and number.
+
+    Args:
+        gmsh: The module.
+        path: A STEP, IGES or BREP file.
+
+    Raises:
+        SceneError: If a STEP file is not whole.
+    """
+    data = Path(path).read_bytes()
+    text = decoded(data)
+    if Path(path).suffix.lower() in (".step", ".stp"):
+        _check_whole(path, text)
+    with TemporaryDirectory() as folder, silent():
+        copy = Path(path)
+        if not (text.isascii() or text.encode() == data):  # OpenCASCADE would mix letters up
+            copy = Path(folder, copy.name)
+            copy.write_bytes(text.encode())
+        gmsh.model.occ.importShapes(str(copy))
+        gmsh.model.occ.synchronize()
+    return labels_of(gmsh, text)
+
+
+def _check_whole(path: str | Path, text: str) -> None:
+    """Refuse a STEP file that names entities that it has not."""
+    plain = re.sub(r"'(?:[^']|'')*'|/\*.*?\*/", "", text, flags=re.DOTALL)
+    there = set(re.findall(r"#(\d+)\s*=", plain))
+    lost = set(re.findall(r"#(\d+)", plain)) - there
+    if lost:
+        raise SceneError(
+            f"'{path}' is damaged: it names entities that are not in it, such as "
+            f"#{min(lost, key=int)}. Export it once more."
+        )
 
 
 def list_cad(

@@ -1,26 +1,173 @@
-"""The files of a run in their folder, which begin anew or where they ended at a checkpoint."""
+"""The files of a run in their folder, which begin anew or where they ended at a checkpoint.
+
+Rows of tables are on the disk as soon as they are added, by one call of the system and wholly or not at all:
+the file can be read while it grows, after a kill, and where the disk was full.
+
+One process at a time writes a table. The lock is the system's: it ends with the process, however that
+ends.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import csv
+import io
+import logging
+import os
+import sys
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, closing
+from errno import ENOENT, ENOSPC
 from pathlib import Path
 from typing import Any
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.file_lock import lock
 from rigidfx.base.inputs import shown
 from rigidfx.base.log import hearing
 from rigidfx.output.body_tables import BODY_COLUMNS, EVENT_COLUMNS
-from rigidfx.output.csv_file import CsvFile
-from rigidfx.output.log_file import LogFile
+from rigidfx.output.changed import ChangedFile
 from rigidfx.output.paraview import Body, Cloud, Series
 from rigidfx.output.vtkhdf import HdfSeries, hdf
 
-__all__ = ["RunFiles", "kinds_of"]
+__all__ = ["CsvFile", "RunFiles", "kinds_of"]
 
 KINDS: dict[str, type[Series] | type[HdfSeries]] = {"pvd": Series, "vtkhdf": HdfSeries}
 VIEW = Path(__file__).with_name("view.py")  # runs in ParaView's Python
 LATER = {"events": EVENT_COLUMNS, "bodies": BODY_COLUMNS}  # tables that begin with their first row
+
+
+class CsvFile:
+    """A CSV file that takes the place of a former one, or goes on; used on rank 0 only.
+
+    Attributes:
+        former: Whether it has rows of a former run.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+        """Lock the file; one without rows gets its header.
+
+        Args:
+            path: The file.
+            columns: Names of the columns.
+
+        Raises:
+            BlockingIOError: If it is open here already, or in another process.
+            OSError: If it cannot be written.
+        """
+        self._columns, self._path, self._end, self._sum = columns, path, 0, 0
+        self._file = open(path, "a+b", buffering=0)  # noqa: SIM115 - it stays open
+        try:
+            lock(self._file.fileno())
+            status = os.fstat(self._file.fileno())
+            self._named = bool(status.st_nlink)  # some systems count none
+            self.former = status.st_size > len(self._text(dict(zip(columns, columns, strict=True))))
+            if not self.former:
+                self.begin(None)
+        except OSError:
+            self._file.close()
+            raise
+
+    def begin(self, kept: tuple[int, int] | None) -> None:
+        """Empty the file but for its header, or cut it off where it ended.
+
+        Args:
+            kept: Of `kept`, if rows stay.
+
+        Raises:
+            OSError: If it cannot be written, or has other rows.
+        """
+        end, known = kept or (0, 0)
+        header = dict(zip(self._columns, self._columns, strict=True))
+        self._file.seek(0)
+        there = self._file.read(end)
+        if zlib.crc32(there) != known:
+            raise ChangedFile(self._path, "rows that were there are gone")
+        if end and not there.startswith(self._text(header)):
+            raise ChangedFile(self._path, "its columns are not those of the recorder's options")
+        self._file.truncate(end)
+        self._end, self._sum = end, known
+        if not end:
+            self._append(header)
+
+    def add(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        """Add rows.
+
+        Args:
+            rows: Values by the names of their columns.
+
+        Raises:
+            OSError: If they cannot be written; the file is as before then. Or if it was removed.
+        """
+        if self._named and not os.fstat(self._file.fileno()).st_nlink:
+            raise OSError(ENOENT, "removed since the run began", str(self._path))
+        self._append(*rows)
+
+    def _append(self, *rows: Mapping[str, Any]) -> None:
+        if not rows:
+            return
+        data = self._text(*rows)
+        try:
+            if self._file.write(data) < len(data):
+                raise OSError(ENOSPC, "No space left on device", str(self._path))
+        except OSError as error:
+            self._file.truncate(self._end)
+            raise OSError(error.errno, error.strerror, str(self._path)) from error
+        self._end, self._sum = self._end + len(data), zlib.crc32(data, self._sum)
+
+    def _text(self, *rows: Mapping[str, Any]) -> bytes:
+        text = io.StringIO(newline="")
+        csv.DictWriter(text, self._columns).writerows(rows)
+        return text.getvalue().encode()
+
+    def kept(self) -> tuple[int, int]:
+        """Its length [bytes] and a sum over its content, once the disk has it."""
+        os.fsync(self._file.fileno())
+        return self._end, self._sum
+
+    def close(self) -> None:
+        """Close the file, which ends its lock.
+
+        Raises:
+            OSError: If the file system has not been able to keep all data.
+        """
+        self._file.close()
+
+
+class LogFile(logging.FileHandler):
+    """A file with times, whose errors are told when it is closed, not on standard error each time.
+
+    Messages come behind its content, which may be left out later.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open it.
+
+        Args:
+            path: The file.
+
+        Raises:
+            OSError: If it cannot be written.
+        """
+        super().__init__(path, mode="a", encoding="utf-8")
+        self.setFormatter(logging.Formatter("%(asctime)s %(message)s"))
+        self._path, self._former = path, path.stat().st_size
+
+    def begin(self) -> None:
+        """Leave out what was there when it was opened.
+
+        Raises:
+            OSError: If it cannot be written.
+        """
+        self.flush()
+        own = self._path.read_bytes()[self._former :]
+        self._path.write_bytes(own)
+        self._former = 0
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """See `logging.Handler`."""
+        if not isinstance(sys.exc_info()[1], OSError):
+            super().handleError(record)
 
 
 class RunFiles:
