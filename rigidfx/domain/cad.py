@@ -3,11 +3,12 @@
 CAD files know no physical names. The volumes and surfaces of a file are listed with their numbers,
 labels, places and shapes; names are then given by number, by label, or by a condition on these.
 
-OpenCASCADE reads a file in UTF-8, in silence, and only if it is whole. A STEP file that was cut short names entities that are not there, and OpenCASCADE ends Python over
-some of them.
+OpenCASCADE reads a file in UTF-8, in silence, and only if it is whole. A STEP file that was cut
+short names entities that are not there, and OpenCASCADE ends Python over some of them.
 
-Labels of volumes and surfaces are the names of their parts. gmsh joins the names of assemblies, their pieces and parts by "/": "Shapes/machine/3/M8/20". The
-part's name is the last of them, but for names that have a "/" themselves; these are in the file.
+Labels of volumes and surfaces are the names of their parts. gmsh joins the names of assemblies,
+their pieces and parts by "/": "Shapes/machine/3/M8/20". The part's name is the last of them, but
+for names that have a "/" themselves; these are in the file.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Read gmsh's files: physical groups become the names of a domain.
 
-In mesh files of version 2 each cell and facet has the number of its physical group and one of its elementary
-entity, and gmsh takes a group for all entities in which one of its cells lies. Converters that know
-groups only, such as meshio, give all the same entity: all groups would hold everything then. Each
-group is made an entity of its own in such a file.
+In mesh files of version 2 each cell and facet has the number of its physical group and one of its
+elementary entity, and gmsh takes a group for all entities in which one of its cells lies.
+Converters that know groups only, such as meshio, give all the same entity: all groups would hold
+everything then. Each group is made an entity of its own in such a file.
 """
 
 from __future__ import annotations

@@ -1,10 +1,12 @@
 """Clouds of points for ParaView: joints, and integration points.
 
-A joint is a point with its force and moment for arrows. Fields of joints are `displacement` of the joint's place [m], `force` [N] and `moment` [N m] on its second side,
-`angle` [rad] and `travel` [m], zero where a joint leaves none free, and `gap` [m].
+A joint is a point with its force and moment for arrows. Fields of joints are `displacement` of the
+joint's place [m], `force` [N] and `moment` [N m] on its second side, `angle` [rad] and `travel`
+[m], zero where a joint leaves none free, and `gap` [m].
 
-Fields at integration points are neither extrapolated nor averaged: `displacement` [m], Cauchy stress `stress` (nine components), `von_mises` of it [Pa] and
-Green-Lagrange strain `strain`, as `rigidfx.flexible.stress` defines them.
+Fields at integration points are neither extrapolated nor averaged: `displacement` [m], Cauchy
+stress `stress` (nine components), `von_mises` of it [Pa] and Green-Lagrange strain `strain`, as
+`rigidfx.flexible.stress` defines them.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """The files of a run in their folder, which begin anew or where they ended at a checkpoint.
 
-Rows of tables are on the disk as soon as they are added, by one call of the system and wholly or not at all:
-the file can be read while it grows, after a kill, and where the disk was full.
+Rows of tables are on the disk as soon as they are added, by one call of the system and wholly or
+not at all: the file can be read while it grows, after a kill, and where the disk was full.
 
-One process at a time writes a table. The lock is the system's: it ends with the process, however that
-ends.
+One process at a time writes a table. The lock is the system's: it ends with the process, however
+that ends.
 """
 
 from __future__ import annotations
