@@ -141,7 +141,7 @@ WARNINGS = {
     "scene/checks.py": ["first-order cells lock"],
     "switch/shaping.py": 3 * ["a reduced part bends far"],
     "scene/units.py": 6 * ["an unlikely mass"],
-    "scene/energy_checks.py": ["a stored energy falls", "a stored energy falls"],
+    "scene/assignment.py": ["a stored energy falls", "a stored energy falls"],
     "scene/mesh_checks.py": [
         "first-order cells lock",
         "parts touch without common nodes",

@@ -13,7 +13,7 @@ import ufl
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.base import c_library, cache_log, form_cache
+from rigidfx.base import c_library, form_cache
 from rigidfx.flexible import kernels
 from rigidfx.flexible.kernels import Kernel
 
@@ -32,7 +32,7 @@ def cache(tmp_path, monkeypatch):
         "cffi_extra_compile_args": ["-O0"],
     }
     monkeypatch.setattr(kernels, "jit_options", lambda: options)
-    monkeypatch.setattr(cache_log, "TOLD_AFTER", 1)
+    monkeypatch.setattr(form_cache, "TOLD_AFTER", 1)
     return tmp_path / "forms"
 
 

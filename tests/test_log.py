@@ -12,7 +12,7 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.base import cache_log, form_cache, log
+from rigidfx.base import form_cache, log
 from rigidfx.base.crowding import crowded
 from rigidfx.base.warning import warn
 from rigidfx.flexible import kernels
@@ -72,7 +72,7 @@ def test_a_first_run_says_what_it_compiles(tmp_path, monkeypatch, capsys):
         "cffi_extra_compile_args": ["-O0"],
     }
     monkeypatch.setattr(kernels, "jit_options", lambda: options)
-    monkeypatch.setattr(cache_log, "ANNOUNCED", set())
+    monkeypatch.setattr(form_cache, "ANNOUNCED", set())
     monkeypatch.setattr(form_cache, "FOUND", {})
     scene = rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)), MATERIAL)
     for expected in (1, 0):
