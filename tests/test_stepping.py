@@ -230,5 +230,8 @@ def test_probes():
         # One short step: u = Δt ω × X to second order in ω Δt = 1e-5.
         expected = 1e-4 * np.cross(spin, np.array(point) - [2, 0.5, 0.5])
         assert np.abs(last.probes[name] - expected).max() <= 1e-9
+    whole = rf.box((0, 0, 0), (1, 1, 1), (49, 1, 1))  # it ends at 1 - 1e-16
+    at_end = rf.Scene(whole, rf.NeoHooke(E=1.0, nu=0.3, rho=1.0), probes={"end": (1, 1, 0)})
+    assert [*at_end.probe_cells] == ["end"]
     with pytest.raises(SceneError, match="lies in no cell"):
         rf.simulate(_bar(probes={"far": (9.0, 0.0, 0.0)}), 0.1, 1.0)

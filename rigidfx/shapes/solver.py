@@ -20,8 +20,8 @@ __all__ = ["Solver"]
 # Part of forces that a solve may leave. More is left where K is singular, or slender parts make
 # rounding of K u large; then a correction by the rest is below √SOLVED where K is not singular.
 SOLVED = 1e-6
-# Bytes of factors; those of a block of 200 000 unknowns or of a plate of a million take as many.
-LARGEST_FACTORS = 3e9
+# Bytes of factors; those of a block of 300 000 unknowns or of a plate of a million take as many.
+LARGEST_FACTORS = 4e9
 UNSTABLE = (
     "Reduced: the structure is not stable in its present state, its stiffness is not definite: it "
     "buckles, or a part hangs by a line or a point of others. Reduce it in a state before the "
