@@ -16,7 +16,7 @@ from scipy.special import ellipk
 from test_contact_pairs import boxes
 
 import rigidfx as rf
-from rigidfx.effects.joints.coordinates import Angle, Travel, secant
+from rigidfx.effects.joints.coordinates import Angle, Travel
 from rigidfx.effects.motion import ForcesOfNodes
 from rigidfx.step.equations.equations import Equilibrium
 
@@ -186,12 +186,12 @@ def test_small_gains_of_coordinates_are_exact(small):
     moved = Rotation.from_rotvec([0, 0, small]).as_matrix()[:2, :2] - np.eye(2)
     moved[0, 0] = moved[1, 1] = -2 * np.sin(small / 2) ** 2
     moved = np.vstack([np.zeros(3), np.pad(start[1:, :2] @ moved.T, ((0, 0), (0, 1)))])
-    slope, gained = secant(Angle((0, 1, 2)), start, moved, 1.0)
+    slope, gained = Angle((0, 1, 2)).secant(start, moved, 1.0)
     assert gained == pytest.approx(small, rel=1e-14, abs=0)
     assert np.sum(slope * moved) == pytest.approx(small, rel=1e-12, abs=0)
     place, axis = np.array([0.3, 0.4, 0.5]), np.array([0, 0, 2.0])
     along = np.array([[0, 0, 0], [0, 0, small], [0, 0, 0]])
-    slope, gained = secant(Travel((0, 1, 2)), np.array([0 * place, place, axis]), along, 1.0)
+    slope, gained = Travel((0, 1, 2)).secant(np.array([0 * place, place, axis]), along, 1.0)
     assert gained == pytest.approx(small, rel=1e-14, abs=0)
     assert np.sum(slope * along) == pytest.approx(small, rel=1e-12, abs=0)
 

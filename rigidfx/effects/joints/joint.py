@@ -15,9 +15,8 @@ from rigidfx.base.types import Array
 from rigidfx.effects.base import WHOLE, Effect
 from rigidfx.effects.base import Vector as Place
 from rigidfx.effects.joints.checks import check_sides
-from rigidfx.effects.joints.coordinates import Angle, Travel
-from rigidfx.effects.joints.face_motion import Sided, Vector
-from rigidfx.effects.joints.pieces import Pieces, perpendiculars
+from rigidfx.effects.joints.face_motion import Vector
+from rigidfx.effects.joints.pieces import Pieces
 from rigidfx.effects.joints.round_surfaces import cylinder_of
 from rigidfx.effects.joints.sides import (
     GROUND,
@@ -28,7 +27,7 @@ from rigidfx.effects.joints.sides import (
     side_of,
 )
 
-__all__ = ["Aligned", "Between", "Joint", "axis_of"]
+__all__ = ["Between", "Joint", "axis_of"]
 
 
 @dataclass(frozen=True)
@@ -132,6 +131,9 @@ class Joint(Between):
         name: Its name in reports; kind and sides if None.
     """
 
+    shares: ClassVar[tuple[str, ...]] = ()  # what `Pieces` hold: "point", "axis", "line", ...
+    leaves: ClassVar[tuple[str, ...]] = ()  # and measure: "angle", "travel"
+
     at: Place | None = None
 
     def __post_init__(self) -> None:
@@ -169,10 +171,8 @@ class Joint(Between):
         a, b = (side_of(scene, self.owner, side) for side in (self.a, self.b))
         point = np.asarray(self.at, dtype=np.float64)
         check_sides(scene, self.owner, (self.a, self.b), (a, b), point)
-        size, mass = min(a.size, b.size), min(a.mass, b.mass)
-        pieces = Pieces(float(size), float(mass))
-        self.build(pieces, a, b)
-        out = copy(self)
+        pieces, out = Pieces(a, b, point, self.direction), copy(self)
+        self.build(pieces)
         object.__setattr__(out, "_pieces", pieces)
         return out
 
@@ -209,76 +209,14 @@ class Joint(Between):
         """
         return cylinder_of(scene, self.owner, where)
 
-    def build(self, pieces: Pieces, a: Sided, b: Sided) -> None:
-        """Add its averages and rows.
+    @property
+    def direction(self) -> Array:
+        """Its axis at the start, or any for want of one, shape (3,)."""
+        return np.eye(3)[0]
 
-        Args:
-            pieces: The target of the addition.
-            a: First side.
-            b: Second side.
-        """
-        raise NotImplementedError
-
-    def meet(self, pieces: Pieces, a: Sided, b: Sided) -> None:
-        """Add that both sides have the joint's place in common."""
-        pieces.point_on_point(*self.points(pieces, a, b))
-
-    def points(self, pieces: Pieces, a: Sided, b: Sided) -> tuple[int, int]:
-        """Numbers of the joint's place on both sides."""
-        point = np.asarray(self.at, dtype=np.float64)
-        return pieces.add(a.place(point), 0), pieces.add(b.place(point), 1)
-
-    def align(self, pieces: Pieces, a: Sided, b: Sided, axis: Array) -> Aligned:
-        """Add that an axis of the first side is perpendicular to two directions of the second.
-
-        Args:
-            pieces: The target of the addition.
-            a: First side.
-            b: Second side.
-            axis: The axis at the start, of unit length.
-        """
-        across = perpendiculars(axis)
-        along = pieces.add(a.direction(axis), 0)
-        numbers = [pieces.add(b.direction(e), 1) for e in across]
-        for k, number in enumerate(numbers):
-            pieces.perpendicular(along, number, f"tilt {k + 1}")
-        return Aligned(a, across, along, (numbers[0], numbers[1]))
-
-
-@dataclass(frozen=True)
-class Aligned:
-    """How two sides have an axis in common.
-
-    Attributes:
-        one: The first side, whose axis it is.
-        across: Two directions across at the start.
-        along: Number of the axis.
-        numbers: Numbers of these directions on the second side.
-    """
-
-    one: Sided
-    across: tuple[Array, Array]
-    along: int
-    numbers: tuple[int, int]
-
-    def hold_angle(self, pieces: Pieces) -> None:
-        """Add that the sides do not turn about the axis."""
-        own = pieces.add(self.one.direction(self.across[0]), 0)
-        pieces.perpendicular(own, self.numbers[1], "turn")
-
-    def leave_angle(self, pieces: Pieces) -> None:
-        """Measure the angle about the axis."""
-        own = pieces.add(self.one.direction(self.across[0]), 0)
-        pieces.coordinates["angle"] = Angle((own, *self.numbers))
-
-    def leave_travel(self, pieces: Pieces, points: tuple[int, int]) -> None:
-        """Measure the travel along the axis."""
-        pieces.coordinates["travel"] = Travel((*points, self.along))
-
-    def hold_place(self, pieces: Pieces, points: tuple[int, int]) -> None:
-        """Add that the joint's places stay on one line along the axis."""
-        for k, number in enumerate(self.numbers):
-            pieces.in_plane(*points, number, f"across {k + 1}")
+    def build(self, pieces: Pieces) -> None:
+        """Add its averages and rows."""
+        pieces.hold(self.shares, self.leaves)
 
 
 def axis_of(joint: Joint, axis: Any) -> Array:

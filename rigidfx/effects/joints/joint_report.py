@@ -114,10 +114,10 @@ def told_of(
     """
     start, moved, forces = step
     pieces = joint.pieces
-    sides, places = np.array(pieces.sides), np.array(pieces.places)
+    sides, places = np.array(pieces.sides), np.array([a.is_place for a in pieces.averages])
     side = 0 if joint.b == GROUND else 1  # the ground tells no forces of its own
     sign = 1.0 if side else -1.0
-    first = pieces.places.index(True)
+    first = int(np.argmax(places))
     middle = start + 0.5 * moved
     arms = middle - np.where(places[:, None], middle[first], 0.0)
     on = sides == side

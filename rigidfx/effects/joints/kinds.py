@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.types import Array
+from rigidfx.base.types import Array, Indices
 from rigidfx.effects.base import Vector
-from rigidfx.effects.joints.face_motion import Sided
 from rigidfx.effects.joints.joint import Joint, axis_of
 from rigidfx.effects.joints.pieces import Pieces
 from rigidfx.effects.joints.round_surfaces import sphere_of
+from rigidfx.effects.joints.sides import GROUND, rigid_faces
+from rigidfx.effects.supports.support import Support
+from rigidfx.effects.supports.symmetry import Symmetry
 
-__all__ = ["Axial", "Cylindrical", "Prismatic", "Revolute", "Spherical", "Tied", "Universal"]
+__all__ = [
+    "Axial",
+    "Cylindrical",
+    "Mirrored",
+    "Prismatic",
+    "Revolute",
+    "Spherical",
+    "Tied",
+    "Universal",
+    "cut_by_symmetry",
+]
 
 
+Supports = tuple[tuple[Support, Indices], ...]
 RIGHT_ANGLE = 1e-6  # cosine that the axes of a universal joint may have at the start
 
 
@@ -46,49 +60,40 @@ class Axial(Joint):
         """See `Joint`."""
         return (*super().missing, *(() if self.axis is not None else ("axis",)))
 
+    @property
+    def direction(self) -> Array:
+        """The axis at the start, of unit length."""
+        return axis_of(self, self.axis)
 
-@dataclass(frozen=True)
+
 class Revolute(Axial):
     """A hinge: both sides share a point and an axis, and rotate about the axis."""
 
-    def build(self, pieces: Pieces, a: Sided, b: Sided) -> None:
-        """Point on point, and an axis."""
-        self.meet(pieces, a, b)
-        self.align(pieces, a, b, axis_of(self, self.axis)).leave_angle(pieces)
+    shares = "point", "axis"
+    leaves = ("angle",)
 
 
-@dataclass(frozen=True)
 class Prismatic(Axial):
     """A slider: both sides slide along one axis, and do not turn."""
 
-    def build(self, pieces: Pieces, a: Sided, b: Sided) -> None:
-        """An axis, points on it, and no rotation about it."""
-        points = self.points(pieces, a, b)
-        aligned = self.align(pieces, a, b, axis_of(self, self.axis))
-        aligned.hold_place(pieces, points)
-        aligned.hold_angle(pieces)
-        aligned.leave_travel(pieces, points)
+    shares = "axis", "line", "turn"
+    leaves = ("travel",)
 
 
-@dataclass(frozen=True)
 class Cylindrical(Axial):
     """Both sides share an axis; they rotate about it and slide along it."""
 
-    def build(self, pieces: Pieces, a: Sided, b: Sided) -> None:
-        """An axis, and points on it."""
-        points = self.points(pieces, a, b)
-        aligned = self.align(pieces, a, b, axis_of(self, self.axis))
-        aligned.hold_place(pieces, points)
-        aligned.leave_angle(pieces)
-        aligned.leave_travel(pieces, points)
+    shares = "axis", "line"
+    leaves = "angle", "travel"
 
 
-@dataclass(frozen=True)
 class Spherical(Joint):
     """A ball joint: both sides share a point and rotate freely about it.
 
     Without a place, it is at the centre of the ball or socket that the first face of its sides is.
     """
+
+    shares = ("point",)
 
     def shape_of(self, scene: Any, where: str) -> tuple[Array, Array]:
         """Centre of a ball or socket, or middle and axis of a hole or shaft."""
@@ -103,10 +108,6 @@ class Spherical(Joint):
                 "could be found, nor a hole nor a shaft. Give the joint's place (at)."
             ) from None
 
-    def build(self, pieces: Pieces, a: Sided, b: Sided) -> None:
-        """Point on point."""
-        self.meet(pieces, a, b)
-
 
 @dataclass(frozen=True)
 class Universal(Joint):
@@ -116,6 +117,8 @@ class Universal(Joint):
         axis_a: Axis of the first side at the start, of any length.
         axis_b: Axis of the second side there, perpendicular to the first.
     """
+
+    shares = ("point",)
 
     axis_a: Vector | None = None
     axis_b: Vector | None = None
@@ -135,22 +138,64 @@ class Universal(Joint):
                 f"{angle:.3g}°."
             )
 
-    def build(self, pieces: Pieces, a: Sided, b: Sided) -> None:
-        """Point on point, and axes across each other."""
-        self.meet(pieces, a, b)
-        one = pieces.add(a.direction(axis_of(self, self.axis_a)), 0)
-        other = pieces.add(b.direction(axis_of(self, self.axis_b)), 1)
-        pieces.perpendicular(one, other, "turn")
+    def build(self, pieces: Pieces) -> None:
+        """Add the common point, and that the axes are perpendicular."""
+        super().build(pieces)
+        one = pieces.direction(axis_of(self, self.axis_a), 0)
+        other = pieces.direction(axis_of(self, self.axis_b), 1)
+        pieces.hold_right_angle(one, other, "turn")
 
 
-@dataclass(frozen=True)
 class Tied(Joint):
     """Both sides move as one: a bolted flange, or two surfaces whose meshes do not match.
 
     Mean faces are tied by their mean motion: each may deform by itself.
     """
 
-    def build(self, pieces: Pieces, a: Sided, b: Sided) -> None:
-        """Point on point, and three directions."""
-        self.meet(pieces, a, b)
-        self.align(pieces, a, b, np.eye(3)[0]).hold_angle(pieces)
+    shares = "point", "axis", "turn"
+
+
+class Mirrored(Axial):
+    """Keeps a rigid face in a plane of symmetry; a scene adds it where one cuts the other.
+
+    The axis is the plane's normal.
+    """
+
+    shares = "axis", "plane"
+
+
+def cut_by_symmetry(scene: Any, supports: Supports) -> tuple[tuple[Joint, ...], Supports]:
+    """What keeps rigid faces in the planes that cut them, and supports without these. Collective.
+
+    The other half of such a face mirrors the given one: half of a hole, say. As both are one body,
+    it moves along the plane and turns about its normal only. Rows of a joint hold the rest.
+
+    Args:
+        scene: The problem, whose effects are placed.
+        supports: Its supports and their local nodes, ghosts included.
+
+    Raises:
+        SceneError: On every rank, if a plane that does not hold all the time cuts one.
+    """
+    joints, left = [], list(supports)
+    for face in rigid_faces(scene.effects) if scene.named(Symmetry) else ():
+        nodes = scene.nodes(face.where, face.name, (2,))
+        for k, (plane, held) in enumerate(left):
+            shared = np.intersect1d(nodes, held)
+            x = scene.start_places[shared[shared < scene.owned_nodes]]
+            sums = scene.sum(np.r_[len(x), x.sum(axis=0)])
+            if not isinstance(plane, Symmetry) or sums[0] == 0:
+                continue
+            if plane.since > 0 or plane.until < inf:
+                raise SceneError(
+                    f"{plane.owner} cuts {face.name}, and has a time window. A rigid face is kept "
+                    f"in a plane for the whole run: leave the window out, or take "
+                    f"MeanFace('{face.where}')."
+                )
+            at, normal = tuple(sums[1:] / sums[0]), tuple(np.eye(3)[plane.axes[0]])
+            name = f"{plane.owner} - {face.name}"
+            if all(joint.title != name for joint in scene.named(Mirrored)):
+                joint = Mirrored(GROUND, face, at, normal, name=name)
+                joints.append(joint.placed(scene))
+            left[k] = plane, np.setdiff1d(held, nodes)
+    return tuple(joints), tuple(left)

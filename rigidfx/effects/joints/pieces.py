@@ -11,18 +11,20 @@ gradient at the middle of a step times its increments (docs/theory/joints.md).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from rigidfx.base.matrices import Matrix, Pattern
 from rigidfx.base.types import Array
-from rigidfx.effects.joints.coordinates import Coordinate
-from rigidfx.effects.joints.face_motion import Vector
+from rigidfx.effects.joints.coordinates import Angle, Coordinate, Travel
+from rigidfx.effects.joints.face_motion import Sided, Vector
 
-__all__ = ["Pieces", "Row", "Terms", "perpendiculars"]
+__all__ = ["Pieces", "Row", "Terms"]
 
 
 @dataclass(frozen=True)
@@ -40,49 +42,119 @@ class Row:
     products: tuple[tuple[int, int, float], ...] = ()
 
 
-@dataclass
 class Pieces:
-    """The averages and rows of a joint, as they are put together.
+    """The averages and rows of a joint: what it holds and leaves of a place and an axis.
+
+    Each average is added when it is first needed.
 
     Attributes:
         size: Length that products of directions are multiplied by [m].
         mass: Mass that the joint moves, in order of magnitude [kg].
         averages: Vectors that rows are made of.
         sides: Side that each of them is of, 0 or 1.
-        places: Whether each of them is a place, not a direction.
         rows: The rows.
         coordinates: Free coordinates of the joint, by name: "angle", "travel".
     """
 
-    size: float
-    mass: float
-    averages: list[Vector] = field(default_factory=list)
-    sides: list[int] = field(default_factory=list)
-    places: list[bool] = field(default_factory=list)
-    rows: list[Row] = field(default_factory=list)
-    coordinates: dict[str, Coordinate] = field(default_factory=dict)
+    def __init__(self, a: Sided, b: Sided, at: Array, axis: Array) -> None:
+        """Begin without rows.
 
-    def add(self, average: Vector, side: int) -> int:
-        """Take an average of a side, 0 or 1; its number."""
+        Args:
+            a: First side.
+            b: Second side.
+            at: Place of the joint at the start, shape (3,) [m].
+            axis: Its axis there, of unit length.
+        """
+        self.size, self.mass = float(min(a.size, b.size)), float(min(a.mass, b.mass))
+        self.averages: list[Vector] = []
+        self.sides: list[int] = []
+        self.rows: list[Row] = []
+        self.coordinates: dict[str, Coordinate] = {}
+        self._of, self._at, self._axis = (a, b), at, axis
+
+    def _add(self, average: Vector, side: int) -> int:
+        """Number of an average, which is added to a side."""
         self.averages.append(average)
         self.sides.append(side)
-        self.places.append(average.is_place)
         return len(self.averages) - 1
 
-    def point_on_point(self, a: int, b: int) -> None:
-        """Have two points in one place."""
+    def direction(self, a: Array, side: int) -> int:
+        """Number of a direction of a side, which is added."""
+        return self._add(self._of[side].direction(a), side)
+
+    @cached_property
+    def points(self) -> tuple[int, int]:
+        """Numbers of the place on both sides."""
+        return self._add(self._of[0].place(self._at), 0), self._add(self._of[1].place(self._at), 1)
+
+    @cached_property
+    def along(self) -> int:
+        """Number of the axis, which is of the first side."""
+        return self.direction(self._axis, 0)
+
+    @cached_property
+    def across(self) -> tuple[int, int]:
+        """Numbers of two directions across of the second side."""
+        one, other = _perpendiculars(self._axis)
+        return self.direction(one, 1), self.direction(other, 1)
+
+    @cached_property
+    def turned(self) -> int:
+        """Number of the first of these directions on the first side."""
+        return self.direction(_perpendiculars(self._axis)[0], 0)
+
+    def hold(self, shared: Iterable[str], left: Iterable[str] = ()) -> None:
+        """Add rows and free coordinates by their names.
+
+        Args:
+            shared: "point", "axis", "turn", "line", "plane".
+            left: "angle", "travel".
+        """
+        for name in (*(f"hold_{name}" for name in shared), *(f"leave_{name}" for name in left)):
+            getattr(self, name)()
+
+    def hold_point(self) -> None:
+        """Add that both sides have the place in common."""
+        a, b = self.points
         self.rows += [Row(axis, linear=((a, i, 1.0), (b, i, -1.0))) for i, axis in enumerate("xyz")]
 
-    def perpendicular(self, a: int, b: int, title: str) -> None:
-        """Have two directions perpendicular."""
+    def hold_axis(self) -> None:
+        """Add that both sides have the axis in common."""
+        along = self.along
+        for k, number in enumerate(self.across):
+            self.hold_right_angle(along, number, f"tilt {k + 1}")
+
+    def hold_turn(self) -> None:
+        """Add that the sides do not turn about the axis."""
+        self.hold_right_angle(self.turned, self.across[1], "turn")
+
+    def hold_line(self) -> None:
+        """Add that the places stay on one line along the axis."""
+        for k, number in enumerate(self.across):
+            self._hold_in_plane(number, f"across {k + 1}")
+
+    def hold_plane(self) -> None:
+        """Add that the places stay in one plane across the axis."""
+        self._hold_in_plane(self.along, "normal")
+
+    def hold_right_angle(self, a: int, b: int, title: str) -> None:
+        """Add that two directions are perpendicular."""
         self.rows.append(Row(title, products=((a, b, self.size),)))
 
-    def in_plane(self, a: int, b: int, normal: int, title: str) -> None:
-        """Have two points in one plane across a direction."""
+    def _hold_in_plane(self, normal: int, title: str) -> None:
+        a, b = self.points
         self.rows.append(Row(title, products=((b, normal, 1.0), (a, normal, -1.0))))
 
+    def leave_angle(self) -> None:
+        """Measure the angle about the axis."""
+        self.coordinates["angle"] = Angle((self.turned, *self.across))
 
-def perpendiculars(axis: Array) -> tuple[Array, Array]:
+    def leave_travel(self) -> None:
+        """Measure the travel along the axis."""
+        self.coordinates["travel"] = Travel((*self.points, self.along))
+
+
+def _perpendiculars(axis: Array) -> tuple[Array, Array]:
     """Two unit vectors that make a right-handed frame with a unit vector."""
     first: Array = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     first /= np.linalg.norm(first)
@@ -91,6 +163,9 @@ def perpendiculars(axis: Array) -> tuple[Array, Array]:
 
 class Terms:
     """g = Σ c p_i + Σ s p_k · p_l of many rows, at averages p of shape (averages, 3).
+
+    With the components of all averages and a last one that is 1, x = [p, 1], each row is a sum of
+    products f x_m x_n.
 
     Attributes:
         averages: Numbers of those that have a part in any row.
@@ -105,50 +180,41 @@ class Terms:
             averages: Number of all averages.
         """
         every = [(row, first) for own, first in zip(rows, firsts, strict=False) for row in own]
-        self._count = len(every)
-        linear = [
-            (r, 3 * (first + k) + axis, c)
-            for r, (row, first) in enumerate(every)
-            for k, axis, c in row.linear
-        ]
-        products = [
-            (r, first + k, first + j, c)
-            for r, (row, first) in enumerate(every)
-            for k, j, c in row.products
-        ]
-        at = np.array([(r, c) for r, c, _ in linear], dtype=np.int64).reshape(-1, 2).T
-        shape = self._count, 3 * averages
-        self._linear = csr_array((np.array([v for *_, v in linear]), at), shape=shape)
-        pairs = np.array([(r, k, j) for r, k, j, _ in products], dtype=np.int64).reshape(-1, 3)
-        self._row, self._first, self._second = pairs.T
-        self._factor = np.array([c for *_, c in products], dtype=np.float64)
-        columns = 3 * pairs[:, 1:, None] + np.arange(3)
-        self._sizes = abs(self._linear)
-        self._columns, self._spread = columns.ravel(), csr_array(self._linear.T)
-        of = np.broadcast_to(self._row[:, None, None], columns.shape).ravel()
-        fixed = self._linear.tocoo()
-        places = np.r_[fixed.coords[0], of], np.r_[fixed.coords[1], self._columns]
-        self._fixed, self._gradient = fixed.data, Pattern(*places, shape)
-        one, other = columns[:, 0].ravel(), columns[:, 1].ravel()
-        self._curvature = Pattern(np.r_[one, other], np.r_[other, one], (shape[1],) * 2)
-        self.averages = np.unique(np.r_[at[1] // 3, self._first, self._second])
+        one, products, linear = 3 * averages, list[Any](), list[Any]()
+        for r, (row, first) in enumerate(every):
+            for k, j, s in row.products:
+                products += [(r, 3 * (first + k) + i, 3 * (first + j) + i, s) for i in range(3)]
+            linear += [(r, 3 * (first + k) + i, one, c) for k, i, c in row.linear]
+        table = np.reshape([*products, *linear], (-1, 4))
+        (self._row, self._m, self._n), self._f = table[:, :3].astype(np.int64).T, table[:, 3]
+        self._count, self._both = len(every), len(products)
+        own = slice(self._both)  # of these terms both factors change
+        self._of = np.r_[self._row, self._row[own]]
+        self._columns = np.r_[self._m, self._n[own]]
+        self._gradient = Pattern(self._of, self._columns, (self._count, one))
+        pairs = np.r_[self._m[own], self._n[own]], np.r_[self._n[own], self._m[own]]
+        self._curvature = Pattern(*pairs, (one, one))
+        self.averages = np.unique(self._columns // 3)
 
-    def _summed(self, products: Array) -> Array:
-        """Σ s times each term's product, of each row."""
-        sums = np.bincount(self._row, self._factor * products, self._count)
-        return np.asarray(sums, dtype=np.float64)
+    def _sums(self, terms: Array) -> Array:
+        """Sums of terms, or of entries of gradients, of each row."""
+        of = self._row if terms.size == self._row.size else self._of
+        return np.bincount(of, terms, self._count).astype(np.float64, copy=False)
 
     def value(self, p: Array) -> Array:
         """g, shape (rows,)."""
-        products = (p[self._first] * p[self._second]).sum(axis=1)
-        return np.asarray(self._linear @ p.ravel() + self._summed(products))
+        x = np.append(p, 1.0)
+        return self._sums(self._f * x[self._m] * x[self._n])
 
     def rounding(self, p: Array) -> Array:
         """Rounding of g at averages p, shape (rows,)."""
-        size, factors = np.abs(p), np.abs(self._factor)
-        products = factors * (size[self._first] * size[self._second]).sum(axis=1)
-        sums = self._sizes @ size.ravel() + np.bincount(self._row, products, self._count)
-        return np.asarray(4 * np.spacing(sums))
+        x = np.append(p, 1.0)
+        return np.asarray(4 * np.spacing(self._sums(np.abs(self._f * x[self._m] * x[self._n]))))
+
+    def _entries(self, p: Array) -> Array:
+        """Entries of the gradient at averages p."""
+        x, own = np.append(p, 1.0), slice(self._both)
+        return np.concatenate([self._f * x[self._n], self._f[own] * x[self._m[own]]])
 
     def gained(self, middle: Array, d: Array) -> Array:
         """Exact gain of g where averages move by d, shape (rows,).
@@ -157,28 +223,17 @@ class Terms:
             middle: Averages half-way.
             d: Their increments.
         """
-        k, j = self._first, self._second
-        terms = (middle[k] * d[j] + d[k] * middle[j]).sum(axis=1)
-        return np.asarray(self._linear @ d.ravel() + self._summed(terms))
+        return self._sums(self._entries(middle) * d.ravel()[self._columns])
 
     def gradient(self, p: Array) -> Matrix:
         """∂g/∂p, shape (rows, 3 · averages)."""
-        both = self._factor[:, None, None] * np.stack([p[self._second], p[self._first]], axis=1)
-        return self._gradient.filled(np.concatenate([self._fixed, both.ravel()]))
+        return self._gradient.filled(self._entries(p))
 
     def forces(self, p: Array, multipliers: Array) -> Array:
-        """Σ λ ∂g/∂p, shape (averages, 3).
-
-        Args:
-            p: The averages.
-            multipliers: λ of each row.
-        """
-        out = np.asarray(self._spread @ multipliers)
-        if self._row.size:
-            share = (multipliers[self._row] * self._factor)[:, None, None]
-            both = share * np.stack([p[self._second], p[self._first]], axis=1)
-            out = out + np.bincount(self._columns, both.ravel(), out.size)
-        return out.reshape(-1, 3)
+        """Σ λ ∂g/∂p at averages p, shape (averages, 3), by λ of each row."""
+        entries = multipliers[self._of] * self._entries(p)
+        sums = np.bincount(self._columns, entries, p.size)  # integers where there is none
+        return sums.astype(np.float64, copy=False).reshape(-1, 3)
 
     def curvature(self, multipliers: Array, share: float) -> csr_array:
         """Derivative of Σ λ ∂g/∂p after a part of a step by p at its end, (3 · averages,) * 2.
@@ -187,5 +242,7 @@ class Terms:
             multipliers: λ of each row.
             share: That part: 0.5 for the middle of the step.
         """
-        value = share * multipliers[self._row] * self._factor
-        return self._curvature.sparse(np.tile(np.repeat(value, 3), 2))
+        own = slice(self._both)
+        return self._curvature.sparse(
+            np.tile(share * multipliers[self._row[own]] * self._f[own], 2)
+        )
