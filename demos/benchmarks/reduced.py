@@ -1,7 +1,7 @@
 """What parts reduced to a few shapes cost and how far they are from their flexible twins.
 
 Whole runs, set-up included, one after the other on one core: the twin, in which all cells are
-flexible, and the same with parts named `Reduced`.
+flexible, and the same with parts named `Reduced`. Seconds are those of the processor.
 
 * `plate`: a square plate of 1 m on soft springs is struck near a corner and beside its hub
   (`demos/gong.py`); also the peak of stress below the blows.
@@ -28,7 +28,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 from bench import Parser, conclude
@@ -70,35 +70,39 @@ class Run:
     """What a run has left.
 
     Attributes:
-        seconds: Its time, with set-up, without that in which results are looked at [s].
+        seconds: Time of the processor, with set-up, without looks at results [s].
         unknowns: The fewest and the most.
         seen: What was kept of each report.
         balance: Largest error of the balance of energy over the largest energy.
+        set_up: The part of its time that has passed before the first step [s].
     """
 
     seconds: float = 0.0
     unknowns: tuple[int, int] = (0, 0)
     seen: np.ndarray = field(default_factory=lambda: np.empty(0))
     balance: float = 0.0
+    set_up: float = 0.0
 
 
-def run(case: Case, parts: tuple[rf.Reduced, ...]) -> Run:
-    """A run of a case."""
-    start, seen, unknowns, energy, work, looking = perf_counter(), [], [], [], [], 0.0
+def run(case: Case, parts: tuple[rf.Reduced, ...], rigidify: rf.Criterion | None = None) -> Run:
+    """A run of a case, with parts reduced by name, or rigid where a criterion finds them."""
+    start, seen, unknowns, energy, work, looking = process_time(), [], [], [], [], 0.0
     with warnings.catch_warnings():  # of blows that some of these cells do not resolve
         warnings.simplefilter("ignore", rf.RigidfxWarning)
-        for report in rf.simulate(case.scene(*parts), dt=case.dt, t_end=case.t_end):
-            began = perf_counter()
+        scene, set_up = case.scene(*parts), 0.0
+        for report in rf.simulate(scene, dt=case.dt, t_end=case.t_end, rigidify=rigidify):
+            began = process_time()
+            set_up = set_up or began - start
             seen.append(case.seen(report))
-            looking += perf_counter() - began
+            looking += process_time() - began
             unknowns.append(report.unknowns)
             energy.append(report.energy)
             taken = sum(report.dissipated.values())
             work.append(report.work_of_loads + report.work_of_supports - taken)
     off = np.abs(np.array(energy) - energy[0] - np.cumsum(work)).max()
     ends = min(unknowns), max(unknowns)
-    took = perf_counter() - start - looking
-    return Run(took, ends, np.array(seen), off / np.abs(energy).max())
+    took = process_time() - start - looking
+    return Run(took, ends, np.array(seen), off / np.abs(energy).max(), set_up)
 
 
 def measured(name: str, case: Case) -> dict[str, object]:

@@ -1,146 +1,145 @@
-"""What rigid parts pay by size: four demos at four sizes each, beside their flexible twins.
+"""What the three levels buy by size: flexible, found by the run, and reduced by name.
 
-An entry of summary.json is a demo at a size:
+Scenes are those of `reduced.py`, at four sizes each, in one order on one core:
 
-- scene, unknowns;
-- rigid_share: unknowns that rigid parts save, as a part of unknowns × time;
-- error: of the quantity that the demo compares (`error_of` names it), over the twin's largest;
-- time_ratio: time of all steps over that of the twin's;
-- memory: the most that the process has taken [MB].
+- flexible: the twin, in which all cells are flexible;
+- default: what a user gets who names nothing, `StrainRate(Relative(0.01), "auto")`;
+- reduced: parts named `Reduced`.
+
+Δt is the same in all three. An entry of summary.json is a level of a scene at a size:
+
+- case, level, unknowns (most of the twin), left (fewest of the run);
+- seconds of the processor for the whole run, set-up included, and for `set_up` alone;
+- ratio: seconds over those of the twin;
+- memory: the most that the process has taken [MB];
+- errors against the twin, of what the scene is about (`reduced.py` names them).
+
+`growth` tells the exponent of seconds by unknowns for each scene and level.
 
     ./fenicsx python3 demos/benchmarks/size.py
-    ./fenicsx python3 demos/benchmarks/size.py --only drop --most 20000
-    ./fenicsx python3 demos/benchmarks/size.py --only gong --least 20000 --resume
+    ./fenicsx python3 demos/benchmarks/size.py --only drop --most 30000
+    ./fenicsx python3 demos/benchmarks/size.py --only plate --levels reduced --most 2000000
+    ./fenicsx python3 demos/benchmarks/size.py --only plate --least 20000 --resume
 
 Each run is a process of its own, so that memory is that of one run. All take some hours of one
 core; with --resume a run that has been measured into the folder before is not run again, and those
-of other demos and sizes are in the table as well.
+of other scenes and sizes are in the table as well. A million unknowns have no twin here: their run
+tells seconds and memory.
 """
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from bench import Parser, chosen, conclude, without_mpi
-from common import ROOT, positive
+from common import positive, say
+from reduced import SHORT, SIZES, Case, arm, crank, drop, plate, run
 
-ENTRY = "entry.json"  # of the table, in the folder of a run
+import rigidfx as rf
 
-
-@dataclass(frozen=True)
-class Demo:
-    """A demo, and how it is made larger.
-
-    Attributes:
-        arguments: Without a size.
-        option: The one of the size.
-        sizes: Unknowns, those that supports hold included → value of the option.
-        compared: Key of the summary that holds the error.
-    """
-
-    arguments: Sequence[str]
-    option: str
-    sizes: dict[int, str]
-    compared: str
-
-
-DEMOS = {
-    "drop_test": Demo(
-        ["--compare"],
-        "--size",
-        {2736: "0.02", 25_320: "0.0033", 66_744: "0.0028", 91_872: "0.0022"},
-        "peak_force_errors",
-    ),
-    "robot_arm": Demo(
-        [],
-        "--size",
-        {10_503: "0.016", 20_997: "0.009", 46_557: "0.006", 102_636: "0.0044"},
-        "swing_deviation",
-    ),
-    "gong": Demo(
-        ["--compare"],
-        "--across",
-        {1734: "16", 6534: "32", 25_350: "64", 99_846: "128"},
-        "error_of_way",
-    ),
-    "mechanism": Demo(
-        ["--compare", "--turns", "1"],
-        "--size",
-        {12_945: "0.03", 38_574: "0.0125", 56_280: "0.0105", 109_899: "0.0078"},
-        "error_of_way",
-    ),
+SCENES = {
+    "plate": {1734: partial(plate, 16), **SIZES["plate"], 1_043_334: partial(plate, 416)},
+    "drop": {**SIZES["drop"], 91_872: partial(drop, 0.0022)},
+    "arm": {**SIZES["arm"], 46_557: partial(arm, 0.006), 102_636: partial(arm, 0.0044)},
+    "crank": {**SIZES["crank"], 56_280: partial(crank, 0.0105), 109_899: partial(crank, 0.0078)},
 }
+LEVELS = "flexible", "default", "reduced"
+TWINS_UP_TO = 150_000  # unknowns; a twin of a million takes a day
+ENTRY, SEEN = "entry.json", "seen.npy"  # in the folder of a run
 
 
-def saved(folder: Path) -> tuple[int, float]:
-    """Unknowns of a run's first step, and the part of unknowns × time that is saved."""
-    with (folder / "history.csv").open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    unknowns, dt = (np.array([float(row[name]) for row in rows[1:]]) for name in ("unknowns", "dt"))
-    return int(unknowns.max()), float(1 - unknowns @ dt / (unknowns.max() * dt.sum()))
+def carried_out(case: Case, level: str, folder: Path) -> None:
+    """Run a level of a case, in a process of its own, and keep what it leaves."""
+    found = rf.StrainRate(rf.Relative(0.01), "auto") if level == "default" else None
+    own = run(case, case.parts if level == "reduced" else (), rigidify=found)
+    left, most = own.unknowns
+    entry = {"level": level, "unknowns": most, "left": left, "set_up": own.set_up}
+    entry |= {"seconds": own.seconds, "energy": own.balance}
+    np.save(folder / SEEN, own.seen)
+    (folder / ENTRY).write_text(json.dumps(entry), encoding="utf-8")
 
 
-def known(name: str, value: str, out: Path) -> dict[str, object] | None:
-    """The entry that a run has left; None if there is none."""
-    entry = out / f"{name}_{value}" / ENTRY
-    return json.loads(entry.read_text(encoding="utf-8")) if entry.exists() else None
-
-
-def measured(name: str, value: str, short: bool, out: Path) -> dict[str, object]:
-    """Run a demo at a size, and read and keep what it leaves."""
-    demo, folder = DEMOS[name], out / f"{name}_{value}"
-    command = [sys.executable, str(ROOT / "demos" / f"{name}.py"), "--out", str(folder)]
-    command += [*demo.arguments, *(["--short"] if short else [demo.option, value])]
+def measured(name: str, unknowns: int, level: str, short: bool, folder: Path) -> None:
+    """Have a process run a level of a scene, and note its memory."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / ENTRY).unlink(missing_ok=True)
+    command = [sys.executable, __file__, "--out", str(folder), "--run", name, str(unknowns), level]
+    command += ["--short"] if short else []
     with subprocess.Popen(command, env=without_mpi(), stdout=subprocess.DEVNULL) as process:
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         raise SystemExit(f"{' '.join(command)} ended with {process.returncode}")
-    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    unknowns, share = saved(folder)
-    ratio = summary.get("time_ratio")
-    if ratio is None:
-        ratio = summary["wall_adaptive_s"] / summary["wall_flexible_s"]
-    entry = {
-        "scene": name,
-        "unknowns": unknowns,
-        "rigid_share": share,
-        "error_of": demo.compared,
-        "error": float(np.max(summary[demo.compared])),
-        "time_ratio": ratio,
-        "memory": usage.ru_maxrss // 1024,
-    }
+    entry = json.loads((folder / ENTRY).read_text(encoding="utf-8"))
+    entry = {"case": name, **entry, "memory": usage.ru_maxrss // 1024}
     (folder / ENTRY).write_text(json.dumps(entry), encoding="utf-8")
-    return entry
+
+
+def rows(name: str, unknowns: int, case: Case, out: Path) -> list[dict[str, object]]:
+    """The levels of a scene that have been run, each beside the twin where there is one."""
+    found = {level: out / f"{name}_{unknowns}_{level}" for level in LEVELS}
+    found = {level: folder for level, folder in found.items() if (folder / ENTRY).exists()}
+    entries = {
+        level: json.loads((folder / ENTRY).read_text(encoding="utf-8"))
+        for level, folder in found.items()
+    }
+    twin = entries.get("flexible")
+    for level, entry in entries.items():
+        if twin is not None and level != "flexible":
+            entry["ratio"] = entry["seconds"] / twin["seconds"]
+            seen, exact = (np.load(found[of] / SEEN) for of in (level, "flexible"))
+            entry["errors"] = case.errors(seen, exact)
+            entry["unknowns"] = twin["unknowns"]
+        elif twin is None:
+            entry["unknowns"] = unknowns
+    return [*entries.values()]
+
+
+def growth(table: list[dict[str, object]]) -> dict[str, float]:
+    """Scene and level → exponent of seconds by unknowns, where there are three sizes."""
+    found: dict[str, list[tuple[float, float]]] = {}
+    for row in table:
+        place = float(str(row["unknowns"])), float(str(row["seconds"]))
+        found.setdefault(f"{row['case']}, {row['level']}", []).append(place)
+    fits = {of: np.polyfit(*np.log(at).T, 1)[0] for of, at in found.items() if len(at) > 2}
+    return {of: float(slope) for of, slope in fits.items()}
 
 
 def main() -> None:
-    """Run the demos and write their table."""
-    parser = Parser(__file__, __doc__.splitlines()[0], short="the gong, in its short form")
-    parser.add_only("demos")
+    """Run the scenes and write their table."""
+    parser = Parser(__file__, __doc__.splitlines()[0], short="the plate, coarse")
+    parser.add_only("scenes")
+    parser.add_argument("--levels", nargs="+", default=[*LEVELS], choices=LEVELS, help="these")
     parser.add_argument("--least", type=positive, default=1, help="unknowns, at least")
-    parser.add_argument("--most", type=positive, default=np.inf, help="unknowns, at most")
+    parser.add_argument("--most", type=positive, default=150_000, help="unknowns, at most")
     parser.add_argument("--resume", action="store_true", help="keep what has been measured")
+    parser.add_argument("--run", nargs=3, metavar="X", help="a scene's size and level, alone")
     options = parser.read()
-    asked, table = chosen(options, DEMOS, ("gong",)), []
-    for name, demo in DEMOS.items():
-        for unknowns, value in list(demo.sizes.items())[: 1 if options.short else None]:
-            entry = known(name, value, options.out) if options.resume else None
-            if entry is None and name in asked and options.least <= unknowns <= options.most:
-                entry = measured(name, value, options.short, options.out)
-                print(entry, flush=True)
-            if entry is not None:
-                table.append(entry)
-    conclude(options.out, table)
-    assert all(entry["error"] <= 0.2 and entry["rigid_share"] > 0.2 for entry in table)
+    sizes = {"plate": {1734: SHORT["plate"]}} if options.short else SCENES
+    if options.run is not None:
+        name, unknowns, level = options.run
+        carried_out(sizes[name][int(unknowns)](), level, options.out)
+        return
+    asked, table = chosen(options, SCENES, ("plate",)), []
+    for name, made in sizes.items():
+        for unknowns, make in made.items():
+            wanted = name in asked and options.least <= unknowns <= options.most
+            for level in options.levels if wanted else ():
+                folder = options.out / f"{name}_{unknowns}_{level}"
+                done = options.resume and (folder / ENTRY).exists()
+                if not done and (level == "reduced" or unknowns <= TWINS_UP_TO):
+                    measured(name, unknowns, level, options.short, folder)
+            if wanted or options.resume:
+                table += (found := rows(name, unknowns, make(), options.out))
+                say("\n".join(map(str, found)))
+    conclude(options.out, {"rows": table, "growth": growth(table)})
+    assert all(row["energy"] < 1e-9 for row in table)
 
 
 if __name__ == "__main__":
