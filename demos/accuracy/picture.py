@@ -13,7 +13,12 @@ from rigidfx.plot import figure_of, on_first_rank, save
 from rigidfx.plot.curves import DPI
 
 Row = Mapping[str, Any]
-COLOURS = {"all flexible": "0.45", "rigid parts by hand": "#d55e00", "asked for": "#0072b2"}
+COLOURS = {
+    "all flexible": "0.45",
+    "rigid parts by hand": "#d55e00",
+    "asked for": "#0072b2",
+    "parts reduced by name": "#009e73",
+}
 
 
 def draw(panels: Mapping[str, Sequence[Row]], path: Path) -> None:
@@ -40,7 +45,8 @@ def draw(panels: Mapping[str, Sequence[Row]], path: Path) -> None:
 def _panel(ax: Any, name: str, rows: Sequence[Row]) -> None:
     ax.set(title=name, xlabel="time of one core (s)", xscale="log", yscale="log")
     for way, colour in COLOURS.items():
-        along = [row for row in rows if row["way"] == way]
+        if not (along := [row for row in rows if row["way"] == way]):
+            continue
         x, y = ([row[key] for row in along] for key in ("cpu_s", "percent"))
         ax.plot(x, y, marker="o", color=colour, linewidth=2.5, label=way)
         for k, row in enumerate(row for row in along if row["asked"]):

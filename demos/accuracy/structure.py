@@ -19,6 +19,7 @@ class Setting:
         budget: Of `Accuracy`, which chooses Δt and rigid parts; neither is chosen if 0.
         newton: Reduction of the residual at which Newton's iteration ends.
         wake: How bodies are released.
+        reduced: Whether the structure's parts are reduced.
     """
 
     dt: float
@@ -27,6 +28,7 @@ class Setting:
     budget: float = 0.0
     newton: float = 1e-12
     wake: str = "local"
+    reduced: bool = False
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class Structure:
 
     Attributes:
         name: Its name.
-        scene: Makes the problem.
+        scene: Makes the problem, of parts that are reduced.
         at: The probe that is compared.
         of: Length that errors are parts of [m].
         t_end: End of its runs [s].
@@ -43,10 +45,11 @@ class Structure:
         reference: The setting that errors are against.
         ways: Name of a curve → the settings along it, the fastest first.
         knobs: Name → setting, beside the last of those by hand.
+        parts: The parts that may be reduced.
     """
 
     name: str
-    scene: Callable[[], rf.Scene]
+    scene: Callable[..., rf.Scene]
     at: str
     of: float
     t_end: float
@@ -54,3 +57,4 @@ class Structure:
     reference: Setting
     ways: dict[str, list[Setting]]
     knobs: dict[str, Setting] = field(default_factory=dict)
+    parts: tuple[rf.Reduced, ...] = ()
