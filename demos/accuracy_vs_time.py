@@ -99,8 +99,8 @@ def frame() -> rf.Scene:
 
 # ## Four ways
 #
-# Link and head of the arm are reduced and its leaf stays flexible, as does the cantilever beside its
-# reduced block. The frame strains everywhere: nothing of it is reduced by name.
+# Link and head of the arm are reduced and its leaf stays flexible. The block is reduced beside its
+# flexible cantilever. The frame strains everywhere: nothing of it is reduced by name.
 #
 # From one point of a curve to the next Δt is halved, and so is the tolerance of rigid parts. Errors
 # are against a run with an eighth of the shortest Δt, all flexible: the largest distance of a probe
