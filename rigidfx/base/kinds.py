@@ -58,11 +58,9 @@ class _Largest(Kind):
     """The largest value that each rank has seen: numbers, or arrays of them."""
 
     def part(self, value: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
         return value
 
     def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """See `Kind`."""
         most = np.max(parts, axis=0)
         return most if isinstance(value, np.ndarray) else float(most)
 
@@ -71,11 +69,9 @@ class _OnCells(Kind):
     """An array over the owned cells, or None."""
 
     def part(self, value: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
         return value
 
     def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """See `Kind`."""
         if value is None:
             return None
         out = np.empty((orders[0].every_cell, *value.shape[1:]), value.dtype)
@@ -84,7 +80,6 @@ class _OnCells(Kind):
         return out
 
     def own(self, whole: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
         return whole[order.cells]
 
 
@@ -100,14 +95,12 @@ class _OnNodes(Kind):
         self._dofs = dofs
 
     def part(self, value: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
         if value is None:
             return None
         rows = value.reshape(-1, 3) if self._dofs else value
         return rows[: order.owned]
 
     def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """See `Kind`."""
         if value is None:
             return None
         out = np.empty((orders[0].every_node, *parts[0].shape[1:]), parts[0].dtype)
@@ -116,7 +109,6 @@ class _OnNodes(Kind):
         return out
 
     def own(self, whole: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
         rows = whole[order.nodes[: order.owned]]
         return rows.reshape(-1) if self._dofs else rows
 
@@ -125,15 +117,12 @@ class _Cells(Kind):
     """Owned cells, sorted."""
 
     def part(self, value: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
         return order.cells[value]
 
     def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """See `Kind`."""
         return np.sort(np.concatenate(parts))
 
     def own(self, whole: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
         return np.flatnonzero(np.isin(order.cells, whole)).astype(np.int32)
 
 
@@ -285,15 +274,12 @@ class _Field(Kind):
     """A function with three numbers at each node, which stays the same object."""
 
     def part(self, value: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
         return ON_DOFS.part(value.x.array, order)
 
     def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """See `Kind`."""
         return ON_DOFS.whole(value, parts, orders)
 
     def set(self, owner: Any, name: str, whole: Any, order: MeshOrder) -> None:
-        """See `Kind`."""
         getattr(owner, name).x.array[:] = whole[order.nodes].reshape(-1)
 
 
@@ -301,12 +287,10 @@ class _Objects(Kind):
     """A tuple of effects."""
 
     def part(self, value: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
         numbers = order.numbers()
         return [numbers[id(one)] for one in value]
 
     def own(self, whole: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
         return tuple(order.named[k] for k in whole)
 
 

@@ -237,7 +237,6 @@ class SharedNodes(Nodes):
         return out
 
     def _all(self, of_rows: Array, matrices: Array) -> Array:
-        """See `Nodes`. Collective."""
         return self._everywhere(super()._all(of_rows, matrices))
 
     def add(self, force: Array, forces: Forces | ForcesOfNodes) -> None:

@@ -66,7 +66,6 @@ class _Notes(ByObject):
     """Memory that bound contacts hold, and that stays the same object."""
 
     def set(self, owner: Any, name: str, whole: Any, order: MeshOrder) -> None:
-        """See `Kind`. Collective."""
         known = getattr(owner, name)
         for key, note in self.own(whole, order).items():
             vars(known[key]).update(vars(note.memory(known[key].surface)))

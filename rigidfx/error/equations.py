@@ -251,14 +251,12 @@ class _Solution(Kind):
     """The solution of the error's equation, of the `ErrorMotion` that has it; None before it is."""
 
     def part(self, value: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
         if value.response is None:
             return None
         same = value._viscous, dict(value._begun), value._few
         return part_of(value._held, order), same, part_of(value.response, order)
 
     def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """See `Kind`."""
         if value.response is None:
             return None
         held, same, responses = zip(*parts, strict=True)
@@ -269,7 +267,6 @@ class _Solution(Kind):
         }
 
     def set(self, owner: Any, name: str, whole: Any, order: MeshOrder) -> None:
-        """See `Kind`; the owner's shape is known."""
         if whole is not None:
             getattr(owner, name).resume(owner._frames, whole, order)
 

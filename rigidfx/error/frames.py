@@ -132,15 +132,12 @@ class _Frames(Kind):
     """Frames against a shape, or None, of an object that has the scene."""
 
     def part(self, value: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
         return None if value is None else value.shape
 
     def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """See `Kind`."""
         return ON_NODES.whole(parts[0], parts, orders)
 
     def set(self, owner: Any, name: str, whole: Any, order: MeshOrder) -> None:
-        """See `Kind`."""
         if whole is not None:
             setattr(owner, name, Frames(owner._scene, ON_NODES.own(whole, order)))
 

@@ -184,7 +184,6 @@ class PointStress:
         return _turned(out, _rotations(before, (self._X + u)[own]))
 
     def _displaced(self, cells: Indices, side: float) -> Array:
-        """See `evaluate`; all cells have u and so many times the recovered motion."""
         assert self.recovered is not None
         # Indices of both kinds share nodes. So these have the other displacement for a moment only.
         nodes = np.unique(self._nodes[cells])
@@ -196,7 +195,6 @@ class PointStress:
         return out
 
     def _evaluated(self, cells: Indices) -> Array:
-        """See `evaluate`; all cells have the displacement u."""
         self._enhanced.update(cells)
         out = np.empty((cells.size, self.weights.size, 14))
         for k, expression in enumerate(self._expressions):

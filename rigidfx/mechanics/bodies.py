@@ -392,17 +392,14 @@ class _Bodies(Kind):
         self._data = Each(Record(RigidBody, "nodes", arrays, ["cells"], inner))
 
     def part(self, value: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
         motions = value.frame, value.velocity, value.angular_velocity_body, value.q, value.q_rate
         return self._data.part(value.of.records, order), motions
 
     def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """See `Kind`."""
         data = self._data.whole(value.of.records, [own for own, _ in parts], orders)
         return data, parts[0][1]
 
     def own(self, whole: Any, order: MeshOrder) -> Bodies:
-        """See `Kind`."""
         data, motions = whole
         return Bodies(Ensemble(self._data.own(data, order)), *motions)
 

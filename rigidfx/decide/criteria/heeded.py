@@ -140,37 +140,29 @@ class _Rule(_Heeded):
 
     @property
     def tol(self) -> Array:
-        """See `Rule`."""
         return self._ask("tol", np.zeros(self._owned), of=self._of_cells)
 
     def limits(self) -> Limits:
-        """See `Rule`. Collective."""
         no_limit = np.full(self._owned, np.inf)
         return self._ask("limits", Limits(no_limit), of=self._a(Limits))
 
     @property
     def rigidity(self) -> Rigidity | None:
-        """See `Rule`."""
         return self._ask("rigidity", None, of=self._a(Rigidity | None))  # type: ignore[arg-type]
 
     def length(self) -> float:
-        """See `Rule`. Collective."""
         return self._ask("length", np.nan, of=float)
 
     def observe(self, seen: Observation) -> None:
-        """See `Rule`. Collective."""
         self._ask("observe", None, seen)
 
     def window_ends(self, seen: Observation, flexible: Bools) -> None:
-        """See `Rule`. Collective."""
         self._ask("window_ends", None, seen, flexible)
 
     def told(self) -> str:
-        """See `Rule`. Collective."""
         return self._ask("told", "", of=str)
 
     def waking(self, strained: Strained, free: Bools) -> Bools:
-        """See `Rule`. Collective."""
         return self._ask("waking", self._no_cells, strained, free, of=self._which_cells)
 
     def _which_cells(self, found: Any) -> Bools:
@@ -183,29 +175,23 @@ class _Indicator(_Heeded):
 
     @property
     def cells(self) -> Indices:
-        """See `Indicator`."""
         return self._ask("cells", np.empty(0, np.int32))
 
     @property
     def values(self) -> Array:
-        """See `Indicator`."""
         return self._ask("values", np.zeros(self._owned), of=self._of_cells)
 
     @property
     def weights(self) -> Array:
-        """See `Indicator`."""
         return self._ask("weights", np.zeros(self._owned), of=self._of_cells)
 
     def bind(
         self, flexible: Cells, between: tuple[fem.Function, fem.Function] | None = None
     ) -> None:
-        """See `Indicator`."""
         self._ask("bind", None, flexible, *(() if between is None else (between,)))
 
     def measure(self, dt: float) -> Array:
-        """See `Indicator`."""
         return self._ask("measure", np.empty(0), dt)
 
     def strains(self) -> Array:
-        """See `Indicator`."""
         return self._ask("strains", np.zeros(self._owned), of=self._of_cells)

@@ -88,7 +88,6 @@ class ObstacleForces(ContactAction):
     # In each iteration --------------------------------------------------------------------------
 
     def _begin(self, motion: Motion) -> None:
-        """See where nodes begin the step."""
         nodes, friction, self._begun = self.nodes, self._friction, True
         if friction is not None and self._began is not None:
             went = nodes.displacement(motion.start) - nodes.displacement(self._began)

@@ -110,7 +110,6 @@ class BoundAverages(Nodes):
         return out if matrices is None else out + self._poses @ matrices.reshape(-1, 3)
 
     def _all(self, of_rows: Array, matrices: Array) -> Array:
-        """See `Nodes`. Collective."""
         return self.mean(of_rows, matrices)
 
     def positions(self, at: Instant) -> Array:

@@ -140,7 +140,6 @@ class Support(Windowed):
         check_vector(scene, self.owner, start, partial(self.velocity_at, start, 1.0))
 
     def _check_field(self, scene: Any) -> None:
-        """See whether a motion that differs from node to node can be used. Collective."""
         nodes = next(nodes for support, nodes in scene.supports if support is self)
         X = scene.space.tabulate_dof_coordinates()[nodes]
         object.__setattr__(self, "_some", some_points(scene, nodes))

@@ -194,7 +194,6 @@ class JoinedEquilibrium(Equilibrium):
         return super()._stiffens or self._sprung is not None
 
     def _stiffen(self, tangent: Tangent) -> None:
-        """See `Equilibrium`."""
         super()._stiffen(tangent)
         if self._sprung is not None:
             tangent.matrix.add_coupling(self._sprung)

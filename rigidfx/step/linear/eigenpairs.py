@@ -151,7 +151,6 @@ class _Search:
         self._still: list[PETSc.Vec] = []  # motions without energy, kept out of the iteration
 
     def lowest(self, count: int, motions: Sequence[PETSc.Vec]) -> Eigenpairs:
-        """See the function of this name."""
         if self._size > self._control.dense and len(motions):
             self._still = self._without_energy(motions)
         values, vectors = self._found(count)

@@ -31,7 +31,6 @@ class ChordTest(StoppingTest):
 
     @property
     def _goal(self) -> float:
-        """See `StoppingTest`; kept tangents are the rule here."""
         return self.rtol
 
     @property
