@@ -151,7 +151,7 @@ WARNINGS = {
     ],
     "effects/damping.py": ["an unlikely mass"],
     "effects/joints/elements.py": ["an unlikely mass"],
-    "effects/joints/checks.py": ["an unlikely mass"],
+    "effects/joints/sides.py": ["an unlikely mass"],
     "report/stillness.py": ["a load does nothing"],
     "scene/idle.py": ["a load does nothing", "a load does nothing"],
     "simulation.py": ["a load does nothing"],

@@ -9,8 +9,7 @@ from test_contact_pairs import boxes
 
 import rigidfx as rf
 from rigidfx.base.matrices import dense
-from rigidfx.effects.joints.averages import Average
-from rigidfx.effects.joints.face_motion import FaceVector
+from rigidfx.effects.joints.averages import Average, FaceVector
 from rigidfx.effects.joints.vectors import Vectors
 from rigidfx.mechanics.rotation import nearest_rotations
 

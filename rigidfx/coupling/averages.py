@@ -9,7 +9,7 @@ from scipy.sparse import block_diag, csr_array, hstack
 
 from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.rows import Rows
-from rigidfx.effects.joints.face_motion import Vector
+from rigidfx.effects.joints.averages import Vector
 from rigidfx.scene.scene import Scene
 
 __all__ = ["add_at_vectors", "slopes_of"]

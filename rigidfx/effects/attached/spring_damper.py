@@ -24,12 +24,11 @@ from rigidfx.base.inputs import shown, vector
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Vector as Point
-from rigidfx.effects.joints.ends import end_of
-from rigidfx.effects.joints.face_motion import Vector, value_at
+from rigidfx.effects.joints.averages import Vector, value_at
 from rigidfx.effects.joints.joint import Between
 from rigidfx.effects.joints.law import Elastic
 from rigidfx.effects.joints.remote import RemoteMotion, RemoteNodes
-from rigidfx.effects.joints.sides import GROUND
+from rigidfx.effects.joints.sides import GROUND, end_of
 
 __all__ = ["SpringDamper", "SpringDamperReport"]
 

@@ -14,8 +14,7 @@ from rigidfx.base.inputs import shown, vector
 from rigidfx.base.types import Array
 from rigidfx.effects.base import WHOLE, Effect
 from rigidfx.effects.base import Vector as Place
-from rigidfx.effects.joints.checks import check_sides
-from rigidfx.effects.joints.face_motion import Vector
+from rigidfx.effects.joints.averages import Vector
 from rigidfx.effects.joints.pieces import Pieces
 from rigidfx.effects.joints.round_surfaces import cylinder_of
 from rigidfx.effects.joints.sides import (
@@ -23,6 +22,7 @@ from rigidfx.effects.joints.sides import (
     Side,
     Surface,
     check_side,
+    check_sides,
     side_name,
     side_of,
 )

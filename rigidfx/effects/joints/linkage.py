@@ -25,14 +25,13 @@ from scipy.sparse import csr_array
 from rigidfx.base.matrices import Matrix, stacked
 from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import Structure
-from rigidfx.effects.joints.bound_averages import BoundAverages, stiff_rows
 from rigidfx.effects.joints.coordinates import Coordinates
 from rigidfx.effects.joints.drives import Drives, Element
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.joint_report import JointReport, JointReports, told_of
 from rigidfx.effects.joints.pieces import Terms
 from rigidfx.effects.joints.remote import Points
-from rigidfx.effects.joints.vectors import Vectors
+from rigidfx.effects.joints.vectors import BoundAverages, Vectors, stiff_rows
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion
 from rigidfx.mechanics.bodies import Bodies
 

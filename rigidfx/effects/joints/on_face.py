@@ -1,6 +1,6 @@
 """Effects at a point of a mean or rigid face: loads, springs and masses by themselves.
 
-Such a *remote point* moves with the centre and the rotation of the face (`face_motion`). A force on
+Such a *remote point* moves with the centre and the rotation of the face (`averages`). A force on
 it is spread over the nodes. A moment M acts on three directions d_k of the face, which stay
 perpendicular, by ½ M × d_k: these forces have no resultant, their moment is M, and their work is
 that of M along the turn of the face.
@@ -24,11 +24,9 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import vector
 from rigidfx.base.types import Array
 from rigidfx.effects.base import WHOLE, Effect
-from rigidfx.effects.joints.averages import Average, Grounded
-from rigidfx.effects.joints.checks import check_sides
-from rigidfx.effects.joints.face_motion import Vector, motion_at
+from rigidfx.effects.joints.averages import Average, Grounded, Vector, motion_at
 from rigidfx.effects.joints.pieces import Pieces
-from rigidfx.effects.joints.sides import Surface, side_of
+from rigidfx.effects.joints.sides import Surface, check_sides, side_of
 from rigidfx.mechanics.rigid_body import BodyMotion, RigidBody
 
 __all__ = ["OnFace", "RemotePoint", "body_of", "tie"]

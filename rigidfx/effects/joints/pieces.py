@@ -21,8 +21,8 @@ from scipy.sparse import csr_array
 
 from rigidfx.base.matrices import Matrix, Pattern
 from rigidfx.base.types import Array
+from rigidfx.effects.joints.averages import Sided, Vector
 from rigidfx.effects.joints.coordinates import Angle, Coordinate, Travel
-from rigidfx.effects.joints.face_motion import Sided, Vector
 
 __all__ = ["Pieces", "Row", "Terms"]
 

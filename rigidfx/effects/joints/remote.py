@@ -16,7 +16,7 @@ from scipy.sparse import csr_array
 
 from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import Action, Structure
-from rigidfx.effects.joints.face_motion import Vector
+from rigidfx.effects.joints.averages import Vector
 
 __all__ = ["Points", "RemoteForces", "RemoteMotion", "RemoteNodes", "RemoteTangent"]
 

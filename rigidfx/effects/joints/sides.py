@@ -1,4 +1,7 @@
-"""Sides of a joint: rigid parts, averaged faces, rigid faces, the ground."""
+"""Sides of a joint and ends of springs: rigid parts, faces, the ground, mean places of sets.
+
+Refused are sides that cannot move against each other, and surfaces far away.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,11 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown
-from rigidfx.effects.joints.averages import Averages, Grounded
-from rigidfx.effects.joints.face_motion import FaceSide, Sided
+from rigidfx.base.types import Array
+from rigidfx.base.warning import warn
+from rigidfx.effects.base import Vector as Point
+from rigidfx.effects.joints.averages import Average, Averages, FaceSide, Grounded, Sided, Vector
+from rigidfx.effects.supports.support import Support
 
 __all__ = [
     "GROUND",
@@ -20,12 +26,15 @@ __all__ = [
     "Side",
     "Surface",
     "check_side",
+    "check_sides",
+    "end_of",
     "rigid_faces",
     "side_name",
     "side_of",
 ]
 
 GROUND = "ground"
+FAR = 20.0  # times its own size, that a surface may be away from its joint or remote point
 
 
 @dataclass(frozen=True)
@@ -38,7 +47,7 @@ class Surface:
 
     where: str
 
-    def __post_init__(self) -> None:
+    def _post_init__(self) -> None:
         """Check the name.
 
         Raises:
@@ -84,13 +93,7 @@ Side = str | Surface
 
 
 def check_side(owner: str, name: str, side: Any, named: str) -> None:
-    """See whether something can be a side.
-
-    Args:
-        owner: The joint, for messages.
-        name: Which of its sides, likewise.
-        side: The given value.
-        named: What a text may be but the ground, in words.
+    """See whether a given value can be a side, or the name of what `named` says.
 
     Raises:
         SceneError: If it cannot.
@@ -116,11 +119,6 @@ def rigid_faces(effects: Iterable[Any]) -> tuple[RigidFace, ...]:
 def side_of(scene: Any, owner: str, side: Side) -> Sided:
     """A side as averages over nodes. Collective.
 
-    Args:
-        scene: The problem.
-        owner: The joint, for messages.
-        side: The side.
-
     Raises:
         SceneError: On every rank, if there is no such part or surface.
     """
@@ -140,3 +138,124 @@ def side_of(scene: Any, owner: str, side: Side) -> Sided:
     if rigid[side] is not None:
         weights *= scene.members(rigid[side], owner)[:n, 0]
     return Averages(scene, weights, title)
+
+
+def end_of(scene: Any, owner: str, side: Side, at: Point | None = None) -> Vector:
+    """An end, for `RemoteNodes`. Collective.
+
+    Args:
+        scene: The problem.
+        owner: Whose end it is, for messages.
+        side: "ground", the name of a `Rigid` part or of a set, a `MeanFace` or a `RigidFace`.
+        at: Place at the start [m]: needed of the ground; the centre of a part or a face if None.
+
+    Raises:
+        SceneError: On every rank, if there is no such part, surface or set.
+    """
+    given = None if at is None else np.asarray(at, dtype=np.float64)
+    rigid = [effect.name for effect in scene.effects if effect.is_rigid]
+    if isinstance(side, Surface) or side == GROUND or side in rigid:
+        found = side_of(scene, owner, side)
+        if isinstance(found, Grounded):
+            assert given is not None
+            return found.place(given)
+        point = found.centre if given is None else given
+        _check_near(owner, side, found, point)
+        _warn_of_arm(scene, owner, side, found, point)
+        return found.place(point)
+    if given is not None:
+        raise SceneError(
+            f"{owner}: its end on {side_name(side)} is the mean place of the nodes of a set. Leave "
+            "its place out, or name a Rigid part, a MeanFace or a RigidFace."
+        )
+    own = scene.nodes(side, owner)
+    own = own[own < scene.owned_nodes].astype(np.int64)
+    weights = np.full(own.size, 1.0 / scene.sum(own.size))
+    point = np.asarray(scene.sum(weights @ scene.start_places[own]))
+    return Average(own, weights, start=point, is_place=True)
+
+
+def check_sides(
+    scene: Any, owner: str, names: tuple[Side, ...], sides: tuple[Sided, ...], at: Array
+) -> None:
+    """Check the sides of a joint, or the face of a remote point, as far as possible. Collective.
+
+    Args:
+        scene: The problem.
+        owner: The joint or effect, for messages.
+        names: The sides as given.
+        sides: The same as averages.
+        at: Place of the joint at the start [m].
+
+    Raises:
+        SceneError: On every rank, if both are in one rigid part, if a support holds all of one, or
+            if a surface is far away from the joint.
+    """
+    for name, side in zip(names, sides, strict=True):
+        if isinstance(side, Grounded):
+            continue
+        _check_near(owner, name, side, at, "its sides do not meet: " if len(sides) > 1 else "")
+        for support in scene.named(Support):
+            if len(support.axes) == 3 and _among(scene, side, support.where, support.kind):
+                raise SceneError(
+                    f"{owner}: {support.owner} holds all of {side_name(name)}. Join the 'ground' "
+                    "in its place, or hold less."
+                )
+    grounded = len(sides) == 1 or any(isinstance(side, Grounded) for side in sides)
+    for rigid in () if grounded else (e for e in scene.effects if e.is_rigid):
+        if all(_among(scene, side, rigid.where, rigid.kind) for side in sides):
+            raise SceneError(
+                f"{owner}: both sides are of one part, {rigid.owner}, and cannot move against each "
+                "other."
+            )
+    for name, side in zip(names, sides, strict=True):
+        if not isinstance(side, Grounded):
+            joined = len(sides) > 1 and isinstance(name, Surface)
+            _warn_of_arm(scene, owner, name, side, at, FAR / 4 if joined else FAR / 2)
+
+
+def _check_near(owner: str, name: Side, side: Any, at: Array, apart: str = "") -> None:
+    """Refuse a point that is very far away from its surface.
+
+    Raises:
+        SceneError: If it is.
+    """
+    away = float(np.linalg.norm(at - side.centre))
+    if isinstance(name, Surface) and round(away / side.size, 6) > FAR:
+        raise SceneError(
+            f"{owner}: {apart}it is at {_place(at)} m, and {side_name(name)} is around "
+            f"{_place(side.centre)} m, {away:.3g} m away and {side.size:.3g} m large."
+        )
+
+
+def _warn_of_arm(
+    scene: Any, owner: str, name: Side, side: Any, at: Array, most: float = FAR / 2
+) -> None:
+    """Warn of a point that is far away from its side.
+
+    A joint is expected on its surface. Remote points may be on arms, and so may joints of parts.
+    The cells of parts of given mass or inertia may be anywhere. Up to `most` sizes of the side
+    nothing is said.
+    """
+    away = float(np.linalg.norm(at - side.centre))
+    given = [rigid.name for rigid in scene.effects if rigid.is_rigid and rigid.given]
+    if away > most * side.size and name not in given:
+        warn(
+            scene.comm,
+            f"{owner}: it is at {_place(at)} m, {away:.3g} m away from the middle of "
+            f"{side_name(name)}, which is {side.size:.3g} m large (root mean square): it moves "
+            "with it as on a rigid arm. Check `at`, in metres, and the side.",
+        )
+
+
+def _among(scene: Any, side: Sided, where: str | None, kind: str) -> bool:
+    """Whether all nodes of a side are in a set. Collective."""
+    if where is None:
+        return True
+    outside = scene.members(where, kind)[side.nodes, 0] == 0.0
+    return bool(scene.sum(np.count_nonzero(outside)) == 0)
+
+
+def _place(x: Array) -> str:
+    """A place, without the rounding of coordinates that are zero."""
+    return f"({', '.join(f'{each:.4g}' for each in x.round(9) + 0.0)})"

@@ -1,24 +1,139 @@
-"""Vectors of joints by the averages that they depend on, with their exact gains in a step.
+"""Vectors of joints by averages of nodes, and these averages bound to a division.
 
-Most vectors are an average themselves. Those of mean faces turn with the face (`face_motion`): in a
+Most vectors are an average themselves. Those of mean faces turn with the face (`averages`): in a
 step they gain J̄ ΔB exactly, B the averages, and forces on vectors act on the averages by J̄ᵀ.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from mpi4py import MPI
+from scipy.sparse import csr_array
 
-from rigidfx.base.matrices import Matrix, Pattern
+from rigidfx.base.matrices import Matrix, Pattern, compact, dense
 from rigidfx.base.types import Array, Ints
-from rigidfx.effects.joints.averages import Average
-from rigidfx.effects.joints.bound_averages import StiffRow
-from rigidfx.effects.joints.face_motion import FaceVector, Vector, cyclic, turn_map
-from rigidfx.effects.motion import ForcesOfNodes
+from rigidfx.effects.action import Structure
+from rigidfx.effects.joints.averages import Average, FaceVector, Vector, turn_map
+from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant
+from rigidfx.effects.nodes import Nodes
+from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.mechanics.rotation import AXES, cross, nearest_rotations, skew
 
-__all__ = ["Vectors"]
+__all__ = ["BoundAverages", "StiffRow", "Vectors", "stiff_rows"]
+
+
+@dataclass(frozen=True)
+class StiffRow:
+    """How a vector follows a body.
+
+    Attributes:
+        row: Its coefficients of [1, V] of the body, shape (4,).
+        body: Number of the body.
+        products: Σ w (X - X̄) ⊗ V of the face, shape (3, 3) [m²].
+    """
+
+    row: Array
+    body: int
+    products: Array
+
+
+def stiff_rows(
+    scene: Any, bodies: Sequence[RigidBody], vectors: Sequence[Any]
+) -> dict[int, StiffRow]:
+    """How vectors of faces that a body holds, and of carried masses, follow it. Collective.
+
+    Args:
+        scene: The problem.
+        bodies: The bodies.
+        vectors: Averages and vectors of faces.
+
+    Returns:
+        By the number of the vector.
+    """
+    out: dict[int, StiffRow] = {}
+    known: dict[int, tuple[int, Array, Array] | None] = {}
+    for k, vector in enumerate(vectors):
+        if (holder := vector.holder) is None:
+            continue
+        if id(holder) not in known:
+            known[id(holder)] = holder.within(scene, bodies)
+        if (found := known[id(holder)]) is not None:
+            out[k] = StiffRow(vector.in_body(*found[1:]), found[0], found[2])
+    return out
+
+
+class BoundAverages(Nodes):
+    """Averages of nodes, which are free or in bodies; arrays are equal on all ranks.
+
+    Attributes:
+        own: Weights of nodes that are no body's, shape (averages, these nodes).
+        held: Weights of the bodies' a = [1, V, Φ₁, ..., Φ_m], shape (averages, n · bodies).
+    """
+
+    def __init__(
+        self, averages: Sequence[Average], stiff: Mapping[int, StiffRow], structure: Structure
+    ) -> None:
+        """Find whose nodes they are. Collective.
+
+        Args:
+            averages: The averages.
+            stiff: Rows of those that follow a body as a rigid face does, by their number.
+            structure: The division.
+        """
+        scene, own = structure.scene, [average.nodes for average in averages]
+        number = np.repeat(np.arange(len(own)), [some.size for some in own])
+        values = np.concatenate([np.empty(0), *(average.weights for average in averages)])
+        at = number, np.concatenate([np.empty(0, np.int64), *own])
+        W = csr_array((values, at), shape=(len(own), scene.owned_nodes))
+        super().__init__(structure, np.flatnonzero(np.diff(W.tocsc().indptr)))
+        self._once, self._W = bool(structure.once), W[:, self.nodes].tocsr()
+        count = self.rows.size
+        self.own = self._W[:, :count].tocsr()
+        every = np.asarray(scene.sum(dense(self._W[:, count:] @ self._A)))
+        for k, row in stiff.items():
+            every[k].reshape(len(structure.bodies), -1)[row.body, :4] = row.row
+        self.held = csr_array(every)
+        self._spread, self._moments = self.own.T.tocsr(), compact(self.held.T.tocsr())
+        self._poses = compact(self.held.tocsr())
+        constant = [average.constant for average in averages]
+        self._constant = np.reshape(constant, (-1, 3))
+
+    def mean(self, of_rows: Array, matrices: Array | None = None) -> Array:
+        """Averages of vectors at nodes and of matrices of bodies, shape (averages, 3). Collective.
+
+        Args:
+            of_rows: Of the nodes that are no body's, shape (nodes, 3).
+            matrices: Shape (bodies, n, 3); zero if None.
+        """
+        out = np.asarray(self.own @ of_rows)
+        if self._comm.size > 1:
+            self._comm.Allreduce(MPI.IN_PLACE, out)
+        return out if matrices is None else out + self._poses @ matrices.reshape(-1, 3)
+
+    def _all(self, of_rows: Array, matrices: Array) -> Array:
+        return self.mean(of_rows, matrices)
+
+    def positions(self, at: Instant) -> Array:
+        """See `Nodes`; with the constants. Collective."""
+        return super().positions(at) + self._constant
+
+    def add(self, force: Array, forces: Forces | ForcesOfNodes) -> None:
+        """Add forces on averages, shape (averages, 3) [N], which all ranks know.
+
+        Args:
+            force: The forces.
+            forces: `Forces`, or `ForcesOfNodes` of all nodes, in bodies or not.
+        """
+        if isinstance(forces, ForcesOfNodes):
+            forces.add(self, self._W.T @ force)
+            return
+        forces.nodes[self.rows] += self._spread @ force
+        if forces.moments.size and self._once:
+            forces.moments[...] += (self._moments @ force).reshape(forces.moments.shape)
 
 
 class Vectors:
@@ -70,7 +185,7 @@ class Vectors:
         self._start, self._moved = none, none
         self._r0 = self._r1 = self._axes(none)
         self._pattern = Pattern(*self._places(), (3 * self.count, 3 * len(self.averages)))
-        self._parts: dict[float, tuple[Array, Array, Array, Array]] = {}  # of this iterate
+        self._parts: dict[float, tuple[Array, Array, Array]] = {}  # of this iterate
         self._slopes: dict[float, Matrix] = {}  # likewise
         columns = 3 * self._centres[:, None] + 3 + np.arange(9)
         bent = np.broadcast_arrays(columns[:, :, None], columns[:, None, :])
@@ -110,8 +225,8 @@ class Vectors:
         return out
 
     def _arms(self, r: Array) -> Array:
-        """Arms that turn with axes r, shape (turned vectors, 3)."""
-        return (self._local @ r[self._face])[:, 0]
+        """Arms that turn with axes r, shape (..., turned vectors, 3)."""
+        return np.asarray((self._local @ r[..., self._face, :, :])[..., 0, :])
 
     def at(self, B: Array) -> Array:
         """The vectors where averages are at B, shape (vectors, 3)."""
@@ -129,16 +244,16 @@ class Vectors:
         if self.is_plain:
             return moved
         self._r1 = self._axes(self._start + moved)
-        r, _, _, turns = self._part(0.5)
+        r, _, turns = self._part(0.5)
         theta = np.einsum("fakb,fkb->fa", turns, self._of_faces(moved))
         return self._values(moved, cross(theta[self._face], self._arms(r)))
 
-    def _part(self, share: float) -> tuple[Array, Array, Array, Array]:
-        """r, H, N⁻¹ and θ by δH of all faces in the middle of the step (0.5), or at its ends."""
+    def _part(self, share: float) -> tuple[Array, Array, Array]:
+        """r, H and θ by δH of all faces in the middle of the step (0.5), or at its ends."""
         if share not in self._parts:
             H = self._of_faces(self._start + share * self._moved)
             r = (1 - share) * self._r0 + share * self._r1
-            self._parts[share] = (r, H, *turn_map(r, H))
+            self._parts[share] = r, H, turn_map(r, H)
         return self._parts[share]
 
     def slopes(self, share: float) -> Matrix:
@@ -148,7 +263,7 @@ class Vectors:
             share: 0.5 for J̄ of the step, 0 and 1 for derivatives at its start and end.
         """
         if share not in self._slopes:
-            r, _, _, turns = self._part(share)
+            r, _, turns = self._part(share)
             moved = -skew(self._arms(r)) @ turns.reshape(-1, 3, 9)[self._face]
             plain, places = np.ones(3 * self._plain.size), np.repeat(self._is_place, 3)
             values = np.concatenate([plain, places, moved.ravel()])
@@ -198,8 +313,7 @@ class Vectors:
     def curvature(self, on_vectors: Array, share: float) -> Matrix:
         """Derivative of `forces` by the averages at the end, forces on vectors kept.
 
-        With (2) of `face_motion`, the couple m = Σ d × f acts on H_k by Σ S_ik r_i, where the
-        numbers μ of the skew matrix S are -N⁻ᵀ m.
+        By complex steps of each H_k, with which the axes at the end turn.
 
         Args:
             on_vectors: Forces on vectors, shape (vectors, 3) [N].
@@ -208,34 +322,13 @@ class Vectors:
         Returns:
             Shape (3 · averages,) * 2 [N/m].
         """
-        r, H, inverse, _ = self._part(share)
-        end = self._part(1.0)
-        turned_end = end[3].reshape(-1, 3, 9)
-        f, faces = on_vectors[self._turned], len(self._centres)
-        d, d1 = self._arms(r), self._arms(end[0])
-        m, dm = np.zeros((faces, 3)), np.zeros((faces, 3, 3))
-        np.add.at(m, self._face, cross(d, f))
-        np.add.at(dm, self._face, share * _double_cross(d1, f))
-        mu = -np.einsum("faj,fa->fj", inverse, m)
-        by_turn, by_H = dm, np.zeros((faces, 3, 3, 3))
-        for j, i, k in cyclic():
-            own = mu[:, j, None, None]
-            by_turn = by_turn + own * share * _double_cross(end[0][:, i], H[:, k])
-            by_turn = by_turn - own * share * _double_cross(end[0][:, k], H[:, i])
-            by_H[:, :, k] += own * share * skew(r[:, i])
-            by_H[:, :, i] -= own * share * skew(r[:, k])
-        change = by_turn @ turned_end + by_H.reshape(-1, 3, 9)
-        dmu = -np.einsum("faj,fab->fjb", inverse, change)
-        out = np.zeros((faces, 3, 3, 9))
-        for j, i, k in cyclic():
-            for at, of, sign in ((k, i, 1.0), (i, k, -1.0)):
-                turned = -share * skew(end[0][:, of]) @ turned_end
-                step = r[:, of, :, None] * dmu[:, j, None, :] + mu[:, j, None, None] * turned
-                out[:, at] += sign * step
-        return self._bent.filled(out.ravel())
-
-
-def _double_cross(a: Array, b: Array) -> Array:
-    """The matrices of (θ × a) × b by θ, shape (n, 3, 3): a (θ · b) - θ (a · b)."""
-    dot = (a * b).sum(axis=-1)
-    return a[:, :, None] * b[:, None, :] - dot[:, None, None] * np.eye(3)
+        (r, H, _), (r_end, _, turns) = self._part(share), self._part(1.0)
+        h = float(np.finfo(np.float64).eps)
+        theta = np.moveaxis(turns.reshape(-1, 3, 9), -1, 0)[:, :, None]
+        r = r + 1j * h * share * cross(theta, r_end)
+        H = H + 1j * h * share * np.eye(9).reshape(9, 1, 3, 3)
+        couples = np.zeros((len(self._centres), 9, 3), complex)  # of each face, Σ d × f
+        own = cross(self._arms(r), on_vectors[self._turned])
+        np.add.at(couples, self._face, own.swapaxes(0, 1))
+        on_averages = np.einsum("dfakb,fda->fkbd", turn_map(r, H), couples)
+        return self._bent.filled((on_averages.imag / h).ravel())

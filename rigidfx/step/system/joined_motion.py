@@ -10,8 +10,8 @@ import numpy as np
 from rigidfx.base.matrices import dense
 from rigidfx.base.types import Array, Ints
 from rigidfx.effects import Joint, SpringDamper, Windowed
+from rigidfx.effects.joints.averages import Vector
 from rigidfx.effects.joints.elements import coordinate_of
-from rigidfx.effects.joints.face_motion import Vector
 from rigidfx.effects.joints.pieces import Terms
 from rigidfx.step.system.linked import elements_of
 

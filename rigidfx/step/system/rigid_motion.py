@@ -17,7 +17,7 @@ import numpy as np
 from rigidfx.base.types import Array, Ints
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.effects import Joint, SpringDamper, Windowed
-from rigidfx.effects.joints.face_motion import Vector
+from rigidfx.effects.joints.averages import Vector
 from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.step.system.joined_motion import joint_rows
