@@ -16,8 +16,8 @@ from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.base.form_cache import compile_form
+from rigidfx.effects.contacts.against_obstacle import Friction, Points
 from rigidfx.effects.contacts.penalty import secant, stored
-from rigidfx.effects.contacts.pressing import Friction, Points
 from rigidfx.step.equations.jumping import Jumping
 from rigidfx.step.newton.chord import Chord
 

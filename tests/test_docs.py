@@ -120,7 +120,7 @@ WARNINGS = {
     "domain/gmsh_script.py": ["cells would be inside out"],
     "domain/inp.py": ["elements of an input file"],
     "effects/contact.py": ["a contact overlaps at the start"],
-    "effects/contacts/facets.py": ["a round contact surface"],
+    "effects/contacts/surface.py": ["a round contact surface"],
     "effects/loads/spread_loads.py": ["a force per volume"],
     "error/validity.py": ["forces change faster than e", "e is not small"],
     "report/alternating_forces.py": ["a force goes back"],

@@ -13,15 +13,11 @@ from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Windowed, check_vector
-from rigidfx.effects.contacts.against_obstacle import ObstacleForces
-from rigidfx.effects.contacts.asked import checked_approach, checked_gap, checked_outward
-from rigidfx.effects.contacts.facets import warn_of_facets
-from rigidfx.effects.contacts.obstacles import Obstacle
-from rigidfx.effects.contacts.overlap import refuse_overlap
-from rigidfx.effects.contacts.pair_surface import pair_of
+from rigidfx.effects.contacts.against_obstacle import Friction, ObstacleForces
+from rigidfx.effects.contacts.obstacles import AskedObstacle, Obstacle
+from rigidfx.effects.contacts.pair_surface import PairSurface, pair_of, refuse_overlap
 from rigidfx.effects.contacts.pairs import PairForces
-from rigidfx.effects.contacts.pressing import Friction
-from rigidfx.effects.contacts.surface import surface_of
+from rigidfx.effects.contacts.surface import ContactSurface, surface_of, warn_of_facets
 
 __all__ = ["Contact"]
 
@@ -115,48 +111,48 @@ class Contact(Windowed):
                 f"{self.owner}: two contacts are called '{self.title}'; give one a title of its "
                 "own."
             )
-        surface = surface_of(scene, self.where, self.stiffness, self.owner)
-        against, start = self.against, self.start
+        surface, against, start = self._surface(scene), self.against, self.start
         if against == self.where:
-            pair = pair_of(scene, self.where, self.where, self.stiffness, self.owner)
-            if pair.flat:
+            if self._pair(scene).flat:
                 raise SceneError(f"{self.owner}: '{against}' is flat, so it does not meet itself.")
             refuse_overlap(scene, self.where, self.owner)
         if isinstance(against, Obstacle):
             check_vector(scene, self.owner, start, lambda: against.displacement(start))
             X = scene.space.tabulate_dof_coordinates()[surface.area > 0]
-            y = X - against.displacement(start)
+            y, asked = X - against.displacement(start), AskedObstacle(self.owner, against)
+            obstacle = f"{self.owner}: its obstacle"  # which may be of a user's own
             together(
-                scene.comm, f"{self.owner}: its obstacle", lambda: self._check_gaps(against, y)
+                scene.comm, obstacle, lambda: (asked.gap(y), asked.approach(y, y), asked.outward(y))
             )
             if self.friction > 0:
                 inside = getattr(against, "inside", False)
                 hollow = getattr(against, "radius", np.inf) if inside else np.inf
                 warn_of_facets(scene, self.where, self.owner, hollow)
-        if start > 0.0:
-            return  # nobody knows where it will be
-        worst, place = self.depth(scene, scene.start_places, start)
-        if worst <= NEGLIGIBLE * surface.size:
+        if start <= 0.0:  # else its place is unknown yet
+            self._check_depth(scene, surface.size)
+
+    def _check_depth(self, scene: Any, size: float) -> None:
+        """Refuse or warn of an overlap at the start, by the distance of nodes [m]. Collective."""
+        worst, place = self.depth(scene, scene.start_places, self.start)
+        if worst <= NEGLIGIBLE * size:
             return
         x, y, z = place
         found = (
             f"{self.owner}: at the start it is {worst:.3g} m inside {self._other} at "
             f"({x:.6g}, {y:.6g}, {z:.6g}) m"
         )
-        if worst > TOO_DEEP[isinstance(against, str)] * surface.size:
+        if worst > TOO_DEEP[isinstance(self.against, str)] * size:
             raise SceneError(f"{found}: move one of them, or turn the normal or inside around.")
-        begins = "with the energy of that" if isinstance(against, Obstacle) else "there"
+        begins = "with the energy of that" if isinstance(self.against, Obstacle) else "there"
         warn(scene.comm, f"{found}; the contact begins {begins}.")
 
-    def _check_gaps(self, obstacle: Obstacle, y: Array) -> None:
-        """See whether an obstacle, which may be of a user's own, tells gaps and directions.
+    def _surface(self, scene: Any) -> ContactSurface:
+        """Its surface. Collective."""
+        return surface_of(scene, self.where, self.stiffness, self.owner)
 
-        Raises:
-            SceneError: On this rank, if they are not finite, or not as many as there are points.
-        """
-        checked_gap(self.owner, obstacle, y)
-        checked_approach(self.owner, obstacle, y, y)
-        checked_outward(self.owner, obstacle, y)
+    def _pair(self, scene: Any) -> PairSurface:
+        """Its surface and the other one. Collective."""
+        return pair_of(scene, self.where, str(self.against), self.stiffness, self.owner)
 
     def depth(self, scene: Any, x: Array, t: float) -> tuple[float, tuple[float, ...]]:
         """How deep it is in the other at most, and where; -inf if it meets nothing. Collective.
@@ -195,20 +191,20 @@ class Contact(Windowed):
             These local nodes, their gaps [m] and their pressures [Pa]; with another surface, owned
             nodes that are near it.
         """
-        surface = surface_of(scene, self.where, self.stiffness, self.owner)
+        surface = self._surface(scene)
         on = np.flatnonzero(surface.area > 0) if self.acts(t) else np.empty(0, np.int64)
         if isinstance(self.against, str):
-            pair = pair_of(scene, self.where, self.against, self.stiffness, self.owner)
+            pair = self._pair(scene)
             near, gap = pair.gaps(pair.everywhere(scene.comm, x))
             own = np.isin(near, pair.numbers) & self.acts(t)
             on = pair.nodes[np.searchsorted(pair.numbers, near[own])]
             gap = gap[own]
         else:
-            against, at = self.against, x[on]
+            against, asked = self.against, AskedObstacle(self.owner, self.against)
             gap = together(
                 scene.comm,
                 f"{self.owner}: its obstacle",
-                lambda: checked_gap(self.owner, against, at - against.displacement(t)),
+                lambda: asked.gap(x[on] - against.displacement(t)),
             )
         pressure = surface.stiffness[on] / surface.area[on] * np.maximum(-gap, 0.0)
         return on, gap, pressure
@@ -223,20 +219,18 @@ class Contact(Windowed):
             Owned nodes of the surface; one direction of each, or all three with friction, shape
             (nodes, 1 or 3, 3).
         """
-        surface, against = surface_of(scene, self.where, self.stiffness, self.owner), self.against
+        surface, against = self._surface(scene), self.against
         on = np.flatnonzero(surface.area[: scene.owned_nodes] > 0)
         if self.friction or isinstance(against, str):
             return on, np.broadcast_to(np.eye(3), (on.size, 3, 3))
         y = scene.start_places[on] - against.displacement(0.0)
-        return on, checked_outward(self.owner, against, y)[:, None, :]
+        return on, AskedObstacle(self.owner, against).outward(y)[:, None, :]
 
     def bind(self, structure: Structure) -> Action | None:
         """Its forces on nodes and bodies."""
-        if isinstance(self.against, str):
-            if structure.notes is None:
-                return None  # the other surface is not there
-            scene = structure.scene
-            pair = pair_of(scene, self.where, self.against, self.stiffness, self.owner)
-            return PairForces(self, pair, structure)
-        surface = surface_of(structure.scene, self.where, self.stiffness, self.owner)
-        return ObstacleForces(self, self.against, surface, structure)
+        scene, against = structure.scene, self.against
+        if isinstance(against, Obstacle):
+            return ObstacleForces(self, against, self._surface(scene), structure)
+        if structure.notes is None:
+            return None  # the other surface is not there
+        return PairForces(self, self._pair(scene), structure)

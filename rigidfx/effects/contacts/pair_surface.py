@@ -6,6 +6,10 @@ it in the reference, which are the other side of a thin wall.
 All ranks know both, by numbers that are the same everywhere: a contact couples nodes of any two
 ranks, and surfaces are small beside their parts. Which triangle a node may meet is found by SciPy's
 cKDTree over their centres.
+
+Where a mesh overlaps itself the gap of such a surface means nothing: a node behind a triangle in
+the reference is taken for the other side of a thin wall. But a point inside a cell is in no other
+cell of a sound mesh.
 """
 
 from __future__ import annotations
@@ -15,14 +19,17 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from dolfinx import fem, la
+from dolfinx import fem, geometry, la
+from dolfinx import mesh as dmesh
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
+from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
+from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.effects.contacts.surface import surface_of, triangles_of
 
-__all__ = ["PairSurface", "pair_of", "projected"]
+__all__ = ["PairSurface", "pair_of", "projected", "refuse_overlap"]
 
 
 _known: WeakKeyDictionary[Any, dict[tuple[str, str, float | None], PairSurface]]
@@ -33,6 +40,7 @@ BESIDE = 1e-6  # of a triangle: how far beside it a node may be and still meet i
 FLAT = 1e-9  # of the cosine of two normals
 TINY = float(np.finfo(np.float64).tiny)
 EQUALLY = 9  # digits of a gap over the distance of nodes: what agrees in them is equally near
+INSIDE = 0.1  # of the way from a triangle to the middle of the cell behind: surfaces may touch
 DEEPEST = 0.5  # of the distance of nodes: what is deeper has come from the other side
 
 
@@ -264,3 +272,68 @@ def _longest(corners: Array) -> float:
     """Longest edge of triangles, shape (n, 3, 3) [m]."""
     edges = corners - np.roll(corners, 1, axis=1)
     return float(np.linalg.norm(edges, axis=2).max(initial=0.0))
+
+
+# Where a mesh overlaps itself -----------------------------------------------------------------
+
+
+def refuse_overlap(scene: Any, where: str, owner: str) -> None:
+    """Refuse a surface behind which there are cells in cells. Collective.
+
+    Args:
+        scene: The problem.
+        where: Name of a set of boundary facets.
+        owner: Who asks, for messages.
+
+    Raises:
+        SceneError: On every rank, with the places, if there are such cells.
+    """
+    comm, X = scene.comm, scene.space.tabulate_dof_coordinates()
+    cells, triangles = triangles_of(scene, where, owner)
+    dofmap = scene.space.dofmap
+    dofs, number = dofmap.list, dofmap.index_map.local_to_global
+    on = X[triangles].mean(axis=1)
+    inside = on + INSIDE * (X[dofs[cells]].mean(axis=1) - on)
+    each = dofs.shape[1]  # a rank may have none of the facets, or no cell at all
+    of_cells = number(dofs[cells].reshape(-1).astype(np.int32)).reshape(-1, each)
+    points = np.concatenate(comm.allgather(inside))
+    nodes = np.concatenate(comm.allgather(of_cells))
+    point, cell = _hits(scene.mesh, points)
+    hit = number(dofs[cell].reshape(-1).astype(np.int32)).reshape(-1, each)
+    shared = np.zeros(point.size, dtype=bool)
+    for a in range(hit.shape[1]):  # nodes of one cell
+        shared |= (nodes[point] == hit[:, a, None]).any(axis=1)
+    point, cell = point[~shared], cell[~shared]
+    held = [_holds(scene.mesh, c, points[p]) for p, c in zip(point, cell, strict=True)]
+    every = np.unique(np.concatenate(comm.allgather(point[np.array(held, dtype=bool)])))
+    problem = None
+    if every.size:
+        x, y, z = points[every[0]]
+        problem = (
+            f"{owner}: the mesh overlaps itself at ({x:.6g}, {y:.6g}, {z:.6g}) m, and behind "
+            f"{every.size} of {len(points)} triangles of '{where}' in all: a surface that may meet "
+            "itself has to begin free of itself. Move its parts out of each other."
+        )
+    agree(comm, problem, SceneError)
+
+
+def _hits(mesh: Any, points: Array) -> tuple[Any, Any]:
+    """Points, and owned cells whose convex hulls they are in, by numbers, one for each pair."""
+    owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+    if not owned.size or not len(points):
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    tree = geometry.bb_tree(mesh, 3, entities=owned)
+    candidates = geometry.compute_collisions_points(tree, points)
+    hits = geometry.compute_colliding_cells(mesh, candidates, points)
+    return np.repeat(np.arange(len(points)), np.diff(hits.offsets)), hits.array
+
+
+def _holds(mesh: Any, cell: int, point: Array) -> bool:
+    """Whether a point is in a cell, which may be smaller than its hull; few are asked for."""
+    corners = mesh.geometry.x[cell_geometry_dofs(mesh)[cell]]
+    try:
+        X = coordinate_map(mesh).pull_back(point.reshape(1, 3), corners)
+    except RuntimeError:  # nowhere near: no such place is found
+        return False
+    simplex = mesh.topology.cell_type == dmesh.CellType.tetrahedron
+    return bool((X > 0).all() and (X.sum() < 1 if simplex else (X < 1).all()))

@@ -26,63 +26,52 @@ from petsc4py import PETSc
 
 from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.types import Array, Ints
-from rigidfx.effects.action import ContactAction, Structure, Touch
+from rigidfx.effects.action import Structure, Touch
 from rigidfx.effects.contacts.pair_surface import PairSurface, projected
-from rigidfx.effects.contacts.penalty import outdated, secant, stored
-from rigidfx.effects.contacts.pressing import CLOSED
+from rigidfx.effects.contacts.penalty import CLOSED, PenaltyForces, secant, soonest
 from rigidfx.effects.motion import Instant, Motion, Tangent
 from rigidfx.effects.nodes import SharedNodes
 
 __all__ = ["PairForces"]
 
 
-_SEARCH = PETSc.Log.Event("rigidfxSearch")  # what PETSc's log calls the look for triangles
+_SEARCH = PETSc.Log.Event("rigidfxSearch")  # PETSc's log of the search for triangles
 
 
-class PairForces(ContactAction):
+class PairForces(PenaltyForces):
     """The forces between two surfaces; its results are equal on all ranks."""
 
-    def __init__(self, effect: Any, surface: PairSurface, structure: Structure) -> None:
-        """Find which nodes are whose. Collective.
+    couples = True
 
-        Args:
-            effect: The contact.
-            surface: Both surfaces.
-            structure: Its nodes and bodies.
-        """
-        self.kind, self.title, self.couples = effect.kind, effect.title, True
-        scene = structure.scene
-        self._comm: MPI.Intracomm = scene.comm
-        self._surface, self._static = surface, structure.static
+    def __init__(self, effect: Any, surface: PairSurface, structure: Structure) -> None:
+        """Find which nodes are whose. Collective."""
+        super().__init__(effect, surface.stiffness, structure)
+        self._comm: MPI.Intracomm = structure.scene.comm
+        self._surface = surface
         assert structure.notes is not None  # else it is not bound
         self._memory = memory_of(structure.notes.get(id(effect)), surface)
         structure.notes[id(effect)] = self._memory
         self._nodes = SharedNodes(structure, surface.nodes, surface.numbers, surface.size)
-        self._in_tangent: Array = np.zeros(surface.slaves.size)
-        self.rounding = float(np.linalg.norm(surface.stiffness)) * self._nodes.far()
-        self._forget()
+        self.rounding = float(np.linalg.norm(self._k)) * self._nodes.far()
+        self.set_time(0.0, 0.0)
 
-    def _forget(self) -> None:
+    def set_time(self, t: float, dt: float) -> None:
+        """Begin an attempt at a step: findings of the last one are forgotten."""
         self._x0: Array | None = None
         self._half: Array = np.zeros((self._surface.size, 3))
+        self._mate: Ints | None = None  # the triangle that each node may meet in the step
         self._active: Ints = np.empty(0, np.int64)
+        self._slaves: Ints = self._active
         self._corners: Ints = np.empty((0, 3), np.int64)
         self._gaps: tuple[Array, Array] = np.empty(0), np.empty(0)
         self._normals: Array = np.empty((0, 3))
         self._weights: Array = np.empty((0, 3))
         self._slope: Array = np.empty(0)
-        self._next = replace(
-            self._memory, gap=self._memory.gap.copy(), mate=self._memory.mate.copy()
-        )
-
-    def set_time(self, t: float, dt: float) -> None:
-        """A new attempt at a step: findings of the last one are forgotten."""
-        self._forget()
 
     # In each iteration --------------------------------------------------------------------------
 
     def resist(self, motion: Motion, forces: Any) -> None:
-        """See `Action`; between nodes of one body there is nothing to see. Collective."""
+        """Add the resistance; between nodes of one body there is none. Collective."""
         if self._nodes.in_one_body:
             return
         moved = self._nodes.moved(motion)
@@ -92,15 +81,13 @@ class PairForces(ContactAction):
                 self._meet(self._x0, self._x0 + 0.5 * moved)
         if self._static:
             self._meet(self._x0 + moved, self._x0 + moved)
-        slaves = self._surface.slaves[self._active]
+        slaves = self._slaves
         half = self._half = self._x0 + (1.0 if self._static else 0.5) * moved
         distance, n, N = projected(half[slaves], half[self._corners])
         apart = moved[slaves] - np.einsum("na,nai->ni", N, moved[self._corners])
         g0 = distance if self._static else self._gaps[0]
         g1 = distance if self._static else g0 + (n * apart).sum(axis=1)
-        value, self._slope = secant(self._surface.stiffness[self._active], g0, g1)
-        if self._static:  # the derivative by both ends, which are alike
-            self._slope = 2 * self._slope
+        value, self._slope = secant(self._k[self._active], g0, g1, self._static)
         self._gaps, self._normals, self._weights = (g0, g1), n, N
         pressure = value[:, None] * n
         force = np.zeros_like(self._x0)
@@ -119,91 +106,69 @@ class PairForces(ContactAction):
         with _SEARCH:
             mate = surface.mates(x, self._nodes.rigid)
         closed = memory.gap < 0
-        mate = np.where(closed & (mate < 0), memory.mate, mate)
-        self._active = np.flatnonzero(mate >= 0)
-        self._corners = surface.triangles[mate[self._active]]
-        g, _, _ = projected(x0[surface.slaves[self._active]], x0[self._corners])
-        g0 = np.where(closed[self._active], memory.gap[self._active], np.maximum(g, 0.0))
+        self._mate = mate = np.where(closed & (mate < 0), memory.mate, mate)
+        self._active = on = np.flatnonzero(mate >= 0)
+        self._slaves, self._corners = surface.slaves[on], surface.triangles[mate[on]]
+        g, _, _ = projected(x0[self._slaves], x0[self._corners])
+        g0 = np.where(closed[on], memory.gap[on], np.maximum(g, 0.0))
         self._gaps = g0, g0
-        self._next = PairMemory(np.full(closed.size, np.inf), mate, surface)
 
     def stiffen(self, motion: Motion, tangent: Tangent) -> None:
-        """See `Action`: Σ [U]' (Lᵀ G)(Gᵀ P), G = n at the node and -N n at the triangle's."""
+        """Add Σ [U]' (Lᵀ G)(Gᵀ P), G = n at the node and -N n at the triangle's."""
         used = np.flatnonzero(self._slope > 0)
         self._in_tangent = self._slopes()
         if not used.size:
             return
-        nodes = np.c_[self._surface.slaves[self._active[used]], self._corners[used]]
+        nodes = np.c_[self._slaves[used], self._corners[used]]
         weights = np.c_[np.ones(used.size), -self._weights[used]]
         G = weights[:, :, None] * self._normals[used, None]
         self._nodes.couple(nodes, G, self._slope[used], tangent)
 
-    def outdated(self) -> bool:
-        """See `Action`."""
-        return outdated(self._surface.stiffness, self._in_tangent, self._slopes())
-
     def _slopes(self) -> Array:
-        """Derivatives of [U] by ḡ₁ of all nodes that are kept out, shape (n,) [N/m]."""
-        out = np.zeros(self._surface.slaves.size)
+        out = np.zeros(self._k.size)
         out[self._active] = self._slope
         return out
 
     # After a step -------------------------------------------------------------------------------
 
     def accept(self) -> None:
-        """See `Action`."""
-        self._next.gap[self._active] = self._gaps[1]
-        self._memory.gap, self._memory.mate = self._next.gap, self._next.mate
+        """Store ḡ and the triangle of each node."""
+        if self._mate is not None:
+            self._memory.gap = np.full(self._k.size, np.inf)
+            self._memory.gap[self._active] = self._gaps[1]
+            self._memory.mate = self._mate
 
-    def stored(self, at: Instant) -> float:
-        """See `Action`."""
-        if self._comm.rank:
-            return 0.0  # all ranks know the same
-        g = np.where(np.isfinite(self._memory.gap), self._memory.gap, 0.0)
-        return float(stored(self._surface.stiffness, g).sum())
+    def _gap(self, at: Instant) -> Array:
+        # All ranks have the same gaps, which count on the first one.
+        return self._memory.gap if self._comm.rank == 0 else np.full(self._k.size, np.inf)
 
     def pressing(self) -> tuple[Ints, Array]:
-        """See `ContactAction`: along the normals, for corners that bear a share of a node."""
-        surface, ways = self._surface, np.zeros((self._surface.size, 3, 3))
-        slaves = surface.slaves[self._active]
+        """Pressed nodes of bodies: along normals, for corners that bear a share of a node."""
+        ways = np.zeros((self._surface.size, 3, 3))
         deepest = np.minimum(*self._gaps)
-        deep = deepest < -CLOSED * np.abs(self._half[slaves]).max(axis=1, initial=0.0)
-        push = (surface.stiffness[self._active] * deepest)[deep, None] * self._normals[deep]
+        deep = deepest < -CLOSED * np.abs(self._half[self._slaves]).max(axis=1, initial=0.0)
+        push = (self._k[self._active] * deepest)[deep, None] * self._normals[deep]
         share = np.where(self._weights > CLOSED, self._weights, 0.0)[deep]
-        np.add.at(ways[:, 0], slaves[deep], -push)
+        np.add.at(ways[:, 0], self._slaves[deep], -push)
         np.add.at(ways[:, 0], self._corners[deep], share[:, :, None] * push[:, None])
         return self._nodes.on_bodies(ways)
 
     def touch(self) -> Touch:
-        """See `Action`; a node pressed within one body has no force, but keeps its energy."""
+        """Touch of the step; a node pressed within one body has no force, but keeps its energy."""
         if self._comm.rank:
             return Touch(self.title)
         if self._nodes.in_one_body:
-            gap, k = self._memory.gap, self._surface.stiffness
-            g = np.where(np.isfinite(gap), gap, 0.0)
-            deepest, count = float(np.maximum(-g, 0.0).max(initial=0.0)), np.count_nonzero(g < 0)
-            energy = float(stored(k, g).sum())
-            return Touch(self.title, energy=energy, penetration=deepest, nodes=int(count))
-        surface, g = self._surface, self._gaps[1]
-        slaves, k = surface.slaves[self._active], surface.stiffness[self._active]
-        value, _ = secant(k, *self._gaps)
-        force = -value[:, None] * self._normals
-        if surface.itself:  # each has its reaction on the same surface
-            total, moment = np.zeros(3), np.zeros(3)
-        else:
-            total, moment = force.sum(axis=0), np.cross(self._half[slaves], force).sum(axis=0)
-        return Touch(
-            self.title,
-            force=total,
-            moment=moment,
-            pressing=float(-value.sum()),
-            energy=float(stored(k, g).sum()),
-            penetration=float(np.maximum(-g, 0.0).max(initial=0.0)),
-            nodes=int(np.count_nonzero(g < 0)),
-        )
+            none = np.zeros((self._k.size, 3))
+            return self._touched(self._k, self._memory.gap, none, none)
+        k = self._k[self._active]
+        force = -secant(k, *self._gaps)[0][:, None] * self._normals
+        out = self._touched(k, self._gaps[1], force, self._half[self._slaves])
+        if self._surface.itself:  # each has its reaction on the same surface
+            out = replace(out, force=np.zeros(3), moment=np.zeros(3))
+        return out
 
     def closes_after(self, v: Array, dt: float, at: Instant) -> float:
-        """See `ContactAction`. Collective."""
+        """Time until the first gap closes; -1 if a node touches [s]. Collective."""
         if self._nodes.in_one_body:
             return np.inf
         x, w = self._nodes.positions(at), self._nodes.velocities(v, at.bodies)
@@ -215,10 +180,8 @@ class PairForces(ContactAction):
         met = np.flatnonzero(mate >= 0)
         slaves, corners = surface.slaves[met], surface.triangles[mate[met]]
         g, n, N = projected(x[slaves], x[corners])
-        rate = (n * (w[slaves] - np.einsum("na,nai->ni", N, w[corners]))).sum(axis=1)
-        comes = rate < 0
-        with np.errstate(over="ignore"):  # in longer than there are numbers
-            return float((np.maximum(g[comes], 0.0) / -rate[comes]).min(initial=np.inf))
+        apart = w[slaves] - np.einsum("na,nai->ni", N, w[corners])
+        return soonest(np.maximum(g, 0.0), (n * apart).sum(axis=1))
 
 
 @dataclass
@@ -295,13 +258,8 @@ class PairNote:
         return out
 
 
-def memory_of(known: Any, surface: PairSurface) -> PairMemory:
-    """The memory of a pair. Collective.
-
-    Args:
-        known: A memory, the note of a checkpoint, or None.
-        surface: Both surfaces.
-    """
+def memory_of(known: PairMemory | PairNote | None, surface: PairSurface) -> PairMemory:
+    """The memory of a pair, by the note of a checkpoint if it is one. Collective."""
     if known is None:
         return _fresh(surface)
     return known.memory(surface) if isinstance(known, PairNote) else known

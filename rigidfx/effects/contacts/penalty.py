@@ -1,4 +1,4 @@
-"""The penalty U(g) = ½ k g₋² of a gap g, and its secant [U] = (U₁ - U₀)/(g₁ - g₀).
+"""The penalty U(g) = ½ k g₋² of a gap g, its secant [U] = (U₁ - U₀)/(g₁ - g₀), and forces by it.
 
 A force -[U] in a variable whose increment is exact removes exactly the gain of U from the motion,
 for any step (T. A. Laursen and V. Chawla, IJNME 40 (1997) 863). If one end is open, the denominator
@@ -7,14 +7,19 @@ exceeds the penetration at the other end, so 0/0 cannot occur.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from rigidfx.base.types import Array
+from rigidfx.effects.action import ContactAction, Structure, Touch
+from rigidfx.effects.motion import Instant
 
-__all__ = ["STALE", "outdated", "secant", "stored"]
+__all__ = ["CLOSED", "STALE", "PenaltyForces", "secant", "soonest", "stored"]
 
 
-STALE = 0.05  # change of a derivative, which is k/2 at most, by k
+CLOSED = 1e-12  # of a point's coordinates: a gap that statics take for closed, as it rounds to zero
+STALE = 0.05  # change of a derivative, which is k/2 at most, by k: a tangent does not fit any more
 
 
 def stored(k: Array, g: Array) -> Array:
@@ -22,13 +27,14 @@ def stored(k: Array, g: Array) -> Array:
     return np.asarray(0.5 * k * np.minimum(g, 0.0) ** 2)
 
 
-def secant(k: Array, g0: Array, g1: Array) -> tuple[Array, Array]:
+def secant(k: Array, g0: Array, g1: Array, static: bool = False) -> tuple[Array, Array]:
     """[U], and its derivative by g₁.
 
     Args:
         k: Stiffnesses, shape (n,) [N/m].
         g0: Gaps at the start of a step, shape (n,) [m].
         g1: Gaps at its end, likewise.
+        static: Whether both are those at the end, so that the derivative is by both.
 
     Returns:
         Shapes (n,) [N] and (n,) [N/m]; the first is never positive, the second never negative.
@@ -42,15 +48,50 @@ def secant(k: Array, g0: Array, g1: Array) -> tuple[Array, Array]:
     slope = np.where(closes, 0.5 * k * share1 * (2 - share1), slope)
     value = np.where(opens, -0.5 * k * g0 * share0, value)
     slope = np.where(opens, 0.5 * k * share0**2, slope)
-    return value, slope
+    return value, 2 * slope if static else slope
 
 
-def outdated(k: Array, then: Array, now: Array) -> bool:
-    """Whether gaps have closed or opened so far that a tangent does not fit any more.
+def soonest(g: Array, rate: Array) -> float:
+    """Time [s] until the first of some gaps ≥ 0 closes at constant rates [m/s]; inf if none."""
+    comes = rate < 0
+    with np.errstate(over="ignore"):  # in longer than there are numbers
+        return float((g[comes] / -rate[comes]).min(initial=np.inf))
 
-    Args:
-        k: Stiffnesses, shape (n,) [N/m].
-        then: Derivatives of [U] in the tangent, shape (n,) [N/m].
-        now: Derivatives of [U] at the last iterate, likewise.
-    """
-    return bool((np.abs(now - then) > STALE * np.maximum(k, now)).any())
+
+class PenaltyForces(ContactAction):
+    """The forces of a contact at points with stiffnesses; its kind says which gaps they have."""
+
+    def __init__(self, effect: Any, k: Array, structure: Structure) -> None:
+        """Store the stiffnesses, shape (n,) [N/m]."""
+        self.kind, self.title = effect.kind, effect.title
+        self._k, self._static = k, structure.static
+        self._in_tangent: Array = np.zeros(k.size)
+
+    def _slopes(self) -> Array:
+        """Derivatives of forces at the last iterate, shape (n,) or (several, n) [N/m]."""
+        raise NotImplementedError
+
+    def _gap(self, at: Instant) -> Array:
+        """Gaps of all points, shape (n,) [m]."""
+        raise NotImplementedError
+
+    def outdated(self) -> bool:
+        """Whether points closed, opened, stuck or slipped since the tangent was assembled."""
+        now = self._slopes()
+        return bool((np.abs(now - self._in_tangent) > STALE * np.maximum(self._k, now)).any())
+
+    def stored(self, at: Instant) -> float:
+        """Σ U of the gaps [J]."""
+        return float(stored(self._k, self._gap(at)).sum())
+
+    def _touched(self, k: Array, g: Array, force: Array, place: Array) -> Touch:
+        """Touch of some points by their gaps, the forces on them and where these act."""
+        return Touch(
+            self.title,
+            force=force.sum(axis=0),
+            moment=np.cross(place, force).sum(axis=0),
+            pressing=float(np.linalg.norm(force, axis=1).sum()),
+            energy=float(stored(k, g).sum()),
+            penetration=float(np.maximum(-g, 0.0).max(initial=0.0)),
+            nodes=int(np.count_nonzero(g < 0)),
+        )
