@@ -260,7 +260,7 @@ CASES = {
         ),
         "of Hyperelastic cannot be told",
     ),
-    "axis without length": (lambda: _turned(axis=(0, 0, 0)), "axis must be a direction"),
+    "axis without length": (lambda: _turned(axis=(0, 0, 0)), "axis must have a direction"),
     "axis of time": (lambda: _turned(axis=lambda t: (1, 0, 0)), "axis must be three finite"),
     "angle of a number": (lambda: _turned(angle=3.0), "angle must be a function of t, got 3.0"),
     "angle in degrees": (
@@ -322,7 +322,7 @@ CASES = {
     ),
     "field that ceases": (
         lambda: _run(rf.Traction("x1", lambda x, t: x * _later(nan)(t))),
-        "Traction on 'x1': at t = 0.15 s its value is to be three finite components",
+        "Traction on 'x1': at t = 0.15 s three finite components",
     ),
     "field that fails on the last rank": (
         lambda: _run(rf.BodyForce(lambda x, t: x * _fails_later(t))),

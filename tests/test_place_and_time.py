@@ -200,7 +200,10 @@ def test_reactions_of_a_preload():
     ("make", "words"),
     [
         (lambda: rf.NodalForce("z1", lambda x, t: x), "one of x and t can be had with Traction"),
-        (lambda: rf.PrescribedRotation("z1", axis=(0, 0, 0), angle=spun_up), "must be a direction"),
+        (
+            lambda: rf.PrescribedRotation("z1", axis=(0, 0, 0), angle=spun_up),
+            "must have a direction",
+        ),
         (
             lambda: rf.PrescribedRotation("z1", axis=(0, 0, 1), angle=3.0),
             "angle must be a function",

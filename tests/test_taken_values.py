@@ -369,10 +369,10 @@ class Lifted(Support):
     moves = True
     path = staticmethod(_nothing)
 
-    def displacement_at(self, t):
+    def displacements_at(self, t, X):
         return self.path(t)
 
-    def velocity_at(self, t, dt):
+    def velocities_at(self, t, dt, X, x):
         return np.array([0.0, 0.0, 0.05])
 
     def same_motion(self, other):

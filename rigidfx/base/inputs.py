@@ -17,6 +17,7 @@ from rigidfx.base.types import Array
 __all__ = [
     "check_factor",
     "communicator",
+    "direction",
     "is_function",
     "names",
     "number",
@@ -199,6 +200,21 @@ def vector(owner: object, name: str, value: Any) -> Array:
             f"{type(owner).__name__}: {name} must be three finite numbers, got {shown(value)}."
         )
     return array
+
+
+def direction(owner: object, name: str, value: Any) -> Array:
+    """The unit vector along three finite numbers, shape (3,).
+
+    Raises:
+        SceneError: If it is anything else, or zero.
+    """
+    given = vector(owner, name, value)
+    size = np.abs(given).max()
+    if not size > 0:
+        kind = type(owner).__name__
+        raise SceneError(f"{kind}: {name} must have a direction, got {shown(value)}.")
+    given = given / size  # whose squares neither overflow nor vanish
+    return np.asarray(given / np.linalg.norm(given))
 
 
 def names(owner: str, name: str, given: Any, of: str) -> tuple[str, ...]:

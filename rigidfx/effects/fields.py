@@ -13,7 +13,16 @@ from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import is_function, numbers
 from rigidfx.base.types import Array, Indices, Ints
 
-__all__ = ["PlaceAndTime", "VectorField", "of_place", "some_points", "values_at", "values_of"]
+__all__ = [
+    "PlaceAndTime",
+    "VectorField",
+    "check_values",
+    "of_place",
+    "slope_after",
+    "some_points",
+    "values_at",
+    "values_of",
+]
 
 
 # Positions, shape (3, n) [m], and a time [s] → vectors, shape (3, n).
@@ -56,6 +65,27 @@ def values_at(function: Callable[..., Any], X: Array, t: float) -> Array:
     if given.shape == (3, 1):
         return np.broadcast_to(given[:, 0], X.shape)
     return given.T
+
+
+def check_values(owner: str, t: float, X: Array, values: Array) -> Array:
+    """Vectors that a function of place and time gives at t [s] at points X, as they are.
+
+    Raises:
+        SceneError: On this rank, unless they are one finite vector, or one for each point.
+    """
+    if np.shape(values) not in ((3,), X.shape) or not np.isfinite(values).all():
+        raise SceneError(
+            f"{owner}: at t = {t:g} s three finite components for each of {len(X)} points "
+            f"are expected, shape (3, {len(X)}); got shape {values.shape[::-1]}: {values.T}."
+        )
+    return values
+
+
+def slope_after(path: Callable[[float], Any], t: float, dt: float) -> Any:
+    """One-sided difference quotient of second order just after t [s], by a thousandth of dt [s]."""
+    h = 1e-3 * dt
+    u0, u1, u2 = (path(t + k * h) for k in range(3))
+    return (4 * u1 - 3 * u0 - u2) / (2 * h)
 
 
 def values_of(owner: str, function: Callable[[Array], npt.ArrayLike], scene: Any) -> Array:

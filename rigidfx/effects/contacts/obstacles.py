@@ -22,7 +22,7 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.failures import Failures
-from rigidfx.base.inputs import is_function, numbers, positive, shown, vector
+from rigidfx.base.inputs import direction, is_function, numbers, positive, shown, vector
 from rigidfx.base.taken import take_fields
 from rigidfx.base.types import Array
 
@@ -119,11 +119,11 @@ class Plane(Obstacle):
         """
         super().__post_init__()
         vector(self, "point", self.point)
-        _direction(self, "normal", self.normal)
+        direction(self, "normal", self.normal)
 
     @cached_property
     def _n(self) -> Array:
-        return _direction(self, "normal", self.normal)
+        return direction(self, "normal", self.normal)
 
     def gap(self, y: Array) -> Array:
         """See `Obstacle`."""
@@ -222,26 +222,12 @@ class Cylinder(Round):
             SceneError: If it has no direction.
         """
         super().__post_init__()
-        _direction(self, "axis", self.axis)
+        direction(self, "axis", self.axis)
 
     @cached_property
     def _P(self) -> Array:
-        a = _direction(self, "axis", self.axis)
+        a = direction(self, "axis", self.axis)
         return np.asarray(np.eye(3) - np.outer(a, a))
-
-
-def _direction(owner: Any, name: str, value: Any) -> Array:
-    """A unit vector.
-
-    Raises:
-        SceneError: If the given one has no direction.
-    """
-    given = vector(owner, name, value)
-    size = np.abs(given).max()
-    if not size > 0:
-        raise SceneError(f"{owner.kind}: {name} must have a direction, got {shown(value)}.")
-    given = given / size
-    return np.asarray(given / np.linalg.norm(given))
 
 
 class AskedObstacle:

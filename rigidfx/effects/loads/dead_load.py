@@ -18,7 +18,7 @@ from rigidfx.base.inputs import check_factor, is_function, numbers, scalar, vect
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import TimeFunction, Windowed, check_vector, vector_at
-from rigidfx.effects.fields import of_place, some_points, values_at
+from rigidfx.effects.fields import check_values, of_place, some_points, values_at
 from rigidfx.effects.motion import Forces
 from rigidfx.effects.nodes import Nodes
 
@@ -95,6 +95,14 @@ class DeadLoad(Windowed):
         values = values_at(getattr(self, "value"), X, t)  # noqa: B009 - of those that have one
         return values if self.time is None else values * scalar(self.time(t))
 
+    def checked(self, t: float, X: Array) -> Array:
+        """The same, checked.
+
+        Raises:
+            SceneError: On this rank, if they are not as many finite vectors as there are points.
+        """
+        return check_values(self.owner, t, X, self.intensities(t, X))
+
     def weights(self, scene: Any) -> Array:
         """Weight of each local node: area [m²], volume [m³], mass [kg] or share [1]. Collective."""
         raise NotImplementedError
@@ -114,7 +122,7 @@ class DeadLoad(Windowed):
         nodes = np.flatnonzero(self.weights(scene)).astype(np.int32)
         X = scene.space.tabulate_dof_coordinates()[nodes]
         owner = f"{self.owner}: its function of place and time"
-        together(scene.comm, owner, lambda: check_values(self, self.start, X))
+        together(scene.comm, owner, lambda: self.checked(self.start, X))
         object.__setattr__(self, "_some", some_points(scene, nodes))
 
     def signal(self, t: float, dt: float) -> Array:
@@ -125,21 +133,6 @@ class DeadLoad(Windowed):
     def bind(self, structure: Structure) -> Action:
         """The forces on nodes and bodies."""
         return DeadForces(self, structure) if self.uniform else FieldForces(self, structure)
-
-
-def check_values(load: DeadLoad, t: float, X: Array) -> Array:
-    """Vectors of a load that depends on the place, shape (points, 3).
-
-    Raises:
-        SceneError: On this rank, if they are not as many finite vectors as there are points.
-    """
-    values = load.intensities(t, X)
-    if values.shape != X.shape or not np.isfinite(values).all():
-        raise SceneError(
-            f"{load.owner}: at t = {t:g} s its value is to be three finite components for each of "
-            f"{len(X)} points, shape (3, {len(X)}); got shape {values.shape[::-1]}: {values.T}."
-        )
-    return values
 
 
 class DeadForces(Action):
@@ -197,7 +190,7 @@ class FieldForces(Action):
         Raises:
             SceneError: On this rank, if it fails or gives anything but finite vectors.
         """
-        self._forces = self._weights * check_values(self._load, t, self._X)
+        self._forces = self._weights * self._load.checked(t, self._X)
 
     def load(self, forces: Forces) -> None:
         """Add w q."""

@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rigidfx.base.errors import SceneError, together
+from rigidfx.base.inputs import is_function, shown
 from rigidfx.base.types import Array
 from rigidfx.effects.supports.support import Support
 
@@ -161,6 +162,19 @@ class GuidedSupport(Support):
     """Refuses a velocity that is not the derivative of the path, where a run would use it."""
 
     moves: ClassVar[bool] = True
+    functions: ClassVar[tuple[str, str]]  # fields of its path, and of the derivative or None
+
+    def __post_init__(self) -> None:
+        """Check window, components and functions.
+
+        Raises:
+            SceneError: If path or derivative is not a function.
+        """
+        super().__post_init__()
+        for name in self.functions:
+            f = getattr(self, name)
+            if not is_function(f) and not (name == self.functions[1] and f is None):
+                raise SceneError(f"{self.owner}: {name} must be a function of t, got {shown(f)}.")
 
     @property
     def path_and_velocity(self) -> PathAndVelocity | None:
@@ -170,29 +184,28 @@ class GuidedSupport(Support):
     def check(self, scene: Any) -> None:
         """See whether path and velocity can be used, and go together at the start and at kinks."""
         super().check(scene)
-        together(scene.comm, f"{self.owner}: its path or velocity", self._check_starts)
+        starts = {self.start, *(t for t in self.breakpoints if self.start < t < self.until)}
+        spans = list(pairwise([*sorted(starts), self.until]))
+
+        def compare(both: PathAndVelocity) -> str:
+            return next(filter(None, (both.contradiction_at(*s) for s in spans if s[0] < s[1])), "")
+
+        self._refuse(scene, compare)
 
     def check_run(self, scene: Any, t_end: float) -> None:
         """See whether path and velocity go together in a run."""
-        end = min(self.until, t_end)
-        both = self.path_and_velocity
-        if both is not None and self.start < end:
-            together(
-                scene.comm,
-                f"{self.owner}: its path or velocity",
-                lambda: self._refuse(both.contradiction_within(self.start, end, self.breakpoints)),
-            )
+        start, end = self.start, min(self.until, t_end)
+        if start < end:
+            self._refuse(scene, lambda b: b.contradiction_within(start, end, self.breakpoints))
 
-    def _check_starts(self) -> None:
+    def _refuse(self, scene: Any, contradiction: Callable[[PathAndVelocity], str]) -> None:
+        """Refuse a contradiction of path and velocity. Collective."""
         both = self.path_and_velocity
-        if both is None:
-            return
-        starts = sorted({self.start, *(t for t in self.breakpoints if self.start < t < self.until)})
-        for t, end in pairwise([*starts, self.until]):
-            self._refuse(both.contradiction_at(t, end) if t < end else "")
 
-    def _refuse(self, wrong: str) -> None:
-        if wrong:
-            raise SceneError(
-                f"{self.owner}: {wrong}. Give the path's derivative, or no velocity at all."
-            )
+        def compare() -> None:
+            if both is not None and (wrong := contradiction(both)):
+                raise SceneError(
+                    f"{self.owner}: {wrong}. Give the path's derivative, or no velocity at all."
+                )
+
+        together(scene.comm, f"{self.owner}: its path or velocity", compare)

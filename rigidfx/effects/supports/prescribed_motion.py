@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, ClassVar
 
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import is_function, numbers, shown
+from rigidfx.base.inputs import numbers
 from rigidfx.base.types import Array
-from rigidfx.effects.fields import PlaceAndTime, of_place, values_at
+from rigidfx.effects.fields import PlaceAndTime, of_place, slope_after, values_at
 from rigidfx.effects.supports.path_velocity import GuidedSupport, PathAndVelocity
 from rigidfx.effects.supports.support import Support
 
@@ -31,6 +31,8 @@ class PrescribedMotion(GuidedSupport):
             A wrong derivative is an error: path and velocity are compared at one node.
     """
 
+    functions: ClassVar[tuple[str, str]] = "displacement", "velocity"
+
     displacement: PlaceAndTime = field(kw_only=True)
     velocity: PlaceAndTime | None = field(default=None, kw_only=True)
 
@@ -41,17 +43,10 @@ class PrescribedMotion(GuidedSupport):
             SceneError: If displacement or velocity is not a function.
         """
         super().__post_init__()
-        for name in ("displacement", "velocity"):
-            f = getattr(self, name)
-            if not is_function(f) and not (name == "velocity" and f is None):
-                raise SceneError(
-                    f"PrescribedMotion on '{self.where}': {name} must be a function of t, "
-                    f"got {shown(f)}."
-                )
         if self.velocity is not None and of_place(self.velocity) == self.uniform:
             raise SceneError(
-                f"PrescribedMotion on '{self.where}': displacement and velocity must be functions "
-                "of the same arguments, t or x, t."
+                f"{self.owner}: displacement and velocity must be functions of the same "
+                "arguments, t or x, t."
             )
 
     @cached_property
@@ -61,34 +56,16 @@ class PrescribedMotion(GuidedSupport):
 
     def displacements_at(self, t: float, X: Array) -> Array:
         """The path of some points at t, shape (3,) or (points, 3) [m]."""
-        return self.displacement_at(t) if self.uniform else values_at(self.displacement, X, t)
+        return self._values(self.displacement, t, X)
 
     def velocities_at(self, t: float, dt: float, X: Array, x: Array) -> Array:
-        """The velocity of some points just after t, shape (3,) or (points, 3) [m/s]."""
-        if self.uniform:
-            return self.velocity_at(t, dt)
+        """The given velocity of some points at t, or the slope of their path just after t."""
         if self.velocity is not None:
-            return values_at(self.velocity, X, t)
-        h = 1e-3 * dt
-        u0, u1, u2 = (self.displacements_at(t + k * h, X) for k in range(3))
-        return np.asarray((4 * u1 - 3 * u0 - u2) / (2 * h))
+            return self._values(self.velocity, t, X)
+        return np.asarray(slope_after(partial(self.displacements_at, X=X), t, dt))
 
-    def displacement_at(self, t: float) -> Array:
-        """The given path at t, of all nodes."""
-        path: Any = self.displacement
-        return numbers(path(t))
-
-    def velocity_at(self, t: float, dt: float) -> Array:
-        """The given velocity at t, or the difference quotient of the path just after t."""
-        if self.velocity is not None:
-            velocity: Any = self.velocity
-            return numbers(velocity(t))
-        h = 1e-3 * dt
-        u0, u1, u2 = u = [self.displacement_at(t + k * h) for k in range(3)]
-        for given in u:
-            if given.shape != (3,):
-                return given  # which is told by its name where it is looked at
-        return np.asarray((4 * u1 - 3 * u0 - u2) / (2 * h))
+    def _values(self, function: Any, t: float, X: Array) -> Array:
+        return numbers(function(t)) if self.uniform else values_at(function, X, t)
 
     def same_motion(self, other: Support) -> bool:
         """The same path and the same velocity, given by the same functions."""
@@ -103,21 +80,17 @@ class PrescribedMotion(GuidedSupport):
         """Path and given velocity, of the held components; None without such a velocity."""
         if self.velocity is None:
             return None
-        if not self.uniform:
-            X = self._points[:1]
-            return PathAndVelocity(
-                lambda t: self.displacements_at(t, X)[0],
-                lambda t: self.velocities_at(t, 1.0, X, X)[0],
-                self.axes,
-            )
-        velocity: Any = self.velocity
-        return PathAndVelocity(self.displacement_at, lambda t: numbers(velocity(t)), self.axes)
+        X = self.points[:1]
+        return PathAndVelocity(
+            lambda t: self.displacements_at(t, X).ravel(),
+            lambda t: self.velocities_at(t, 1.0, X, X).ravel(),
+            self.axes,
+        )
 
     def signal(self, t: float, dt: float) -> Array:
         """The velocity, while it acts."""
-        some = np.zeros((1, 3)) if self.uniform else self._points
+        some = self.points
         if not self.acts(t):
             return np.zeros(some.size)
-        return np.asarray(
-            np.broadcast_to(self.velocities_at(t, dt, some, some), some.shape)
-        ).ravel()
+        velocities = self.velocities_at(t, dt, some, some)
+        return np.asarray(np.broadcast_to(velocities, some.shape)).ravel()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from math import isfinite
 from typing import ClassVar
 
@@ -11,9 +12,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import is_function, scalar, shown, vector
+from rigidfx.base.inputs import direction, scalar, shown, vector
 from rigidfx.base.types import Array
 from rigidfx.effects.base import Vector
+from rigidfx.effects.fields import slope_after
 from rigidfx.effects.supports.path_velocity import GuidedSupport, PathAndVelocity
 from rigidfx.effects.supports.support import Support
 
@@ -39,6 +41,7 @@ class PrescribedRotation(GuidedSupport):
     """
 
     uniform: ClassVar[bool] = False
+    functions: ClassVar[tuple[str, str]] = "angle", "speed"
 
     axis: Vector = field(kw_only=True)
     through: Vector = field(default=(0.0, 0.0, 0.0), kw_only=True)
@@ -52,20 +55,13 @@ class PrescribedRotation(GuidedSupport):
             SceneError: If the axis is no direction, or angle or speed is not a function.
         """
         super().__post_init__()
-        if not vector(self, "axis", self.axis).any():
-            raise SceneError(f"{self.owner}: axis must be a direction, got {shown(self.axis)}.")
+        direction(self, "axis", self.axis)
         vector(self, "through", self.through)
-        for name in ("angle", "speed"):
-            f = getattr(self, name)
-            if not is_function(f) and not (name == "speed" and f is None):
-                raise SceneError(f"{self.owner}: {name} must be a function of t, got {shown(f)}.")
 
     @property
     def direction(self) -> Array:
         """Unit vector along the axis."""
-        axis = np.asarray(self.axis, dtype=np.float64)
-        axis = axis / np.abs(axis).max()  # whose squares neither overflow nor vanish
-        return np.asarray(axis / np.linalg.norm(axis))
+        return direction(self, "axis", self.axis)
 
     def _asked(self, name: str, t: float) -> float:
         """Angle or speed at t."""
@@ -81,9 +77,7 @@ class PrescribedRotation(GuidedSupport):
         """ω just after t, shape (3,) [rad/s]."""
         if self.speed is not None:
             return self._asked("speed", t) * self.direction
-        h = 1e-3 * dt
-        p0, p1, p2 = (self._asked("angle", t + k * h) for k in range(3))
-        return (4 * p1 - 3 * p0 - p2) / (2 * h) * self.direction
+        return slope_after(partial(self._asked, "angle"), t, dt) * self.direction
 
     @property
     def path_and_velocity(self) -> PathAndVelocity | None:
@@ -100,15 +94,16 @@ class PrescribedRotation(GuidedSupport):
 
     def displacements_at(self, t: float, X: Array) -> Array:
         """(R - I)(X - c) of some points, shape (points, 3) [m]."""
-        arms = X - np.asarray(self.through)
-        turn = self._asked("angle", t) * self.direction
-        return np.asarray(Rotation.from_rotvec(turn).apply(arms) - arms).reshape(-1, 3)
+        return self._turned(self._asked("angle", t), X)
 
     def increments_of(self, t0: float, t1: float, X: Array, x: Array) -> Array:
         """(R(φ₁ - φ₀) - I)(x - c) of some points, shape (points, 3) [m]."""
+        return self._turned(self._asked("angle", t1) - self._asked("angle", t0), x)
+
+    def _turned(self, angle: float, x: Array) -> Array:
         arms = x - np.asarray(self.through)
-        turn = (self._asked("angle", t1) - self._asked("angle", t0)) * self.direction
-        return np.asarray(Rotation.from_rotvec(turn).apply(arms) - arms).reshape(-1, 3)
+        turn = Rotation.from_rotvec(angle * self.direction)
+        return np.asarray(turn.apply(arms) - arms).reshape(-1, 3)
 
     def velocities_at(self, t: float, dt: float, X: Array, x: Array) -> Array:
         """ω × (x - c) of some points just after t, shape (points, 3) [m/s]."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from math import isfinite
 from typing import Any, ClassVar
 
@@ -14,7 +13,7 @@ from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import shown
 from rigidfx.base.types import Array
 from rigidfx.effects.base import Windowed, check_vector
-from rigidfx.effects.fields import some_points
+from rigidfx.effects.fields import check_values, some_points
 
 __all__ = ["Fixed", "Support"]
 
@@ -61,27 +60,16 @@ class Support(Windowed):
         """The held components as numbers 0, 1, 2."""
         return tuple("xyz".index(c) for c in self.components)
 
-    def displacement_at(self, t: float) -> Array:
-        """Prescribed displacement, shape (3,) [m], up to a constant of no consequence."""
-        raise NotImplementedError
-
-    def velocity_at(self, t: float, dt: float) -> Array:
-        """Prescribed velocity just after t, shape (3,) [m/s].
-
-        Args:
-            t: Time [s].
-            dt: Time step [s], the scale of the difference quotient where one is needed.
-        """
-        raise NotImplementedError
-
     def displacements_at(self, t: float, X: Array) -> Array:
-        """Prescribed displacements of some points, shape (3,) or (points, 3) [m].
+        """Prescribed displacements of some points, up to a constant of no consequence.
+
+        Shape (3,), or (points, 3) where they are not `uniform` [m].
 
         Args:
             t: Time [s].
             X: Reference positions, shape (points, 3) [m].
         """
-        return self.displacement_at(t)
+        raise NotImplementedError
 
     def increments_of(self, t0: float, t1: float, X: Array, x: Array) -> Array:
         """Prescribed increments of some points from t0 to t1, shape (points, 3) [m].
@@ -95,7 +83,7 @@ class Support(Windowed):
         return self.displacements_at(t1, X) - self.displacements_at(t0, X)
 
     def velocities_at(self, t: float, dt: float, X: Array, x: Array) -> Array:
-        """Prescribed velocities of some points just after t, shape (3,) or (points, 3) [m/s].
+        """Prescribed velocities of some points just after t, likewise [m/s].
 
         Args:
             t: Time [s].
@@ -103,21 +91,14 @@ class Support(Windowed):
             X: Reference positions, shape (points, 3) [m].
             x: Their places at t, likewise.
         """
-        return self.velocity_at(t, dt)
+        raise NotImplementedError
 
     def path_at(self, t: float) -> Array:
-        """Its path in the components held, of all its nodes or some; equal on all ranks [m].
-
-        Args:
-            t: Time [s].
-        """
-        axes = list(self.axes)
-        if self.uniform:
-            return self.displacement_at(t)[axes]
-        return np.asarray(self.displacements_at(t, self._points)[:, axes]).ravel()
+        """Its path in the components held, of all its nodes or some; equal on all ranks [m]."""
+        return np.asarray(self.displacements_at(t, self.points)[..., list(self.axes)]).ravel()
 
     @property
-    def _points(self) -> Array:
+    def points(self) -> Array:
         """Some points of its set, since it was checked."""
         return getattr(self, "_some", np.zeros((1, 3)))
 
@@ -135,9 +116,9 @@ class Support(Windowed):
         if not self.uniform:
             self._check_field(scene)
             return
-        start = self.since if isfinite(self.since) else 0.0
-        check_vector(scene, self.owner, start, partial(self.displacement_at, start))
-        check_vector(scene, self.owner, start, partial(self.velocity_at, start, 1.0))
+        start, X = self.since if isfinite(self.since) else 0.0, self.points
+        check_vector(scene, self.owner, start, lambda: self.displacements_at(start, X))
+        check_vector(scene, self.owner, start, lambda: self.velocities_at(start, 1.0, X, X))
 
     def _check_field(self, scene: Any) -> None:
         nodes = next(nodes for support, nodes in scene.supports if support is self)
@@ -145,15 +126,8 @@ class Support(Windowed):
         object.__setattr__(self, "_some", some_points(scene, nodes))
 
         def check() -> None:
-            for value in (
-                self.displacements_at(self.start, X),
-                self.velocities_at(self.start, 1.0, X, X),
-            ):
-                if np.shape(value) not in ((3,), X.shape) or not np.isfinite(value).all():
-                    raise SceneError(
-                        f"{self.owner}: at t = {self.start:g} s three finite components are "
-                        f"expected for each of {len(X)} nodes, shape (3, {len(X)}), got {value}."
-                    )
+            check_values(self.owner, self.start, X, self.displacements_at(self.start, X))
+            check_values(self.owner, self.start, X, self.velocities_at(self.start, 1.0, X, X))
 
         together(scene.comm, f"{self.owner}: its function of place and time", check)
 
@@ -173,11 +147,11 @@ class Support(Windowed):
 class Fixed(Support):
     """Holds the nodes of a named set where they are when the window begins."""
 
-    def displacement_at(self, t: float) -> Array:
+    def displacements_at(self, t: float, X: Array) -> Array:
         """Zero."""
         return np.zeros(3)
 
-    def velocity_at(self, t: float, dt: float) -> Array:
+    def velocities_at(self, t: float, dt: float, X: Array, x: Array) -> Array:
         """Zero."""
         return np.zeros(3)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
 from rigidfx.effects.supports.support import Fixed
@@ -40,30 +41,17 @@ class Symmetry(Fixed):
         """
         nodes = scene.nodes(self.where, self.kind, (2,))
         X = scene.start_places[nodes]
-        comm = scene.comm
-        ends = [
-            comm.allreduce(tuple(map(float, values)), op=op)
-            for values, op in (
-                (X.min(axis=0, initial=np.inf), _low),
-                (X.max(axis=0, initial=-np.inf), _high),
-            )
-        ]
-        extent = np.subtract(ends[1], ends[0])
+        ends = np.stack([-X.min(axis=0, initial=np.inf), X.max(axis=0, initial=-np.inf)])
+        scene.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+        low, high = -ends[0], ends[1]
+        extent = high - low
         size = float(np.max(np.nan_to_num(extent, posinf=0.0, neginf=0.0)))
         flat = np.flatnonzero(extent <= FLAT * max(size, np.abs(ends).max()))
         if len(flat) != 1:
             raise SceneError(
                 f"{self.owner}: its facets must lie in one plane whose normal is x, y or z; they "
-                f"reach from {ends[0]} to {ends[1]} m at the start."
+                f"reach from {tuple(low.tolist())} to {tuple(high.tolist())} m at the start."
             )
         out = replace(self)
         object.__setattr__(out, "components", "xyz"[int(flat[0])])
         return out
-
-
-def _low(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, ...]:
-    return tuple(map(min, a, b))
-
-
-def _high(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, ...]:
-    return tuple(map(max, a, b))

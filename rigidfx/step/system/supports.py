@@ -157,7 +157,8 @@ class PrescribedDofs:
         """Displacement of all nodes of a support at t, kept for the next question [m]."""
         known = self._paths.get(id(support), {})
         if t not in known:
-            value = np.array(support.displacement_at(t))  # a path may change one array in place
+            # A path may change one array in place.
+            value = np.array(support.displacements_at(t, support.points))
             known = dict([*known.items(), (t, value)][-3:])
             self._paths[id(support)] = known
         return known[t]
