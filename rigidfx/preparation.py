@@ -23,7 +23,7 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.recovery.held_parts import HeldParts
 from rigidfx.recovery.recovery import Recovery
 from rigidfx.report.ledger import Ledgers
-from rigidfx.report.probes import Probes
+from rigidfx.report.probe_stress import Probes
 from rigidfx.report.resolved_forces import ResolvedForces
 from rigidfx.report.start import Start
 from rigidfx.run import Run

@@ -21,7 +21,7 @@ from rigidfx.recovery.recovery import Recovery
 from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.of_step import report_of
-from rigidfx.report.probes import Probes
+from rigidfx.report.probe_stress import Probes
 from rigidfx.report.report import Report
 from rigidfx.report.resolved_forces import ResolvedForces
 from rigidfx.scene.timeline import Timeline

@@ -34,12 +34,12 @@ from rigidfx.effects import (
     rigid_faces,
 )
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.report.account import Whereabouts
 from rigidfx.report.current import check_scene
 from rigidfx.report.of_step import report_of
-from rigidfx.report.probes import Probes
+from rigidfx.report.probe_stress import Probes
 from rigidfx.report.report import Report
 from rigidfx.report.stillness import Stillness
-from rigidfx.report.whereabouts import Whereabouts
 from rigidfx.scene.idle import warn_of_idle
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline

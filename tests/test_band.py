@@ -8,7 +8,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array, kron
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from rigidfx.step.newton import band
+from rigidfx.step.newton import chord
 
 
 def _line(n):
@@ -38,7 +38,7 @@ def test_a_band_has_no_entries_but_its_own(shuffled):
     """Whatever the order of its rows is."""
     order = np.random.default_rng(0).permutation(40) if shuffled else None
     A = _matrix(_line(40), order)
-    assert band.fill(A) == pytest.approx(1.0)
+    assert chord.fill(A) == pytest.approx(1.0)
     A.destroy()
 
 
@@ -46,7 +46,7 @@ def test_what_is_compact_fills_more_than_what_is_slender():
     found = []
     for cells in ((3, 3, 100), (10, 10, 10), (12, 12, 12)):
         A = _matrix(_grid(*cells))
-        found.append(band.fill(A))
+        found.append(chord.fill(A))
         A.destroy()
     slender, compact, larger = found
     assert slender <= 2
@@ -62,5 +62,5 @@ def test_no_factors_have_more():
     for k in range(len(filled)):
         below = np.flatnonzero(filled[k + 1 :, k]) + k + 1
         filled[np.ix_(below, below)] = True
-    assert filled.sum() <= band.fill(A) * pattern.nnz
+    assert filled.sum() <= chord.fill(A) * pattern.nnz
     A.destroy()

@@ -12,7 +12,7 @@ from test_kept_tangent import DT, SPIN, STEEL, keep
 import rigidfx as rf
 from rigidfx.step.linear import cholmod
 from rigidfx.step.linear.definite import PREFIX, solver_of
-from rigidfx.step.newton.cholesky import SKEW, Cholesky
+from rigidfx.step.newton.factors import SKEW, Cholesky
 
 N = 60
 

@@ -12,8 +12,8 @@ from histories import column, drift, show
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.step.equations.lost import Lost
-from rigidfx.step.newton.conserving import Conserving
+from rigidfx.step.equations.round_off import Lost
+from rigidfx.step.newton.newton import Conserving
 
 STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)
 NEWTON = {"snes_lag_jacobian": 1}

@@ -10,7 +10,7 @@ import pytest
 from test_contact_pairs import boxes
 
 import rigidfx as rf
-from rigidfx.report.resolved_series import resolved_part
+from rigidfx.report.resolved_forces import resolved_part
 
 STEEL = rf.StVenantKirchhoff(rho=7800.0, E=2.1e11, nu=0.3)
 PIN = rf.Revolute("ground", "disc", at=(0, 0, 0), axis=(0, 0, 1), name="pin")

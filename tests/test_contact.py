@@ -18,7 +18,7 @@ import rigidfx as rf
 from rigidfx.base.form_cache import compile_form
 from rigidfx.effects.contacts.against_obstacle import Friction, Points
 from rigidfx.effects.contacts.penalty import secant, stored
-from rigidfx.step.equations.jumping import Jumping
+from rigidfx.step.equations.actions import Jumping
 from rigidfx.step.newton.chord import Chord
 
 # Bounces in long steps, and a floor that comes back under a skin: balances hold through both.

@@ -16,7 +16,7 @@ from test_contact_pairs import boxes
 import rigidfx as rf
 import rigidfx.recovery.recovery
 from rigidfx.flexible.stress import CauchyStress
-from rigidfx.recovery.at_rest import AtRest
+from rigidfx.recovery.recovery import AtRest
 
 COMM = MPI.COMM_WORLD
 DT, T = 0.2, 60.0  # s, and s of the slow load

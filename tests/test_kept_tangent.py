@@ -16,13 +16,11 @@ import rigidfx as rf
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.step.newton import aggregates, chord, factors
-from rigidfx.step.newton.chord_test import ChordTest
-from rigidfx.step.newton.control import Control
+from rigidfx.step.newton import chord, factors, two_levels
+from rigidfx.step.newton.chord import Control
 from rigidfx.step.newton.frames import Frames
-from rigidfx.step.newton.kept_tangent import KeptTangent
-from rigidfx.step.newton.secants import Secants
-from rigidfx.step.newton.stopping_test import MAX_ITERATIONS, ROUNDING
+from rigidfx.step.newton.kept_tangent import KeptTangent, Secants
+from rigidfx.step.newton.stopping_test import MAX_ITERATIONS, ROUNDING, ChordTest
 
 STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)
 DT = 1.2e-4  # s; some 25 to a period of the bar's first bending motion
@@ -348,7 +346,7 @@ def by_two_levels(patch):
     keep(patch)
     patch.setattr(chord, "FACTORS_UP_TO", 0)
     patch.setattr(chord, "SLENDER_UP_TO", 0)
-    patch.setattr(aggregates, "NODES", 8)
+    patch.setattr(two_levels, "NODES", 8)
 
 
 @pytest.fixture

@@ -9,8 +9,7 @@ from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.base.log import heard
-from rigidfx.report.account import Account
-from rigidfx.report.pay import Pay
+from rigidfx.report.account import Account, Pay
 
 
 def steps(*rows):
@@ -72,7 +71,7 @@ def test_parts_named_rigid_are_in_both_kinds_of_steps():
 def test_compilations_are_no_part_of_steps(monkeypatch):
     """They are made once for many runs."""
     spent = []
-    monkeypatch.setattr("rigidfx.report.pay.SPENT", spent)
+    monkeypatch.setattr("rigidfx.report.account.SPENT", spent)
     pay = Pay()
     for step in range(41):
         spent += [60.0] * (step == 25)

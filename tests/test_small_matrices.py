@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 import rigidfx as rf
 from rigidfx.base import matrices
 from rigidfx.base.matrices import Pattern
-from rigidfx.step.newton.small_system import small_system
+from rigidfx.step.newton.border import small_system
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="calls, and one rank's matrices")
 

@@ -23,10 +23,9 @@ from rigidfx.scene.damped import Damped, comes_back
 from rigidfx.scene.points import far_apart
 from rigidfx.scene.timeline import Timeline
 from rigidfx.step.length.blows import Blows
-from rigidfx.step.length.controller import NUMBERS, Controller, Moves
+from rigidfx.step.length.controller import NUMBERS, Controller, Moves, RunError
 from rigidfx.step.length.elsewhere import Elsewhere
-from rigidfx.step.length.onsets import Onsets
-from rigidfx.step.length.run_error import RunError
+from rigidfx.step.length.given import Onsets
 from rigidfx.step.length.time_error import TimeError
 from rigidfx.step.length.tracked import Tracked
 

@@ -12,8 +12,8 @@ import rigidfx as rf
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.step.newton import aggregates, chord
-from rigidfx.step.newton.motions import motions_of_unknowns
+from rigidfx.step.newton import chord, two_levels
+from rigidfx.step.newton.incomplete import motions_of_unknowns
 from rigidfx.step.newton.two_levels import CoarseGrid
 
 TWO_LEVELS = "kept fgmres+ilu+coarse"
@@ -101,10 +101,10 @@ def test_motions_that_supports_leave_none_of_are_left_out():
 
 @pytest.mark.parametrize("held", [(), range(1, 36, 3), [*range(0, 12), 17]])
 def test_aggregates_have_the_rigid_motions_that_supports_leave(held, monkeypatch):
-    monkeypatch.setattr(aggregates, "NODES", 5)
+    monkeypatch.setattr(two_levels, "NODES", 5)
     layout, prolongation = _prolongation(held)
     X = layout.rows.X
-    P = aggregates.Aggregates(prolongation).motions(X)
+    P = two_levels.Aggregates(prolongation).motions(X)
     found = P.getDenseArray() if P.getType().endswith("dense") else P[:, :]
     P.destroy()
     assert found.shape[1] <= found.shape[0]

@@ -7,7 +7,7 @@ import numpy as np
 import rigidfx as rf
 from rigidfx.preparation import prepare
 from rigidfx.scene.timeline import Timeline
-from rigidfx.step.watches.watch import Watch
+from rigidfx.step.watches.judge import Watch
 
 
 class Notes(Watch):

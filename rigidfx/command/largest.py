@@ -12,7 +12,7 @@ from rigidfx.base.types import Array
 from rigidfx.plot import Shapes
 from rigidfx.report.peaks import Peak, Peaks
 from rigidfx.report.report import Report
-from rigidfx.report.resolved_series import resolved
+from rigidfx.report.resolved_forces import resolved
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Largest"]

@@ -46,8 +46,7 @@ from rigidfx.error.validity import Validity
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.scene.points import Point
 from rigidfx.step.stepper import Stepper
-from rigidfx.step.watches.judge import Attempt
-from rigidfx.step.watches.watch import Watch
+from rigidfx.step.watches.judge import Attempt, Watch
 
 __all__ = ["ErrorMotion"]
 

@@ -18,8 +18,7 @@ from rigidfx.error.strained import Limits, Strained, part_of
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.step.stepper import Stepper
-from rigidfx.step.watches.judge import Attempt
-from rigidfx.step.watches.watch import Watch
+from rigidfx.step.watches.judge import Attempt, Watch
 
 __all__ = ["Looks"]
 

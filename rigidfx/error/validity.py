@@ -26,7 +26,7 @@ from rigidfx.error.joints import joined_parts
 from rigidfx.error.response import Response
 from rigidfx.error.strained import part_of
 from rigidfx.scene.scene import Scene
-from rigidfx.step.watches.watch import name_of_cell
+from rigidfx.step.watches.judge import name_of_cell
 
 __all__ = ["Validity"]
 

@@ -1,4 +1,4 @@
-/* Forces of stresses that are no linear function of strains: see mechanics/projected.py. It stands
+/* Forces of stresses that are no linear function of strains: see mechanics/enhanced.py. It stands
    behind enhanced.c and assumed.c and needs what they declare.
 
    Enhanced and assumed strains are Ẽ = P E, P linear and fixed for a cell. A stress S at the points

@@ -81,7 +81,7 @@ from rigidfx.flexible.stress import SYMMETRIC
 from rigidfx.report.peaks import Peak
 from rigidfx.report.probe_stress import StressAt
 from rigidfx.report.report import Report
-from rigidfx.report.resolved_series import resolved
+from rigidfx.report.resolved_forces import resolved
 
 __all__ = [
     "Written",
@@ -324,7 +324,7 @@ def read_history(path: str | Path) -> Any:
 
     Forces of supports and joints, their moments and the efforts of motors have one more column
     each, such as `joint_pin_motor_resolved`, without vibration that Δt does not resolve, for peaks:
-    see `rigidfx.report.resolved_series`.
+    see `rigidfx.report.resolved_forces`.
 
     Args:
         path: The file, or the folder of a `Recorder` with it; its run may go on, or was killed.

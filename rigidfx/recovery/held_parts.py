@@ -20,8 +20,7 @@ from rigidfx.mechanics.rotation import nearest_rotations
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import PrescribedDofs
 from rigidfx.step.system.system import System
-from rigidfx.step.watches.judge import Attempt
-from rigidfx.step.watches.watch import Watch
+from rigidfx.step.watches.judge import Attempt, Watch
 
 __all__ = ["HeldParts"]
 

@@ -6,7 +6,7 @@ A force λ of steps of one length is split into its mean of neighbouring steps a
 
 It counts as alternating where the rest changes its sign in two of three steps, which it does at
 three steps a period and less. One event in between leaves no trace in the median. The peak of the
-motion that Δt resolves is that of `rigidfx.report.resolved_series`.
+motion that Δt resolves is that of `rigidfx.report.resolved_forces`.
 """
 
 from __future__ import annotations
@@ -21,13 +21,12 @@ from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.effects import Joint, ResolvedForces, Rigid
 from rigidfx.effects.joints.elements import titles_of
-from rigidfx.report.look import Look
 from rigidfx.report.lumping import OF_ALL, WORTH_A_WARNING
-from rigidfx.report.report import Report
-from rigidfx.report.resolved_series import resolved_part
+from rigidfx.report.report import Look, Report
+from rigidfx.report.resolved_forces import resolved_part
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.alternation import FIRST, Alternation
-from rigidfx.step.watches.unresolved import WORTH_A_WARNING as NOTHING
+from rigidfx.step.watches.alternation import WORTH_A_WARNING as NOTHING
 
 __all__ = ["AlternatingForces"]
 

@@ -21,13 +21,12 @@ from rigidfx.base.errors import SceneError, together
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.effects import Motor
-from rigidfx.report.brief_contacts import RESOLVED, rounded_down
-from rigidfx.report.look import Look
-from rigidfx.report.report import Report
+from rigidfx.report.brief_stops import RESOLVED, rounded_down
+from rigidfx.report.report import Look, Report
 from rigidfx.scene.scene import Scene
 from rigidfx.step.length.given import SMOOTH, Given, given_loads, is_given
+from rigidfx.step.watches.alternation import WORTH_A_WARNING as NOTHING
 from rigidfx.step.watches.jumps import Jumps
-from rigidfx.step.watches.unresolved import WORTH_A_WARNING as NOTHING
 
 __all__ = ["FastLoads"]
 

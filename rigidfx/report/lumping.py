@@ -13,8 +13,7 @@ import numpy as np
 
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
-from rigidfx.report.look import Look
-from rigidfx.report.report import Report
+from rigidfx.report.report import Look, Report
 from rigidfx.scene.scene import Scene
 
 __all__ = ["LumpedInertia"]

@@ -16,7 +16,7 @@ from rigidfx.error.shown import Shown
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.recovery.recovery import Recovery
 from rigidfx.report.events import Event
-from rigidfx.report.probes import Probes
+from rigidfx.report.probe_stress import Probes
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State

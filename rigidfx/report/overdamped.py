@@ -20,8 +20,7 @@ import numpy as np
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.effects import Preload, Reduced, SpringDamper, Support
 from rigidfx.effects.damping import warn_of_ratio
-from rigidfx.report.look import Look
-from rigidfx.report.report import Report
+from rigidfx.report.report import Look, Report
 from rigidfx.scene.damped import Damped
 from rigidfx.scene.scene import Scene
 

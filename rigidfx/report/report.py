@@ -1,4 +1,7 @@
-"""The report of a step."""
+"""The report of a step.
+
+A reader of the reports of a run.
+"""
 
 from __future__ import annotations
 
@@ -23,13 +26,12 @@ from rigidfx.recovery.recovery import Recovery
 from rigidfx.report.body_report import BodyReport, body_reports
 from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledger
-from rigidfx.report.probe_stress import StressAt
-from rigidfx.report.probes import Probes
+from rigidfx.report.probe_stress import Probes, StressAt
 from rigidfx.report.writers import Writers
 from rigidfx.state import State
 from rigidfx.step.system.supports import Impact
 
-__all__ = ["Report"]
+__all__ = ["Look", "Report"]
 
 
 @dataclass(frozen=True)
@@ -358,3 +360,18 @@ class Report:
                 f"Report.{name}: the report is of t = {self.t:g} s, and the run has gone on to "
                 f"{self._state.t:g} s. Ask before the next step, and keep a copy of what you need."
             )
+
+
+class Look:
+    """Looks at each report for something that a user should know."""
+
+    def follow(self, report: Report) -> None:
+        """Look at a report. Collective.
+
+        Args:
+            report: The next one, that of the initial state first.
+        """
+        raise NotImplementedError
+
+    def end(self) -> None:
+        """Take note that the run has reached its end. Collective."""

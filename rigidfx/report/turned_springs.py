@@ -16,8 +16,7 @@ from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
 from rigidfx.effects import Spring
 from rigidfx.report.deformation import THIN
-from rigidfx.report.look import Look
-from rigidfx.report.report import Report
+from rigidfx.report.report import Look, Report
 from rigidfx.scene.scene import Scene
 
 __all__ = ["TurnedSprings"]

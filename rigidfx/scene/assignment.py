@@ -17,8 +17,8 @@ from rigidfx.base.taken import read_only
 from rigidfx.base.types import Array, Indices
 from rigidfx.base.warning import warn
 from rigidfx.domain.domain import Domain
-from rigidfx.mechanics.evaluated import evaluated
 from rigidfx.mechanics.materials import Hyperelastic, Material
+from rigidfx.mechanics.rest import evaluated
 
 __all__ = ["assign"]
 

@@ -25,16 +25,14 @@ from rigidfx.step.equations.energies import Measures, Momenta
 from rigidfx.step.length.time_control import TimeControl
 from rigidfx.step.step_result import StepResult, result_of
 from rigidfx.step.system.division import Division
-from rigidfx.step.system.following import following_energy
+from rigidfx.step.system.rigid_motion import following_energy
 from rigidfx.step.system.supports import Impact, PrescribedDofs, impose_velocity, supports_of
 from rigidfx.step.system.system import System
-from rigidfx.step.watches.alternation import Alternation
+from rigidfx.step.watches.alternation import Alternation, Unresolved
 from rigidfx.step.watches.compression import Compression
-from rigidfx.step.watches.judge import Attempt, Judge
+from rigidfx.step.watches.judge import Attempt, Judge, Measuring, Watch
 from rigidfx.step.watches.jumps import JumpingObstacles, Jumps
 from rigidfx.step.watches.rotation_per_step import RotationPerStep
-from rigidfx.step.watches.unresolved import Unresolved
-from rigidfx.step.watches.watch import Measuring, Watch
 
 __all__ = ["Stepper"]
 

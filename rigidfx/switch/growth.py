@@ -31,8 +31,7 @@ from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.shapes.found import Found
 from rigidfx.shapes.linear import Linear
 from rigidfx.step.stepper import Stepper
-from rigidfx.step.watches.judge import Attempt
-from rigidfx.step.watches.watch import Watch
+from rigidfx.step.watches.judge import Attempt, Watch
 from rigidfx.switch.inventory import about_start
 from rigidfx.switch.resonance import Resonance
 

@@ -14,8 +14,7 @@ from rigidfx.error.forces.withheld import Withheld
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.step.stepper import Stepper
-from rigidfx.step.watches.judge import Attempt
-from rigidfx.step.watches.watch import Watch
+from rigidfx.step.watches.judge import Attempt, Watch
 
 __all__ = ["BodyForces"]
 

@@ -2,33 +2,185 @@
 
 Only methods of its kind are called: actions that resist, stiffen or store energy are found once,
 when effects begin or end.
+
+The part of a tangent that may jump from one iterate to the next: the stiffness of contacts.
+
+It has entries at few unknowns. So it is known apart from the rest of the tangent, and a tangent
+that is kept can follow it (`rigidfx.step.newton.low_rank`).
+
+Calls of a step to actions, one of which may be of a user's own: none raises in a step.
+
+An exception, or a result that is no number, is kept for all ranks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from scipy.sparse import coo_array, csr_array
 
 from rigidfx.base.errors import by_name, together
-from rigidfx.base.inputs import shown
-from rigidfx.base.types import Array, Ints
-from rigidfx.effects import Action, Effect, Touch
+from rigidfx.base.failures import Failures
+from rigidfx.base.inputs import number, shown
+from rigidfx.base.types import Array, Indices, Ints
+from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.effects import Action, ContactAction, Effect, Touch
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion, Tangent
 from rigidfx.step.equations.eased_forces import EasedForces
-from rigidfx.step.equations.heeded import Heeded, doing
-from rigidfx.step.equations.jumping import Jumping
 from rigidfx.step.equations.structure import BoundStructure
 
-__all__ = ["Actions", "bound"]
-
+__all__ = ["Actions", "Heeded", "Jumping", "bound"]
 
 # Methods that a step calls; none raises.
 METHODS = ("load", "resist", "stiffen", "stored", "taken", "accept", "touch", "creep_for")
 STORES = ("taken", "stored")  # those whose results are of an action's kind
+NUMBERS = ("stored", "taken")  # methods that give a number
+
+
+def doing(actions: Sequence[Action], method: str) -> list[Any]:
+    """Those actions whose class does something of its own by a method."""
+    own = [action for action in actions if hasattr(action, method)]
+    base = Action if hasattr(Action, method) else ContactAction
+    return [a for a in own if getattr(type(a), method) is not getattr(base, method)]
+
+
+class Heeded:
+    """Functions of those actions that do something of their own by a method."""
+
+    def __init__(self, owners: Mapping[int, str], failures: Failures) -> None:
+        """Take over who is who.
+
+        Args:
+            owners: Names of actions in messages, by their identities.
+            failures: Keeps their exceptions.
+        """
+        self._owners, self._failures = owners, failures
+
+    def call(self, action: Action, method: str) -> Callable[..., Any]:
+        """A method, whose exceptions are kept; then it gives nothing."""
+        owner, function = self._owners[id(action)], getattr(action, method)
+        instead: Any = 0.0 if method in NUMBERS else None
+
+        def told(*given: Any) -> float:
+            return number(owner, method, function(*given))
+
+        def touched() -> Touch:
+            return Touch(action.title) + function()
+
+        if method == "touch":
+            instead = Touch(action.title)
+        own = {"touch": touched, **dict.fromkeys(NUMBERS, told)}.get(method, function)
+        return self._failures.heeded(owner, method, own, lambda *given: instead)
+
+    def calls(self, actions: Sequence[Action], method: str) -> list[Callable[..., Any]]:
+        """The same of all that do something of their own by it."""
+        return [self.call(action, method) for action in doing(actions, method)]
+
+    def blame(
+        self,
+        actions: Sequence[Action],
+        method: str,
+        given: Callable[[Action], tuple[Array, ...]],
+    ) -> None:
+        """Keep it for all ranks if forces that an action gives are not finite. Collective.
+
+        Args:
+            actions: Actions.
+            method: Methods called.
+            given: Asks one of them, for its forces.
+        """
+
+        def look(action: Action) -> None:
+            forces = np.concatenate([np.ravel(part) for part in given(action)])
+            if not np.isfinite(forces).all():
+                worst = shown(forces[np.argmin(np.isfinite(forces))])
+                raise ValueError(f"a force of {worst} N")
+
+        for action in doing(actions, method):
+            owner = self._owners[id(action)]
+            self._failures.heeded(owner, method, look, lambda action: None)(action)
+
+
+class Jumping:
+    """The actions whose derivatives may jump."""
+
+    def __init__(self, contacts: Sequence[Action], heeded: Heeded, comm: MPI.Intracomm) -> None:
+        """Find them.
+
+        Args:
+            contacts: Contacts that act.
+            heeded: Calls them.
+            comm: Ranks that take part.
+        """
+        self._comm = comm
+        self._outdated = heeded.calls(contacts, "outdated")
+        self._stiffen = heeded.calls(contacts, "stiffen")
+
+    def outdated(self) -> bool:
+        """Whether a derivative has jumped since `entries`, or a tangent, took it. Collective."""
+        if not self._outdated:
+            return False
+        here = any(outdated() for outdated in self._outdated)
+        return bool(self._comm.allreduce(here, op=MPI.LOR))
+
+    def entries(self, motion: Motion, prolongation: Prolongation) -> csr_array | None:
+        """Their part of the tangent at the last iterate; None if there are none. Collective.
+
+        Args:
+            motion: The iterate.
+            prolongation: Map between unknowns and dofs.
+
+        Returns:
+            Shape (unknowns, unknowns), equal on all ranks [N/m].
+        """
+        if not self._outdated:
+            return None
+        found = _Entries(prolongation)
+        tangent = Tangent(found, prolongation)
+        for stiffen in self._stiffen:
+            stiffen(motion, tangent)
+        found.add_bodies(tangent.blocks)
+        return found.on_all_ranks()
+
+
+class _Entries:
+    """Takes entries in place of a `CondensedMatrix`."""
+
+    def __init__(self, prolongation: Prolongation) -> None:
+        self._p = prolongation
+        self._parts: list[tuple[Ints, Ints, Array]] = []
+
+    def add_nodal(self, nodes: Indices, blocks: Array) -> None:
+        """Add to the diagonal blocks of free nodes of this rank, shape (nodes, 3, 3)."""
+        places = self._p.layout.rows.positions(nodes)
+        self._add(self._p.numbers.reshape(-1, 3)[places], blocks)
+
+    def add_coupling(self, entries: csr_array) -> None:
+        """Add entries that are equal on all ranks."""
+        if self._p.comm.rank == 0:
+            own = coo_array(entries)
+            self._parts.append((*own.coords, own.data))
+
+    def add_bodies(self, blocks: Array) -> None:
+        """Add this rank's part of the bodies' blocks, shape (bodies, 6 + m, 6 + m)."""
+        self._add(self._p.body_columns, blocks)
+
+    def _add(self, numbers: Ints, blocks: Array) -> None:
+        rows, columns = np.broadcast_arrays(numbers[:, :, None], numbers[:, None, :])
+        known = (rows >= 0) & (columns >= 0)
+        self._parts.append((rows[known], columns[known], blocks[known]))
+
+    def on_all_ranks(self) -> csr_array:
+        """The sum of all. Collective."""
+        none: Ints = np.empty(0, np.int64)
+        parts = [(none, none, np.empty(0)), *self._parts]
+        every = [part for of_rank in self._p.comm.allgather(parts) for part in of_rank]
+        rows, columns, values = (np.concatenate(part) for part in zip(*every, strict=True))
+        return csr_array((values, (rows, columns)), shape=(self._p.size,) * 2)
 
 
 class Actions:

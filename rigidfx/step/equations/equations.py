@@ -7,10 +7,13 @@ the origin loses no digits; with d = d(y) = u₁ - u₀ and v₁ = 2 d/Δt - v�
 
 all in newtons; the prolongation d(y) carries supports and bodies, see `prolongation` and
 `increments`. d and f have rows for the active nodes only. `newton` solves R(y) = 0.
+
+The data of one trial of a step, which its equations do not change.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,15 +33,31 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import StaticStep, Step
 from rigidfx.scene.scene import Scene
 from rigidfx.step.equations.actions import Actions
-from rigidfx.step.equations.lost import Lost
-from rigidfx.step.equations.round_off import Rounding
+from rigidfx.step.equations.round_off import Lost, Rounding
 from rigidfx.step.equations.shape_damping import ShapeDamping
-from rigidfx.step.equations.trial import Trial
 
-__all__ = ["Equilibrium"]
-
+__all__ = ["Equilibrium", "Trial"]
 
 WELL_CONDITIONED = 50.0  # cells that the fastest wave passes in a step; its square is the condition
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One trial of a step, or of statics.
+
+    Attributes:
+        dt: Δt [s]; of no meaning in statics.
+        v0: Velocity of the active nodes at the start of the step [m/s]; None in statics.
+        imposed: Increments of the held dofs [m].
+        start: Displacements of the active nodes at the start of the step [m].
+        bodies: The step of the bodies.
+    """
+
+    dt: float
+    v0: PETSc.Vec
+    imposed: Array
+    start: Array
+    bodies: Step
 
 
 class Equilibrium:

@@ -29,8 +29,7 @@ from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.redundancy import independent
 from rigidfx.effects.motion import Forces, Tangent
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.step.equations.equations import Equilibrium
-from rigidfx.step.equations.trial import Trial
+from rigidfx.step.equations.equations import Equilibrium, Trial
 
 __all__ = ["DraggedEquilibrium", "JoinedEquilibrium"]
 

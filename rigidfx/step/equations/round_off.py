@@ -3,6 +3,27 @@
 Both are judged by the stiffness of the undeformed scene, to which a viscous stress adds η/Δt. Not
 by that of the current state: near the collapse of a cell that one grows without bound, and any
 residual would pass for rounding.
+
+Rigid motion of stiff parts by the rest of the residual.
+
+A part that is much stiffer than all around it, and floats there, moves against the stiffness of its
+surroundings and its inertia, of which no diagonal entry of its own unknowns tells. Neither does the
+residual's norm: rounding in the part's own forces is all of that, and a linear solve loses as many
+digits of its motion as the stiffnesses are apart. But rounding of stresses adds up to nothing over
+the part: the forces and moments on its six rigid motions, and the tangent's stiffness against them,
+are known well, so that one 6 × 6 system for each part says how far it is from where it belongs.
+
+Loss of energy and momenta by a residual: whether a step may end with it.
+
+A method that conserves energy and momenta loses exactly the work and resultants of its residual.
+The balances of a step that ends with a residual R are off by exactly
+
+    R·y,    Δt Σ R,    Δt Σ x½ × R,
+
+y the increments of nodes and bodies and x½ their places in the middle of the step. ‖R‖ tells little
+of that. In steps in which waves get far, nearly all of it is what is left of strains, or rounding
+in them: that acts on no part as a whole, and does little work. A residual a hundredth as large may
+turn a part that has next to no inertia against it, compared with its stiffness.
 """
 
 from __future__ import annotations
@@ -17,11 +38,169 @@ from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rigid_motions import rigid_motions
+from rigidfx.mechanics.rotation import axial, skew
 from rigidfx.scene.scene import Scene
 from rigidfx.step.equations.actions import Actions
-from rigidfx.step.equations.stiff_parts import StiffParts
 
-__all__ = ["Rounding"]
+__all__ = ["Lost", "Rounding"]
+
+TINY = 1e-200  # J, and kg m/s; what is relative to less than that would be beyond all numbers
+
+
+class Lost:
+    """Measures residuals of one division by its largest energy and momentum so far.
+
+    Attributes:
+        of_momenta: Whether momenta are its own; forces of supports change them.
+    """
+
+    def __init__(self, scene: Scene, prolongation: Prolongation) -> None:
+        """Begin before the first step. Collective.
+
+        Args:
+            scene: The problem.
+            prolongation: Map between unknowns and dofs.
+        """
+        self._p, parts = prolongation, scene.parts
+        corners = parts.upper.max(axis=0) - parts.lower.min(axis=0)
+        self._size = 0.5 * float(np.linalg.norm(corners))
+        held = not prolongation.layout.ensemble.known.all()
+        self.of_momenta = (
+            prolongation.comm.allreduce(prolongation.prescribed.size) == 0 and not held
+        )
+        self._energy = self._momentum = TINY
+        self._each = np.ones(len(prolongation.free_of_nodes))
+
+    def of_energy(self, y: Array, R: Array, energy: float) -> Array:
+        """Error of the energy of a step that ends with a residual. Collective.
+
+        Args:
+            y: Unknowns of this rank [m].
+            R: Residual there [N].
+            energy: Energy that active nodes have, or gain, on this rank [J].
+
+        Returns:
+            One number, relative to the largest energy so far.
+        """
+        sums = np.array([y @ R, energy])
+        self._p.comm.Allreduce(MPI.IN_PLACE, sums)
+        return np.array([self._lost_energy(*sums)])
+
+    def of_all(
+        self, dt: float, y: Array, R: Array, x: Array, energy: float, momentum: float
+    ) -> Array:
+        """Errors of energy and momenta where supports hold nothing. Collective.
+
+        Args:
+            dt: Δt [s].
+            y: Unknowns of this rank [m].
+            R: Residual there [N].
+            x: Places of the active nodes in the middle of the step, shape (nodes, 3) [m].
+            energy: Energy that these nodes have, or gain, on this rank [J].
+            momentum: Sum of their momenta's sizes likewise [kg m/s].
+
+        Returns:
+            Energy, linear and angular momentum, relative to the largest energy so far, sum of
+            momenta, and that times the structure's size.
+        """
+        sums = np.zeros(13)
+        sums[:3] = y @ R, energy, momentum
+        self._sum_up(R, x, sums[3:])
+        self._p.comm.Allreduce(MPI.IN_PLACE, sums)
+        if len(self._p.increments):
+            sums[2] += self._p.increments.start.momentum_scale
+        self._momentum = max(self._momentum, sums[2])
+        count, places, force, moment = sums[3], sums[4:7], sums[7:10], sums[10:13]
+        turn = moment - skew(places / max(count, 1.0)) @ force
+        off = force @ force, turn @ turn / self._size**2
+        return np.array([self._lost_energy(*sums[:2]), *(dt / self._momentum * np.sqrt(off))])
+
+    def _lost_energy(self, work: float, energy: float) -> float:
+        increments = self._p.increments
+        if len(increments):
+            gained = float(np.vdot(increments.inertia_force(), increments.unknowns))
+            energy += increments.start.kinetic + abs(gained)
+        self._energy = max(self._energy, energy)
+        return abs(work) / self._energy
+
+    def _sum_up(self, R: Array, x: Array, out: Array) -> None:
+        """Nodes and their places, force and moment about the origin of this rank's residual."""
+        p = self._p
+        n = p.own_free
+        f = R[:n].reshape(-1, 3)  # nothing is held: whole nodes
+        at, each = p.at_nodes(x), self._each
+        out[0], out[1:4] = each.size, each @ at
+        out[4:7], out[7:10] = each @ f, axial(at.T @ f)
+        own = p.moving
+        if own.size:
+            six, start = R[p.six], p.increments.start
+            middle = start.r[own] + 0.5 * p.increments.dr[own]
+            out[4:7] += six[:, :3].sum(axis=0)
+            out[7:10] += axial(middle.T @ six[:, :3]) + start.of.length[own] @ six[:, 3:]
+
+
+class StiffParts:
+    """The stiff parts of a scene among the unknowns of a division."""
+
+    def __init__(self, scene: Scene, prolongation: Prolongation) -> None:
+        """Find their unknowns. Collective.
+
+        Args:
+            scene: The problem.
+            prolongation: Map between unknowns and dofs.
+        """
+        self._comm, self._count = scene.comm, 0
+        parts = scene.stiff_parts
+        if parts is None:
+            return
+        self._count = parts.count
+        dofmap = scene.space.dofmap.list
+        part = np.full(len(scene.space.tabulate_dof_coordinates()), -1)
+        stiff = np.flatnonzero(parts.of_cell >= 0)
+        part[dofmap[stiff]] = parts.of_cell[stiff, None]
+        self._p, rows = prolongation, prolongation.layout.rows
+        node, axis = np.nonzero(prolongation.free_of_nodes)
+        of_node = prolongation.at_nodes(part[rows.nodes, None].astype(np.float64))[:, 0]
+        of_free = of_node[node].astype(np.int64)
+        self._at = np.flatnonzero(of_free >= 0)
+        self._part = of_free[self._at]
+        self._node, self._axis = node[self._at], axis[self._at]
+        self._middle = 0.5 * (parts.lower + parts.upper)
+        self._size = 0.5 * np.linalg.norm(parts.upper - parts.lower, axis=1)
+
+    def left(self, A: PETSc.Mat, R: PETSc.Vec, u: Array) -> float:
+        """Largest motion of an unknown by Σ b (b·A b)⁻¹ (b·R), b the rigid motions [m]. Collective.
+
+        Args:
+            A: The tangent [N/m].
+            R: The residual [N].
+            u: Displacements of all local dofs, about which stiff parts move [m].
+        """
+        if self._count == 0:
+            return 0.0
+        rows = self._p.layout.rows
+        x = self._p.at_nodes(rows.X + u[rows.dofs].reshape(-1, 3))
+        modes = self._motions(x[self._node])
+        b, image = R.duplicate(), R.duplicate()
+        sums = np.zeros((self._count, 6, 7))
+        for k in range(6):
+            b.set(0.0)
+            b.array[self._at] = modes[:, k]
+            A.mult(b, image)
+            np.add.at(sums[:, :, k], self._part, modes * image.array_r[self._at, None])
+        np.add.at(sums[:, :, 6], self._part, modes * R.array_r[self._at, None])
+        b.destroy()
+        image.destroy()
+        sums = np.asarray(self._comm.allreduce(sums, op=MPI.SUM))
+        moved = np.stack([np.linalg.lstsq(own[:, :6], own[:, 6])[0] for own in sums])
+        most = float(np.abs((modes * moved[self._part]).sum(axis=1)).max(initial=0.0))
+        return float(self._comm.allreduce(most, op=MPI.MAX))
+
+    def _motions(self, x: Array) -> Array:
+        """Translations, and rotations by 1/size, of unknowns at x, shape (unknowns, 6)."""
+        motions = rigid_motions(x - self._middle[self._part], self._size[self._part, None])
+        return motions[np.arange(len(self._at)), self._axis]
 
 
 class Rounding:

@@ -4,6 +4,20 @@ A load of time alone has some components. One of place and time is evaluated at 
 acts on, or at a thousand that stand for them, spread evenly by their places; by each rank at all of
 these, so that ranks decide alike with nothing sent. Nodes count by their weights, as their forces
 do: a jump at a few of many nodes changes the motion by as little.
+
+Steps that are shortened because the load at their middle differs from its mean.
+
+A step evaluates loads at its middle. The jerk of the motion shows this error for smooth loads, but
+not for a load that jumps or begins after the middle. So loads that are functions of the user's are
+evaluated at five times before a step. If Simpson's means of five and three samples differ by more
+than `tol` of the change of the load so far, or if the mean differs from the value at the middle by
+more than 1/20 of it, bisection finds the longest step without such a difference. A step ends just
+after a jump, and Δt starts anew there.
+
+Time windows, kinks of a `Table` and `breakpoints` are known without this. A sine of two steps a
+period may be zero at all middles and in all means, and is missed.
+
+Instants at which steps have to end, and steps of equal length up to the next one.
 """
 
 from __future__ import annotations
@@ -11,20 +25,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import fields
 from functools import partial
-from typing import Any, ClassVar
+from math import ceil, nan
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.base.errors import SceneError, by_name
+from rigidfx.base.errors import SceneError, by_name, together
 from rigidfx.base.inputs import is_function
-from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.instants import longer
+from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.base.types import Array
 from rigidfx.effects import Effect, Table, Windowed
 from rigidfx.scene.sample import spread
 from rigidfx.scene.scene import Scene
+from rigidfx.scene.timeline import Timeline
 
-__all__ = ["Given", "given_loads", "is_given"]
+__all__ = ["Breakpoints", "Given", "Onsets", "given_loads", "is_given"]
 
 Signal = Callable[[float, float], npt.ArrayLike]
 
@@ -33,6 +50,60 @@ ROUNDING = 1e-12  # of a component's size, by which none has changed
 SMOOTH = 0.05  # of its change, by which the middle of a smooth load may be off its mean
 INSIDE = 1e-6  # of a step: so far from its ends loads are evaluated, where windows may begin or end
 AHEAD = 1e-4  # of a step, the length for which a path gives its velocity: not to see beyond its end
+CLOSE = 1e-5  # of a step, to which bisection finds its end
+STRETCH = 0.1  # of Δt, by which a step may be longer to end at a breakpoint
+
+
+class Breakpoints:
+    """The breakpoints of a run: those of a scene, and events that are found on the way."""
+
+    remembered: ClassVar[Remembered] = same("_event", "_stop", "_step", "_for")
+
+    def __init__(self, scene: Scene, timeline: Timeline) -> None:
+        """Add those of a scene to a timeline, but for kinks that may be stepped over."""
+        self._timeline, bends = timeline, scene.bends
+        self._bends = np.array(list(bends)), np.array(list(bends.values()))
+        self._breaks = [t for t in scene.breakpoints if t > 0 and t not in bends]
+        timeline.stop_at(self._breaks)
+        self._event = self._stop = self._step = self._for = nan
+
+    def expect(self, event: float) -> None:
+        """Take a time [s] for a breakpoint."""
+        self._event = event
+
+    def meets(self, t: float) -> bool:
+        """Whether a breakpoint is at a time [s]."""
+        return any(self._timeline.same(t, b) for b in (*self._breaks, self._event))
+
+    def forget(self) -> None:
+        """Divide what is left anew."""
+        self._stop = nan
+
+    def end(self, t: float, dt: float, longest: float, tol: float) -> float:
+        """End of the step that begins at a time, if nothing else happens [s].
+
+        Args:
+            t: The time [s].
+            dt: Δt that is wanted [s].
+            longest: Δt that is never exceeded [s].
+            tol: Error of a load's mean that does not matter, over its largest value.
+        """
+        stop = self._stop_after(t, dt, tol)
+        if stop != self._stop or dt != self._for:
+            self._stop, self._for = stop, dt
+            steps = max(1, ceil((stop - t) / dt - STRETCH))
+            if longer((stop - t) / steps, longest):
+                steps += 1
+            self._step = (stop - t) / steps
+        return stop if round((stop - t) / self._step) <= 1 else t + self._step
+
+    def _stop_after(self, t: float, dt: float, tol: float) -> float:
+        stop = self._timeline.stop_after(t)
+        times, changes = self._bends
+        # Over a kink inside, the load at the middle is wrong by an eighth of that, in the mean.
+        strong = times[changes * dt / 8 > tol]
+        k = int(np.searchsorted(strong, t + self._timeline.resolution, side="right"))
+        return min(stop, float(strong[k])) if k < strong.size else stop
 
 
 class Given:
@@ -174,3 +245,58 @@ def is_given(load: Windowed) -> bool:
     """Whether a load has a function of a user's."""
     given = [getattr(load, own.name) for own in fields(load)]
     return any(is_function(value) and not isinstance(value, Table) for value in given)
+
+
+class Onset(NamedTuple):
+    """Time t [s] at which a step has to end.
+
+    `jumps` if a load jumps just before it, `led` if that is the velocity of a support's path.
+    """
+
+    t: float
+    jumps: bool = False
+    led: bool = False
+
+
+class Onsets:
+    """Finds such times among the loads of a scene that are functions of the user's."""
+
+    remembered: ClassVar[Remembered] = same() | {"_loads": PART}
+
+    def __init__(self, scene: Scene) -> None:
+        """Collect these loads. Collective."""
+        self._comm, self._loads = scene.comm, given_loads(scene)
+
+    def within(self, t: float, end: float, shortest: float, tol: float) -> Onset | None:
+        """Time at which a step has to end early; None if it may be whole. Collective.
+
+        Args:
+            t: Start of the step [s].
+            end: Its end [s].
+            shortest: Length that is always short enough [s].
+            tol: Error of a load's mean that does not matter, over its change so far.
+
+        Raises:
+            SceneError: On every rank, if a load's function fails on any, or gives two values.
+        """
+        if not self._loads:
+            return None
+
+        def first() -> Onset | None:
+            found = [_end_of(given, t, end, shortest, tol) for given in self._loads]
+            return min((onset for onset in found if onset), default=None)
+
+        # Functions cannot be compared: were theirs to differ, so would what ranks decide by them.
+        return self._comm.bcast(together(self._comm, "A load", first))
+
+
+def _end_of(given: Given, t: float, end: float, shortest: float, tol: float) -> Onset | None:
+    """Where a step has to end for the sake of one load; None if it has not."""
+    if given.off(t, end, tol) <= 1:
+        return None
+    good, last = t, end
+    while last - good > CLOSE * (end - t):
+        middle = (good + last) / 2
+        good, last = (middle, last) if given.off(t, middle, tol) <= 1 else (good, middle)
+    jumps = given.jumps(good, last)
+    return Onset(min(max(last if jumps else good, t + shortest), end), jumps, given.led and jumps)

@@ -16,16 +16,13 @@ from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
 from rigidfx.state import State
 from rigidfx.step.length.blows import Blows
-from rigidfx.step.length.breakpoints import Breakpoints
-from rigidfx.step.length.controller import Controller, Moves
+from rigidfx.step.length.controller import Controller, Moves, RunError
 from rigidfx.step.length.elsewhere import Elsewhere
-from rigidfx.step.length.onsets import Onsets
-from rigidfx.step.length.run_error import RunError
+from rigidfx.step.length.given import Breakpoints, Onsets
 from rigidfx.step.length.time_error import TimeError
 from rigidfx.step.length.tracked import Tracked
 from rigidfx.step.system.system import System
-from rigidfx.step.watches.judge import Attempt
-from rigidfx.step.watches.watch import WarnsOnce
+from rigidfx.step.watches.judge import Attempt, WarnsOnce
 
 __all__ = ["TimeControl"]
 

@@ -9,15 +9,22 @@ one that has it, from
 
 Options known to be ignored, or to end in an error of PETSc's own, are refused by name. Of other
 options from Python a run warns if none of PETSc's objects has asked for them once it has solved.
+
+Has PETSc looked at an option? One that nobody asks for has no effect, and is misspelt at worst.
+
+PETSc marks each option that is looked up. petsc4py 3.22 does not pass the marks on, so PETSc's
+library, which it has loaded, is asked.
 """
 
 from __future__ import annotations
 
+import ctypes
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from functools import cache
 from types import MappingProxyType
 from typing import Any
 
@@ -28,14 +35,9 @@ from petsc4py import PETSc
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.inputs import shown
 from rigidfx.base.warning import warn
-from rigidfx.step.linear.asked_options import asked
 from rigidfx.step.linear.linear_solver import PREFIX, default_options
 
-__all__ = [
-    "SolverOptions",
-    "monitor_solves",
-    "take_arguments",
-]
+__all__ = ["SolverOptions", "monitor_solves", "take_arguments"]
 
 Monitor = Callable[[int, float], None]
 
@@ -56,6 +58,31 @@ REFUSED = {
 NEWTON = "newtonls"
 TOLERANCES = ("_rtol", "_atol")
 LATE = ("mat_mumps_", "pc_factor_")  # asked for by LU, to which a later step may have to turn
+
+
+def asked(names: Iterable[str]) -> set[str]:
+    """Those options that have been looked up since they were set; all where PETSc cannot tell.
+
+    Args:
+        names: Names with their prefix, without '-'.
+    """
+    used, every = _options_used(), set(names)
+    return every if used is None else {name for name in every if _is_marked(used, name)}
+
+
+@cache
+def _options_used() -> ctypes._NamedFuncPointer | None:
+    """PETSc's function that tells; None if there is none."""
+    try:
+        return ctypes.CDLL(PETSc.__file__).PetscOptionsUsed
+    except (AttributeError, OSError):
+        return None
+
+
+def _is_marked(used: ctypes._NamedFuncPointer, name: str) -> bool:
+    answer = ctypes.c_int(0)  # room for an enumeration, and for the one byte of newer PETSc's
+    failed = used(None, name.encode(), ctypes.byref(answer))
+    return bool(failed or answer.value)
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,7 @@ from rigidfx.effects import (
 )
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.remote import Points
-from rigidfx.step.equations.actions import bound
-from rigidfx.step.equations.heeded import Heeded
+from rigidfx.step.equations.actions import Heeded, bound
 from rigidfx.step.equations.structure import BoundStructure
 
 __all__ = ["elements_of", "linked"]

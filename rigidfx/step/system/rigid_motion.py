@@ -5,28 +5,83 @@ own centre. Parts that share nodes only are hinged to each other, those that sha
 The conditions on the motions, to vanish at prescribed dofs and springs and to agree at hinges, are
 B y = 0; the eigenvalues of BᵀB tell whether y = 0 is the only solution, and if not, which motion is
 free.
+
+Conditions of joints on small rigid motions of the connected parts of a mesh.
+
+The kinetic energy with which the parts on some supports would follow a jump of their velocity.
+
+The velocities that supports give to their nodes at an instant are fitted by a rigid motion of each
+connected part, the slowest one where several fit, and that is given to all mass of the part. The
+energy of the held nodes alone depends on the size of the cells, and hides the blow that is to come.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
+from rigidfx.base.matrices import dense
 from rigidfx.base.types import Array, Ints
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.effects import Joint, SpringDamper, Windowed
 from rigidfx.effects.joints.averages import Vector
+from rigidfx.effects.joints.elements import coordinate_of
+from rigidfx.effects.joints.pieces import Terms
 from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.scene.scene import Scene
-from rigidfx.step.system.joined_motion import joint_rows
+from rigidfx.scene.weights import inertial_masses
+from rigidfx.step.system.linked import elements_of
 from rigidfx.step.system.supports import PrescribedDofs
 
-__all__ = ["FREE", "free_to_move", "motions_of_parts"]
-
+__all__ = ["FREE", "following_energy", "free_to_move", "motions_of_parts"]
 
 FREE = 1e-10  # of the largest eigenvalue of BᵀB: motions that B does not see
+NOTHING = float(np.sqrt(np.finfo(np.float64).eps))  # of a motion: what asks less asks nothing
+
+
+def joint_rows(scene: Any, acting: Sequence[Windowed], motions: Callable[[Ints], Array]) -> Array:
+    """Rows that rigid motions fulfil which leave joints, locks, and springs beside. Collective.
+
+    Args:
+        scene: The problem.
+        acting: The effects with a time window that act.
+        motions: Displacements of owned nodes by the motions of all parts, shape (nodes, 3, n).
+
+    Returns:
+        Shape (rows, n), each of size one.
+    """
+    out: list[Array] = []
+    joints = {joint.title: joint for joint in scene.named(Joint)}
+    places, moved = {}, {}
+
+    def look(vectors: Sequence[Vector]) -> tuple[Array, Array]:
+        by = [np.einsum("nij,njm->im", a.slopes(), motions(a.nodes)) for a in vectors]
+        return np.array([a.start for a in vectors]), np.asarray(scene.sum(by))
+
+    for title, joint in joints.items():
+        averages = joint.pieces.averages
+        places[title], moved[title] = look(averages)
+        terms = Terms([joint.pieces.rows], [0], len(averages))
+        gradient = dense(terms.gradient(places[title]))
+        out.append(gradient @ moved[title].reshape(gradient.shape[1], -1))
+    for effect in elements_of(scene, acting):
+        if effect.resists:
+            joint, name = coordinate_of(scene, effect.owner, effect.joint, effect.acts_along)
+            coordinate = joint.pieces.coordinates[name]
+            at = list(coordinate.averages)
+            slope = coordinate.gradient(places[joint.title][at]).reshape(1, -1)
+            out.append(slope @ moved[joint.title][at].reshape(slope.size, -1))
+    for spring in scene.named(SpringDamper):
+        (a, b), by = look(spring.averages)
+        if spring.taut:
+            out.append(((b - a) @ (by[1] - by[0]))[None])
+    none = motions(np.empty(0, np.int64))
+    rows = np.concatenate([none.reshape(0, none.shape[2]), *out])
+    sizes = np.linalg.norm(rows, axis=1, keepdims=True)
+    return np.asarray(np.divide(rows, sizes, out=np.zeros_like(rows), where=sizes > NOTHING))
 
 
 def free_to_move(
@@ -124,3 +179,29 @@ def _add_hinges(scene: Scene, gram: Array, parts: ConnectedParts) -> None:
     blocks = gram.reshape(parts.count, 6, parts.count, 6).swapaxes(1, 2)
     for i, P, j, Q in ((a, A, a, A), (b, B, b, B), (a, A, b, -B), (b, -B, a, A)):
         np.add.at(blocks, (i, j), P.swapaxes(1, 2) @ Q)
+
+
+def following_energy(scene: Scene, held: Ints, jump: Array, u: Array) -> float:
+    """The kinetic energy of the fitted rigid motion [J]. Collective.
+
+    Args:
+        scene: The problem.
+        held: Owned dofs whose velocity jumps.
+        jump: By how much, shape (held,) [m/s].
+        u: Displacement at all local dofs [m].
+    """
+    n, parts, cells = scene.owned_nodes, scene.parts, scene.space.dofmap.list
+    of_node = np.zeros(len(scene.nodal_mass), dtype=np.int64)
+    of_node[cells] = parts.of_cell[: len(cells), None]
+    part = of_node[:n]
+    x = scene.space.tabulate_dof_coordinates()[:n] + u.reshape(-1, 3)[:n]
+    motions = motions_of_parts(x, part, parts)
+    nodes = held // 3
+    rows = motions[nodes, held % 3]
+    weighted = scene.averaging_mass[nodes, None] * rows
+    fits = np.zeros((parts.count, 6, 7))  # normal equations, and their right sides
+    np.add.at(fits, part[nodes], weighted[:, :, None] * np.c_[rows, jump][:, None])
+    fits = np.asarray(scene.sum(fits))
+    inverse = np.linalg.pinv(fits[:, :, :6], rcond=FREE, hermitian=True)
+    v = (motions @ (inverse @ fits[:, :, 6:])[part])[:, :, 0]
+    return 0.5 * float(scene.sum(inertial_masses(scene) @ (v * v).sum(axis=1)))

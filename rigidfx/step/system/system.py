@@ -46,10 +46,9 @@ from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.newton.first_guess import predict
 from rigidfx.step.newton.newton import Newton
 from rigidfx.step.newton.solution import Solution
-from rigidfx.step.system.constraint_forces import HeldForces, JointForces
+from rigidfx.step.system.constraint_forces import HeldForces, JointForces, ReducedMass
 from rigidfx.step.system.held_bodies import HeldBodies
 from rigidfx.step.system.linked import linked
-from rigidfx.step.system.reduced_mass import ReducedMass
 from rigidfx.step.system.resolved_forces import ResolvedConstraints
 from rigidfx.step.system.supports import PrescribedDofs
 

@@ -3,24 +3,95 @@
 An attempt is looked at in a fixed order, and the first objection ends it: a new attempt begins with
 a shorter step. Memories change when one is accepted; a solver keeps the factors that it has made
 for one that is not.
+
+Why a step has no solution: how Newton's method fails, and loads beyond the material.
+
+Observers of attempts that become steps.
+
+All of it is in one list of the stepper, and takes notice in one call: an attempt that is not
+accepted leaves no trace anywhere.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import dolfinx.mesh as dmesh
+import numpy as np
+from mpi4py import MPI
 
 from rigidfx.base.errors import InversionError, StepError
+from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.warning import warn
+from rigidfx.flexible.indicator import Indicator
+from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.inversion import Inversion
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.materials import StVenantKirchhoff
 from rigidfx.scene.scene import Scene
 from rigidfx.step.newton.solution import Solution
-from rigidfx.step.watches.why import course, overload
+from rigidfx.step.newton.stopping_test import MARGIN
 
-__all__ = ["INVERTED", "Attempt", "Judge", "remedy"]
+__all__ = [
+    "INVERTED",
+    "Attempt",
+    "Judge",
+    "Measuring",
+    "WarnsOnce",
+    "Watch",
+    "course",
+    "name_of_cell",
+    "overload",
+    "remedy",
+]
 
 INVERTED = ". There det F ≤ 0 at an integration point, or a stretch is above 10⁶."
+
+
+def course(solution: Solution) -> str:
+    """How Newton's method failed, by its residuals.
+
+    Args:
+        solution: A solve that has not converged.
+    """
+    residuals = solution.residuals
+    if not residuals or not np.isfinite(residuals).all():
+        return "a force is not finite"
+    if residuals[-1] <= MARGIN * solution.rounding:
+        return (
+            f"all that is left is rounding: forces are known to {solution.rounding:.1e} N at best, "
+            "as stiff parts are strained so little. A larger Δt, Rigid parts where they are "
+            "stiffest, or lengths of the order of a metre help"
+        )
+    return "residuals grow" if residuals[-1] > residuals[0] else "residuals no longer fall"
+
+
+def overload(scene: Scene, t: float) -> str:
+    """A load on the deformed surface that is more than the material bears, or nothing. Collective.
+
+    Args:
+        scene: The problem.
+        t: When the load acts [s].
+    """
+    for effect in scene.acting(t):
+        pushed = effect.pushes(t)
+        if pushed is None:
+            continue
+        where, size = pushed
+        cells = scene.boundary(where, effect.kind)[:, 0]
+        own = [m.stiffness for m, of in scene.materials if np.isin(of, cells).any()]
+        softest = scene.comm.allreduce(min(own, default=np.inf), op=MPI.MIN)
+        # E/√27 per undeformed area is the most that St.Venant-Kirchhoff's material bears in
+        # compression: λE(λ² - 1)/2 at the stretch λ = 1/√3.
+        if size > softest / (3 * 3**0.5):
+            return (
+                f"{effect.owner} has {size:.3g} Pa at t = {t:.6g} s, {size / softest:.2g} of the "
+                f"stiffness of the material there, {softest:.3g} Pa: more than it bears. Are both "
+                "in pascals (1 MPa is 1e6)? A load that grows slowly shows how far it goes."
+            )
+    return ""
 
 
 @dataclass(frozen=True)
@@ -111,3 +182,83 @@ def remedy(scene: Scene) -> str:
             f"{remedies}."
         )
     return f"Try {remedies}."
+
+
+class Watch:
+    """Looks at each attempt that becomes a step."""
+
+    def bind(self, flexible: Cells) -> None:
+        """Look at these cells from now on.
+
+        Args:
+            flexible: Flexible owned cells by subdomain id.
+        """
+
+    def refresh(self) -> None:
+        """Be as one that a checkpoint has brought back: forget all but `remembered`."""
+
+    def accept(self, attempt: Attempt) -> None:
+        """Take note that an attempt becomes a step; the state is that at its start. Collective.
+
+        Args:
+            attempt: The forms' u₀ and u₁ hold its ends.
+        """
+
+
+class Measuring(Watch):
+    """Has an indicator measure each step."""
+
+    remembered: ClassVar[Remembered] = {}
+
+    def __init__(self, indicator: Indicator) -> None:
+        """Take the indicator over."""
+        self._indicator = indicator
+
+    def bind(self, flexible: Cells) -> None:
+        """See `Watch`."""
+        self._indicator.bind(flexible)
+
+    def accept(self, attempt: Attempt) -> None:
+        """See `Watch`."""
+        self._indicator.measure(attempt.dt)
+
+
+class WarnsOnce(Watch):
+    """Looks for something that a user should know, and says it once.
+
+    Attributes:
+        waits: Whether nothing has been found yet.
+    """
+
+    remembered: ClassVar[Remembered] = same("waits")
+
+    def __init__(self, comm: MPI.Intracomm) -> None:
+        """Begin before the first step.
+
+        Args:
+            comm: Communicator of the mesh.
+        """
+        self._comm = comm
+        self.waits = True
+
+    def say(self, message: str) -> None:
+        """Warn on rank 0, and look no more."""
+        self.waits = False
+        warn(self._comm, message)
+
+
+def name_of_cell(comm: MPI.Intracomm, mesh: Any, cell: int | None) -> str:
+    """Name of a cell in a message; of several, that which comes first. Collective.
+
+    Args:
+        comm: Communicator of the mesh.
+        mesh: The mesh.
+        cell: An owned cell, None on ranks that do not own it.
+    """
+    mine: Any = None
+    if cell is not None:
+        number = int(mesh.topology.original_cell_index[cell])
+        middle = dmesh.compute_midpoints(mesh, 3, np.array([cell], np.int32))[0]
+        mine = number, middle.tolist()
+    number, X = min(found for found in comm.allgather(mine) if found is not None)
+    return f"cell {number} of the mesh around X = ({X[0]:.6g}, {X[1]:.6g}, {X[2]:.6g}) m"

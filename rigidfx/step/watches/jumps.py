@@ -23,8 +23,7 @@ from rigidfx.base.remembered import PART, ByObject, Remembered
 from rigidfx.base.types import Array
 from rigidfx.effects import Contact, Obstacle, Support, Touch
 from rigidfx.scene.scene import Scene
-from rigidfx.step.watches.judge import Attempt
-from rigidfx.step.watches.watch import WarnsOnce
+from rigidfx.step.watches.judge import Attempt, WarnsOnce
 
 __all__ = ["JumpingObstacles", "Jumps", "jump_of"]
 

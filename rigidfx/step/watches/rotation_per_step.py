@@ -16,8 +16,7 @@ from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.types import Array
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.scene.scene import Scene
-from rigidfx.step.watches.judge import Attempt
-from rigidfx.step.watches.watch import WarnsOnce, name_of_cell
+from rigidfx.step.watches.judge import Attempt, WarnsOnce, name_of_cell
 
 __all__ = ["RotationPerStep", "cell_rotations"]
 
