@@ -16,7 +16,7 @@ from rigidfx.base import form_cache, log
 from rigidfx.base.crowding import crowded
 from rigidfx.base.warning import warn
 from rigidfx.flexible import kernels
-from rigidfx.report import whereabouts
+from rigidfx.report import account
 
 MATERIAL = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
 
@@ -104,7 +104,7 @@ def test_verbose_says_it_on_standard_error(tmp_path, capsys):
 def test_a_long_run_says_once_a_minute_where_it_is(tmp_path, capsys, monkeypatch):
     """Also in a pipe, and in log.txt; not where that is ruled out."""
     clock = count(0.0, 30.0)  # s; each step looks at it once
-    monkeypatch.setattr(whereabouts, "perf_counter", lambda: next(clock))
+    monkeypatch.setattr(account, "perf_counter", lambda: next(clock))
     for verbose, told in ((None, 2), (False, 0)):
         run(tmp_path / "run", verbose)
         pattern = (
@@ -116,7 +116,7 @@ def test_a_long_run_says_once_a_minute_where_it_is(tmp_path, capsys, monkeypatch
 
 def test_load_steps_say_where_they_are(capsys, monkeypatch):
     clock = count(0.0, 30.0)  # s
-    monkeypatch.setattr(whereabouts, "perf_counter", lambda: next(clock))
+    monkeypatch.setattr(account, "perf_counter", lambda: next(clock))
     pulled = [rf.Fixed("x0"), rf.Traction("x1", (10.0, 0.0, 0.0))]
     scene = rf.Scene(rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)), MATERIAL, pulled)
     list(rf.static(scene, 5))
