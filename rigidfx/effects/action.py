@@ -69,11 +69,7 @@ class Structure:
         return out
 
     def outward_moments(self, where: str, owner: str) -> Array:
-        """Σ a fᵀ of a unit pressure from inside on facets of each body. Collective.
-
-        Args:
-            where: Name of a set of boundary facets.
-            owner: Who asks, for messages.
+        """Σ a fᵀ of a unit pressure from inside on named boundary facets of each body. Collective.
 
         Returns:
             This rank's part in the bodies' frames, shape (bodies, n, 3) [m², m³].
@@ -120,18 +116,9 @@ class Touch:
 
     def __add__(self, other: Touch) -> Touch:
         """Both together."""
-        return Touch(
-            self.name,
-            self.force + other.force,
-            self.moment + other.moment,
-            self.pressing + other.pressing,
-            self.resolved + other.resolved,
-            self.energy + other.energy,
-            self.work + other.work,
-            self.dissipated + other.dissipated,
-            max(self.penetration, other.penetration),
-            self.nodes + other.nodes,
-        )
+        sums = {key: value + getattr(other, key) for key, value in vars(self).items()}
+        deeper = max(self.penetration, other.penetration)
+        return Touch(**(sums | {"name": self.name, "penetration": deeper}))
 
 
 class Action:
@@ -193,7 +180,7 @@ class Action:
         raise NotImplementedError
 
     def accept(self) -> None:
-        """Take note that the last iterate has become a step."""
+        """Store what later steps need: the last iterate has become a step."""
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
@@ -238,13 +225,13 @@ class ContactAction(Action):
         return np.empty(0, np.int64), np.empty((0, 3, 3))
 
     def creep_for(self, time: float, began: Instant) -> None:
-        """Have friction be that of a longer motion, until a time is set again.
+        """Let friction be that of a longer motion, until a time is set again.
 
-        A step that asks for forces by displacements, not by velocities, has no Δt of its own.
+        A step that needs forces by displacements, not by velocities, has no Δt of its own.
 
         Args:
-            time: How long it takes in all [s].
-            began: Where it began.
+            time: Length of the motion [s].
+            began: Its start.
         """
 
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rigidfx.base.errors import SceneError, by_name, together
-from rigidfx.base.inputs import number, numbers, shown
+from rigidfx.base.inputs import check_factor, number, numbers, scalar, shown
 from rigidfx.base.taken import take_fields
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, FormTerm, Structure
@@ -18,6 +18,7 @@ from rigidfx.effects.action import Action, FormTerm, Structure
 __all__ = [
     "WHOLE",
     "Effect",
+    "Scaled",
     "Table",
     "TimeFunction",
     "Vector",
@@ -48,11 +49,7 @@ class Table:
     values: Sequence[float]
 
     def __post_init__(self) -> None:
-        """Check the table.
-
-        Raises:
-            SceneError: If lengths differ, times do not increase or a number is not finite.
-        """
+        """Raise `SceneError` if lengths differ, times do not increase or a number is not finite."""
         take_fields(self)
         times, values = numbers(self.times), numbers(self.values)
         if times.ndim != 1 or times.shape != values.shape or times.size == 0:
@@ -104,10 +101,9 @@ class Effect:
     in_runs: ClassVar[str | None] = None  # of an effect of runs only: what statics take instead
 
     def __post_init__(self) -> None:
-        """Take its values, and check where it acts, if it acts somewhere.
+        """Copy its values; raise `SceneError` unless `where` is the name of a set.
 
-        Raises:
-            SceneError: If that is no name of a set; None will do where it is the default.
+        None will do where it is the default.
         """
         take_fields(self)
         for place in (f for f in fields(self) if f.name == "where"):
@@ -163,11 +159,7 @@ class Effect:
         return np.empty(0)
 
     def pushes(self, t: float) -> tuple[str, float] | None:
-        """Facets on whose deformed surface it acts, and the size of its stress [Pa]; None if none.
-
-        Args:
-            t: Time [s].
-        """
+        """Facets on whose deformed surface it acts, and its stress at t in size [Pa]; or None."""
         return None
 
     @property
@@ -198,8 +190,7 @@ class Effect:
     def nodal_mass(self, scene: Any) -> Array | None:
         """Mass that it adds to each local node, ghosts included [kg]; None if none. Collective.
 
-        Args:
-            scene: The scene that names it, whose mesh and space are known already.
+        The scene's mesh and space are known already.
         """
         return None
 
@@ -221,16 +212,10 @@ class Effect:
 
 
 def check_vector(scene: Any, owner: str, t: float, function: Callable[[], Array]) -> None:
-    """Check that a user's function gives three finite numbers. Collective.
-
-    Args:
-        scene: The scene.
-        owner: Whose function it is, for the message.
-        t: Time that it is evaluated at [s].
-        function: Gives its value.
+    """Check that a user's function gives three finite numbers at t [s]. Collective.
 
     Raises:
-        SceneError: On every rank, if it fails or gives anything else.
+        SceneError: On every rank, with the owner's name, if it fails or gives anything else.
     """
     together(
         scene.comm, f"{owner}: its function of time", lambda: _three_finite(owner, t, function())
@@ -238,16 +223,11 @@ def check_vector(scene: Any, owner: str, t: float, function: Callable[[], Array]
 
 
 def vector_at(owner: str, what: str, t: float, function: Callable[[], Array]) -> Array:
-    """Three finite numbers that a user's function gives, in a run; of this rank alone.
-
-    Args:
-        owner: Whose function it is, for the message.
-        what: Which of its functions, likewise.
-        t: Time that it is evaluated at [s].
-        function: Gives its value.
+    """Three finite numbers that a user's function gives at t [s] in a run; of this rank alone.
 
     Raises:
-        SceneError: On this rank, if it fails or gives anything else.
+        SceneError: On this rank, with the owner's and the function's name, if it fails or gives
+            anything else.
     """
     value = by_name(owner, t, function, what)
     _three_finite(owner, t, value, f" Check its {what}.")
@@ -277,11 +257,7 @@ class Windowed(Effect):
     until: float = field(default=inf, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check the window.
-
-        Raises:
-            SceneError: If it is empty or its ends are not numbers.
-        """
+        """Raise `SceneError` if the window is empty or its ends are not numbers."""
         super().__post_init__()
         since, until = (
             number(self.kind, name, getattr(self, name), infinite=True)
@@ -338,26 +314,47 @@ class Windowed(Effect):
 
         Each has the change of slope of the load's `Table` over its largest value [1/s].
         """
-        tables = [getattr(self, own.name) for own in fields(self)] if self.is_load else []
-        bends: dict[float, float] = {}
-        for table in tables:
-            for t, change in table.bends.items() if isinstance(table, Table) else ():
-                if self.since < t < self.until:
-                    bends[t] = max(change, bends.get(t, 0.0))
-        return {t: change for t, change in bends.items() if t not in self._apart(tables)}
-
-    def _apart(self, tables: Sequence[Any]) -> set[float]:
-        """Kinks of functions that are no tables."""
-        others = [table for table in tables if not isinstance(table, Table)]
-        return {float(t) for other in others for t in getattr(other, "breakpoints", ())}
+        if not self.is_load:
+            return {}
+        bends = _common_bends([getattr(self, own.name) for own in fields(self)])
+        return {t: change for t, change in bends.items() if self.since < t < self.until}
 
 
 def bends_of(effects: Iterable[Windowed]) -> dict[float, float]:
     """Breakpoints of effects at which none of them jumps: largest change of slope there [1/s]."""
-    hard = set[float]()
-    bends: dict[float, float] = {}
-    for effect in effects:
-        own = effect.bends
-        hard.update(t for t in effect.breakpoints if t not in own)
+    bends = _common_bends(effects)
+    return {t: bends[t] for t in sorted(bends)}
+
+
+def _common_bends(functions: Iterable[Any]) -> dict[float, float]:
+    """Breakpoints that are bends of all which name them; their largest change of slope [1/s]."""
+    hard, bends = set[float](), dict[float, float]()
+    for function in functions:
+        own = function.bends if isinstance(function, (Table, Windowed)) else {}
+        hard.update(float(t) for t in getattr(function, "breakpoints", ()) if t not in own)
         bends |= {t: max(change, bends.get(t, 0.0)) for t, change in own.items()}
-    return {t: bends[t] for t in sorted(bends) if t not in hard}
+    return {t: change for t, change in bends.items() if t not in hard}
+
+
+@dataclass(frozen=True)
+class Scaled(Windowed):
+    """A load with a factor in time.
+
+    Attributes:
+        time: Factor as a function of time, such as a `Table`; 1 if None. An attribute
+            `breakpoints` of it names instants at which steps must end.
+    """
+
+    is_load: ClassVar[bool] = True
+    grows: ClassVar[str | None] = "time"
+
+    time: TimeFunction | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Raise `SceneError` if window or factor cannot be used."""
+        super().__post_init__()
+        check_factor(self, self.time)
+
+    def factor(self, t: float) -> float:
+        """The factor at t [s]; zero outside the window."""
+        return 0.0 if not self.acts(t) else 1.0 if self.time is None else scalar(self.time(t))

@@ -55,11 +55,7 @@ class Contact(Windowed):
     title: str = field(default="", kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check window, obstacle and numbers.
-
-        Raises:
-            SceneError: If one of them cannot be used.
-        """
+        """Raise `SceneError` if window, obstacle or a number cannot be used."""
         super().__post_init__()
         if not isinstance(self.against, (Obstacle, str)):
             raise SceneError(
@@ -155,7 +151,7 @@ class Contact(Windowed):
         return pair_of(scene, self.where, str(self.against), self.stiffness, self.owner)
 
     def depth(self, scene: Any, x: Array, t: float) -> tuple[float, tuple[float, ...]]:
-        """How deep it is in the other at most, and where; -inf if it meets nothing. Collective.
+        """How deep it is in the other at most at t [s], and where. Collective.
 
         Args:
             scene: The problem.
@@ -163,7 +159,7 @@ class Contact(Windowed):
             t: Time [s].
 
         Returns:
-            Depth [m], negative while it is free, and a place [m].
+            Depth [m], negative while it is free, -inf if it meets nothing, and a place [m].
         """
         on, gap, _ = self.at_nodes(scene, x, t)
         own = on < scene.owned_nodes
@@ -212,12 +208,9 @@ class Contact(Windowed):
     def directions(self, scene: Any) -> tuple[Ints, Array]:
         """Directions in which an obstacle resists its surface where it is closed. Collective.
 
-        Args:
-            scene: The problem, as it starts.
-
         Returns:
-            Owned nodes of the surface; one direction of each, or all three with friction, shape
-            (nodes, 1 or 3, 3).
+            Owned nodes of the surface; one direction of each at the start, or all three with
+            friction, shape (nodes, 1 or 3, 3).
         """
         surface, against = self._surface(scene), self.against
         on = np.flatnonzero(surface.area[: scene.owned_nodes] > 0)

@@ -65,11 +65,7 @@ class KelvinVoigt(Windowed):
     where: str | None = None
 
     def __post_init__(self) -> None:
-        """Check η.
-
-        Raises:
-            SceneError: If η is not a finite number > 0.
-        """
+        """Raise `SceneError` unless η is a finite number > 0."""
         super().__post_init__()
         positive("KelvinVoigt", "eta", self.eta)
 
@@ -124,11 +120,7 @@ class StiffnessDamping(Windowed):
     where: str | None = None
 
     def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            SceneError: If one is not a finite number > 0.
-        """
+        """Raise `SceneError` unless ratio and frequency are finite numbers > 0."""
         super().__post_init__()
         positive(self.kind, "ratio", self.ratio)
         positive(self.kind, "frequency", self.frequency)
@@ -201,11 +193,7 @@ class NumericalDamping(Windowed):
     xi: float
 
     def __post_init__(self) -> None:
-        """Check ξ.
-
-        Raises:
-            SceneError: If ξ is negative, above ½ or not finite.
-        """
+        """Raise `SceneError` if ξ is negative, above ½ or not finite."""
         super().__post_init__()
         if not 0 <= number("NumericalDamping", "xi", self.xi) <= 0.5:
             raise SceneError(f"NumericalDamping: xi must lie in [0, 1/2], got {shown(self.xi)}.")

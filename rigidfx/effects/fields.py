@@ -18,7 +18,6 @@ __all__ = [
     "VectorField",
     "check_values",
     "of_place",
-    "slope_after",
     "some_points",
     "values_at",
     "values_of",
@@ -31,11 +30,7 @@ PlaceAndTime = VectorField | Callable[[float], tuple[float, float, float]]
 
 
 def of_place(function: Any) -> bool:
-    """Whether a function is one of place and time: it has to be given two arguments by position.
-
-    Args:
-        function: The given value.
-    """
+    """Whether it is a function of place and time: it has to be given two arguments by position."""
     if not is_function(function):
         return False
     try:
@@ -81,13 +76,6 @@ def check_values(owner: str, t: float, X: Array, values: Array) -> Array:
     return values
 
 
-def slope_after(path: Callable[[float], Any], t: float, dt: float) -> Any:
-    """One-sided difference quotient of second order just after t [s], by a thousandth of dt [s]."""
-    h = 1e-3 * dt
-    u0, u1, u2 = (path(t + k * h) for k in range(3))
-    return (4 * u1 - 3 * u0 - u2) / (2 * h)
-
-
 def values_of(owner: str, function: Callable[[Array], npt.ArrayLike], scene: Any) -> Array:
     """Vectors of a function of place at all local nodes, ghosts included, shape (nodes, 3).
 
@@ -117,13 +105,9 @@ def values_of(owner: str, function: Callable[[Array], npt.ArrayLike], scene: Any
 
 
 def some_points(scene: Any, nodes: Indices) -> Array:
-    """A few positions among those of a set of nodes, the same on all ranks, shape (n, 3) [m].
+    """A few positions among those of local nodes, the same on all ranks, shape (n, 3) [m].
 
     Collective. A change of a function of place is a change of a load where it is one at these.
-
-    Args:
-        scene: The scene.
-        nodes: Local nodes.
     """
     X = scene.space.tabulate_dof_coordinates()[nodes]
     found = np.concatenate(scene.comm.allgather(X[np.unique(_extremes(X))]))

@@ -37,11 +37,7 @@ class MassForces(Action):
     """A resistance s M x; `destroy` frees its work vectors."""
 
     def __init__(self, structure: Structure) -> None:
-        """Take the mass over. Collective.
-
-        Args:
-            structure: Its nodes and bodies.
-        """
+        """Store the mass of nodes and bodies. Collective."""
         self._mass, n = structure.mass, structure.bodies.pose.shape[1]
         self._spread: Array = np.zeros((len(structure.bodies), n, n))  # Σ m a aᵀ, on the first rank
         for k, body in enumerate(structure.bodies.of.records):
@@ -91,11 +87,7 @@ class MassDamping(Windowed):
     alpha: float
 
     def __post_init__(self) -> None:
-        """Check α.
-
-        Raises:
-            SceneError: If α is not a finite number > 0.
-        """
+        """Raise `SceneError` unless α is a finite number > 0."""
         super().__post_init__()
         positive("MassDamping", "alpha", self.alpha)
 
@@ -215,12 +207,7 @@ class CentrifugalForces(MassForces):
     kind = "Preload"
 
     def __init__(self, load: Centrifugal, structure: Structure) -> None:
-        """Take the places over. Collective.
-
-        Args:
-            load: The effect.
-            structure: Its nodes and bodies.
-        """
+        """Store the places. Collective."""
         super().__init__(structure)
         spin, rows = np.asarray(load.spin, dtype=np.float64), structure.rows
         self._S, self._share = spin @ spin * np.eye(3) - np.outer(spin, spin), load.share
@@ -247,7 +234,7 @@ class CentrifugalForces(MassForces):
         return self._field, places @ self._S
 
     def stiffen(self, motion: Motion, tangent: Tangent) -> None:
-        """See `Action`; of bodies only."""
+        """Add -M S of bodies."""
         tangent.add_spread(self._spread, self.factor(motion) * self._S)
 
 

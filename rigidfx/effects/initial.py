@@ -50,11 +50,7 @@ class InitialDisplacement(Effect):
     where: str | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check the function.
-
-        Raises:
-            SceneError: If it is none.
-        """
+        """Raise `SceneError` if its function is none."""
         super().__post_init__()
         if not callable(self.function):
             raise SceneError("InitialDisplacement: function must be a function of x.")
@@ -71,9 +67,6 @@ class InitialDisplacement(Effect):
 
 def places_at_start(scene: Any) -> Array:
     """Places of the local nodes where displacements put them, shape (nodes, 3) [m]. Collective.
-
-    Args:
-        scene: The scene, whose space is known already.
 
     Raises:
         SceneError: On every rank, if a function gives anything but finite vectors.
@@ -107,11 +100,7 @@ class InitialVelocity(Effect):
     where: str | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check the vectors.
-
-        Raises:
-            SceneError: If one is not three finite numbers, or `function` is not callable.
-        """
+        """Raise `SceneError` if a vector is not three finite numbers, or `function` is none."""
         super().__post_init__()
         vector(self, "linear", self.linear)
         vector(self, "angular", self.angular)

@@ -129,7 +129,7 @@ class ForcesOfNodes:
     nodes: Array
 
     def add(self, at: Any, forces: Array) -> None:
-        """See `Forces`."""
+        """Add forces on some `Nodes` of this rank, shape (nodes, 3) [N]."""
         self.nodes[at.nodes] += forces
 
 
@@ -144,12 +144,7 @@ class Tangent:
     """
 
     def __init__(self, matrix: Any, prolongation: Any) -> None:
-        """Begin with none.
-
-        Args:
-            matrix: Has `add_nodal` and `add_coupling`: see `CondensedMatrix`.
-            prolongation: Map between unknowns and dofs.
-        """
+        """Begin with none; the matrix has `add_nodal` and `add_coupling`, see `CondensedMatrix`."""
         self.matrix, self.prolongation = matrix, prolongation
         P = prolongation.increments.P
         self._moves: Array = P.reshape(len(P), P.shape[1] // 3, 3, P.shape[2])

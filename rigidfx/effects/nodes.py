@@ -244,7 +244,7 @@ class SharedNodes(Nodes):
         forces.add(self, force[self._numbers])
 
     def on_bodies(self, ways: Array) -> tuple[Ints, Array]:
-        """See `Nodes`: those of this rank, by an array of all."""
+        """Those of this rank, by an array of all."""
         own = ways[self._numbers]
         some = (self.bodies[self._numbers] >= 0) & own.any(axis=(1, 2))
         return self.nodes[some].astype(np.int64), own[some]

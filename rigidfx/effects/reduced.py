@@ -37,11 +37,7 @@ class Reduced(Rigid):
     stiff: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check the number of shapes.
-
-        Raises:
-            SceneError: If it is no whole number ≥ 1, or mass or inertia are given.
-        """
+        """Raise `SceneError` if mass or inertia are given, or shapes is no whole number ≥ 1."""
         if self.given:
             raise SceneError(
                 f"{self.owner}: mass and inertia cannot be given, as its shapes have those of its "

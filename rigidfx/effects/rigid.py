@@ -66,11 +66,9 @@ class Rigid(Effect):
         scene.owned_cells(self.where, self.kind)
 
     def __post_init__(self) -> None:
-        """Check the given data.
+        """Raise `SceneError` unless each is a truth value, and mass and inertia are possible.
 
-        Raises:
-            SceneError: If each is no truth value, the mass is not positive or the inertia not
-                symmetric positive definite with principal moments that a body can have.
+        A mass is > 0, an inertia symmetric positive definite with principal moments of a body.
         """
         super().__post_init__()
         if self.each is not None and not isinstance(self.each, (bool, np.bool_)):

@@ -43,11 +43,7 @@ class PointMass(OnFace):
     at: Vector | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check mass and place.
-
-        Raises:
-            SceneError: If the mass is not a finite number > 0, or the place is none.
-        """
+        """Raise `SceneError` unless the mass is a finite number > 0, and the place a point."""
         super().__post_init__()
         positive("PointMass", "mass", self.mass)
         self.check_at()
@@ -121,12 +117,7 @@ class PointInertia(Action):
     kind = PointMass.__name__
 
     def __init__(self, mass: PointMass, structure: Structure) -> None:
-        """Take it over.
-
-        Args:
-            mass: The effect.
-            structure: The division.
-        """
+        """Store the mass and its point."""
         self._mass, self.nodes = float(mass.mass), RemoteNodes(structure, (mass.remote.place,))
 
     def stiffen(self, motion: Any, tangent: Any) -> None:

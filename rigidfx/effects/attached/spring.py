@@ -53,11 +53,7 @@ class Spring(OnFace):
     at: Vector | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check both tensors.
-
-        Raises:
-            SceneError: If one is no such tensor.
-        """
+        """Raise `SceneError` unless K, C, place and reference can be used."""
         super().__post_init__()
         for name in ("stiffness", "damping"):
             _tensor(self.owner, name, getattr(self, name))
@@ -117,13 +113,7 @@ class SpringForces(Action):
     def __init__(
         self, spring: Spring, structure: Structure, nodes: LinearNodes | RemoteNodes
     ) -> None:
-        """Take its nodes. Collective.
-
-        Args:
-            spring: The effect.
-            structure: The division.
-            nodes: Its nodes.
-        """
+        """Store the nodes, K and C. Collective."""
         self.nodes, self._K = nodes, spring.K
         self._C = np.zeros((3, 3)) if structure.static else spring.C
         self.rounding = float(np.linalg.norm(self._K)) * nodes.far()

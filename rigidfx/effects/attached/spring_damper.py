@@ -85,11 +85,7 @@ class SpringDamper(Between, Elastic):
     at_b: Point | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check ends and values.
-
-        Raises:
-            SceneError: If one of them cannot be used.
-        """
+        """Raise `SceneError` if an end or a value cannot be used."""
         super().__post_init__()
         self.check_law(*(["length"] if self.length is not None else []))
         if not (self.stiffness or self.damping):
@@ -130,9 +126,6 @@ class SpringDamper(Between, Elastic):
     def placed(self, scene: Any) -> SpringDamper:
         """The spring with its ends on a mesh. Collective.
 
-        Args:
-            scene: The problem.
-
         Raises:
             SceneError: On every rank, if it cannot be there.
         """
@@ -172,12 +165,7 @@ class Tension(Action):
     kind = SpringDamper.__name__
 
     def __init__(self, spring: SpringDamper, structure: Structure) -> None:
-        """Take it over.
-
-        Args:
-            spring: The effect.
-            structure: The division.
-        """
+        """Store the law and the ends."""
         self._spring, self._static = spring, structure.static
         self.title, self.nodes = spring.title, RemoteNodes(structure, spring.averages)
         self.rounding = float(spring.stiffness * spring.ends_at[1])

@@ -31,22 +31,13 @@ CROSSINGS = 4.0  # of a layer: a mean over them is ρ c v of a flat face within 
 def resolved_time(scene: Any, contact: Any) -> float:
     """Four crossings of the layer behind a contact, the slower one of two [s]. Collective.
 
-    Args:
-        scene: The problem.
-        contact: One of its contacts.
-
-    Returns:
-        Their mean over the surface; 0 if rigid parts only are behind.
+    It is a mean over the surface; 0 if only rigid parts are behind.
     """
     return CROSSINGS * max(_mean(scene, _layer(scene, contact, w)[0]) for w in _sides(contact))
 
 
 def own_time(scene: Any, contact: Any) -> float:
     """The shortest half period of a contact's layers, in their mean, and rigid parts. Collective.
-
-    Args:
-        scene: The problem.
-        contact: One of its contacts.
 
     Returns:
         The time [s]; inf if neither a modulus nor a rigid part is known.

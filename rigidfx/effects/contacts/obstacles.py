@@ -60,11 +60,7 @@ class Obstacle:
     path: Callable[[float], Vector] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Take the values, and check the path.
-
-        Raises:
-            SceneError: If it is no function.
-        """
+        """Copy the values; raise `SceneError` if the path is no function."""
         take_fields(self)
         if self.path is not None and not is_function(self.path):
             raise SceneError(f"{self.kind}: path must be a function of t, got {shown(self.path)}.")
@@ -79,15 +75,11 @@ class Obstacle:
         return np.zeros(3) if self.path is None else numbers(self.path(t))
 
     def gap(self, y: Array) -> Array:
-        """Distances of points, negative inside, shape (n,) [m].
-
-        Args:
-            y: Positions less its displacement, shape (n, 3) [m].
-        """
+        """Distances of points y, shape (n, 3), less its displacement; negative inside, (n,) [m]."""
         raise NotImplementedError
 
     def outward(self, y: Array) -> Array:
-        """Directions in which the gap grows, shape (n, 3), likewise."""
+        """Directions in which the gap grows, shape (n, 3)."""
         raise NotImplementedError
 
     def approach(self, y0: Array, y1: Array) -> Approach:
@@ -112,11 +104,7 @@ class Plane(Obstacle):
     normal: Vector
 
     def __post_init__(self) -> None:
-        """Check point and normal.
-
-        Raises:
-            SceneError: If one is no vector, or the normal has no direction.
-        """
+        """Raise `SceneError` if the point is no vector, or the normal has no direction."""
         super().__post_init__()
         vector(self, "point", self.point)
         direction(self, "normal", self.normal)
@@ -126,15 +114,15 @@ class Plane(Obstacle):
         return direction(self, "normal", self.normal)
 
     def gap(self, y: Array) -> Array:
-        """See `Obstacle`."""
+        """Distance along the normal, shape (n,) [m]."""
         return np.asarray((y - np.asarray(self.point)) @ self._n)
 
     def outward(self, y: Array) -> Array:
-        """See `Obstacle`."""
+        """The normal."""
         return np.broadcast_to(self._n, y.shape)
 
     def approach(self, y0: Array, y1: Array) -> Approach:
-        """See `Obstacle`."""
+        """m = n."""
         n = self.outward(y0)
         return Approach(n, None, n)
 
@@ -154,11 +142,7 @@ class Round(Obstacle):
     inside: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check centre and radius.
-
-        Raises:
-            SceneError: If one cannot be used.
-        """
+        """Raise `SceneError` if centre, radius or side cannot be used."""
         super().__post_init__()
         vector(self, "centre", self.centre)
         positive(self.kind, "radius", self.radius)
@@ -179,18 +163,18 @@ class Round(Obstacle):
         return np.asarray((y - np.asarray(self.centre)) @ self._P)
 
     def gap(self, y: Array) -> Array:
-        """See `Obstacle`."""
+        """Distance from the surface, shape (n,) [m]."""
         distance = np.linalg.norm(self._arms(y), axis=1)
         return np.asarray(self._sign * (distance - self.radius))
 
     def outward(self, y: Array) -> Array:
-        """See `Obstacle`."""
+        """Directions away from centre or axis, or towards it."""
         z = self._arms(y)
         length = np.maximum(np.linalg.norm(z, axis=1, keepdims=True), TINY)
         return np.asarray(self._sign * z / length)
 
     def approach(self, y0: Array, y1: Array) -> Approach:
-        """See `Obstacle`."""
+        """m = ± 2 z½/(|z₀| + |z₁|)."""
         z0, z1 = self._arms(y0), self._arms(y1)
         ends = np.linalg.norm(z0, axis=1), np.linalg.norm(z1, axis=1)
         both = np.maximum(ends[0] + ends[1], TINY)[:, None]
@@ -216,11 +200,7 @@ class Cylinder(Round):
     axis: Vector = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        """Check the axis.
-
-        Raises:
-            SceneError: If it has no direction.
-        """
+        """Raise `SceneError` if the axis has no direction."""
         super().__post_init__()
         direction(self, "axis", self.axis)
 

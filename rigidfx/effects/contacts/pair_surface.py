@@ -154,11 +154,7 @@ class PairSurface:
         return bool((normals @ normals[0] > 1 - FLAT).all())
 
     def gaps(self, x: Array) -> tuple[Ints, Array]:
-        """Slaves near a triangle, and their distances from its plane, shapes (n,) and (n,) [m].
-
-        Args:
-            x: Positions of all nodes, shape (size, 3) [m].
-        """
+        """Slaves near a triangle at positions x, and distances from its plane, both (n,) [m]."""
         mate = self.mates(x, np.full(self.size, -1))
         near = np.flatnonzero(mate >= 0)
         slaves = self.slaves[near]
@@ -172,11 +168,7 @@ def _unit(v: Array) -> Array:
 
 
 def projected(p: Array, corners: Array) -> tuple[Array, Array, Array]:
-    """Gaps, normals and weights of points over the planes of triangles.
-
-    Args:
-        p: Shape (n, 3) [m].
-        corners: Shape (n, 3, 3) [m].
+    """Gaps, normals and weights of points p, shape (n, 3), over planes of triangles, (n, 3, 3) [m].
 
     Returns:
         Shapes (n,) [m], (n, 3) and (n, 3); p - Σ N corners is the gap along the normal.
@@ -278,12 +270,7 @@ def _longest(corners: Array) -> float:
 
 
 def refuse_overlap(scene: Any, where: str, owner: str) -> None:
-    """Refuse a surface behind which there are cells in cells. Collective.
-
-    Args:
-        scene: The problem.
-        where: Name of a set of boundary facets.
-        owner: Who asks, for messages.
+    """Refuse a surface, by its name, behind which there are cells in cells. Collective.
 
     Raises:
         SceneError: On every rank, with the places, if there are such cells.

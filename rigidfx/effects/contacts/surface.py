@@ -112,12 +112,7 @@ def _weights(scene: Any, where: str, owner: str, density: fem.Function | None = 
 
 
 def triangles_of(scene: Any, where: str, owner: str) -> tuple[Ints, Ints]:
-    """Flat triangles between the nodes of a set's owned facets. Collective.
-
-    Args:
-        scene: The problem.
-        where: Name of a set of boundary facets.
-        owner: Who asks, for messages.
+    """Flat triangles between the nodes of a named set's owned boundary facets. Collective.
 
     Returns:
         The cell behind each, shape (n,), and its three local nodes, shape (n, 3).
@@ -187,11 +182,7 @@ def _layers(scene: Any, where: str, owner: str) -> fem.Function:
 
 
 def _modulus(scene: Any, material: Material, owner: str) -> float:
-    """λ + 2μ of a material at rest [Pa]. Collective.
-
-    Raises:
-        SceneError: On every rank, if its energy does not tell it.
-    """
+    """λ + 2μ of a material at rest [Pa]; `SceneError` on every rank if unknown. Collective."""
     modulus = modulus_of(scene.comm, material)
     problem = (
         None
@@ -204,15 +195,7 @@ def _modulus(scene: Any, material: Material, owner: str) -> float:
 
 
 def modulus_of(comm: MPI.Intracomm, material: Material) -> float:
-    """λ + 2μ of a material at rest by its stored energy; NaN if that does not tell it. Collective.
-
-    Args:
-        comm: All ranks.
-        material: The material.
-
-    Returns:
-        The modulus [Pa].
-    """
+    """λ + 2μ of a material at rest by its energy [Pa]; NaN if that does not tell it. Collective."""
 
     def energy(strain: float) -> float:
         C = ufl.as_matrix(np.diag([1 + 2 * strain, 1.0, 1.0]).tolist())

@@ -7,17 +7,17 @@ nodes it acts on, and has its sums over the nodes of bodies anew in each step.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import numpy as np
 
 from rigidfx.base.errors import SceneError, together
-from rigidfx.base.inputs import check_factor, is_function, numbers, scalar, vector
+from rigidfx.base.inputs import is_function, numbers, vector
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
-from rigidfx.effects.base import TimeFunction, Windowed, check_vector, vector_at
+from rigidfx.effects.base import Scaled, check_vector, vector_at
 from rigidfx.effects.fields import check_values, of_place, some_points, values_at
 from rigidfx.effects.motion import Forces
 from rigidfx.effects.nodes import Nodes
@@ -26,28 +26,15 @@ __all__ = ["DeadLoad"]
 
 
 @dataclass(frozen=True)
-class DeadLoad(Windowed):
-    """A load whose direction in space does not follow the body.
+class DeadLoad(Scaled):
+    """A load whose direction in space does not follow the body."""
 
-    Attributes:
-        time: Factor as a function of time, such as a `Table`; 1 if None. An attribute
-            `breakpoints` of it names instants at which steps must end.
-    """
-
-    is_load: ClassVar[bool] = True
     is_dead: ClassVar[bool] = True
-    grows: ClassVar[str | None] = "time"
     dims: ClassVar[tuple[int, ...]] = (3,)  # of the sets it may act on
     local: ClassVar[bool] = False  # whether its value may depend on the place
 
-    time: TimeFunction | None = field(default=None, kw_only=True)
-
     def __post_init__(self) -> None:
-        """Check window, value and time function.
-
-        Raises:
-            SceneError: If one of them cannot be used.
-        """
+        """Raise `SceneError` if window, value or time function cannot be used."""
         super().__post_init__()
         value = getattr(self, "value", None)
         if not is_function(value):
@@ -57,20 +44,15 @@ class DeadLoad(Windowed):
                 f"{self.owner}: value must be a function of t; one of x and t can be had with "
                 "Traction and BodyForce."
             )
-        check_factor(self, self.time)
 
     def intensity(self, t: float) -> Array:
-        """Vector q(t), shape (3,), that multiplies the nodal weights; zero outside the window.
-
-        Args:
-            t: Time [s].
-        """
+        """Vector q(t), shape (3,), that multiplies the nodal weights; zero outside the window."""
         if not self.acts(t):
             return np.zeros(3)
         steady = self._steady
         if steady is None:
             steady = numbers(getattr(self, "value")(t))  # noqa: B009 - of those that have one
-        return steady.copy() if self.time is None else steady * scalar(self.time(t))
+        return np.asarray(steady * self.factor(t))
 
     @cached_property
     def uniform(self) -> bool:  # type: ignore[override]
@@ -84,23 +66,14 @@ class DeadLoad(Windowed):
         return None if is_function(value) else numbers(value)
 
     def intensities(self, t: float, X: Array) -> Array:
-        """Vectors q(X, t) at some points, shape (points, 3); zero outside the window.
-
-        Args:
-            t: Time [s].
-            X: Reference positions, shape (points, 3) [m].
-        """
+        """Vectors q(X, t) at reference positions [m], (points, 3); zero outside the window."""
         if not self.acts(t):
             return np.zeros_like(X)
         values = values_at(getattr(self, "value"), X, t)  # noqa: B009 - of those that have one
-        return values if self.time is None else values * scalar(self.time(t))
+        return np.asarray(values * self.factor(t))
 
     def checked(self, t: float, X: Array) -> Array:
-        """The same, checked.
-
-        Raises:
-            SceneError: On this rank, if they are not as many finite vectors as there are points.
-        """
+        """The same; `SceneError` on this rank, unless they are a finite vector for each point."""
         return check_values(self.owner, t, X, self.intensities(t, X))
 
     def weights(self, scene: Any) -> Array:
@@ -136,15 +109,13 @@ class DeadLoad(Windowed):
 
 
 class DeadForces(Action):
-    """A dead load on the nodes of a division, and on its bodies by sums over their nodes."""
+    """A dead load on the nodes of a division, and on its bodies by sums over their nodes.
+
+    It may be any effect with the `weights`, `moments` and `intensity` of a `DeadLoad`.
+    """
 
     def __init__(self, load: Any, structure: Structure) -> None:
-        """Assemble the weights. Collective.
-
-        Args:
-            load: The effect, a `DeadLoad` or one with its `weights`, `moments` and `intensity`.
-            structure: Its nodes and bodies.
-        """
+        """Assemble the weights. Collective."""
         self.kind, self._load = load.kind, load
         weights = load.weights(structure.scene)[: structure.scene.owned_nodes]
         self._moments = load.moments(structure, weights)
@@ -152,11 +123,7 @@ class DeadForces(Action):
         self._q: Array = np.zeros(3)
 
     def set_time(self, t: float, dt: float) -> None:
-        """Evaluate q; the result of a user's function is checked.
-
-        Raises:
-            SceneError: On this rank, if it fails or is not three finite numbers.
-        """
+        """Evaluate q; `SceneError` on this rank, unless it is three finite numbers."""
         load = self._load
         self._q = vector_at(load.owner, "value or time function", t, lambda: load.intensity(t))
 
@@ -171,12 +138,7 @@ class FieldForces(Action):
     """A dead load that depends on the place, on the nodes of a division and on its bodies."""
 
     def __init__(self, load: DeadLoad, structure: Structure) -> None:
-        """Assemble the weights. Collective.
-
-        Args:
-            load: The effect.
-            structure: Its nodes and bodies.
-        """
+        """Assemble the weights. Collective."""
         self.kind, self._load = load.kind, load
         weights = load.weights(structure.scene)[: structure.scene.owned_nodes]
         self.nodes = nodes = Nodes(structure, np.flatnonzero(weights))
@@ -185,11 +147,7 @@ class FieldForces(Action):
         self._forces: Array = np.zeros((len(nodes), 3))
 
     def set_time(self, t: float, dt: float) -> None:
-        """Evaluate q at the nodes; the result of a user's function is checked.
-
-        Raises:
-            SceneError: On this rank, if it fails or gives anything but finite vectors.
-        """
+        """Evaluate q at the nodes; `SceneError` on this rank, unless it is finite vectors."""
         self._forces = self._weights * self._load.checked(t, self._X)
 
     def load(self, forces: Forces) -> None:

@@ -49,10 +49,9 @@ class Preload(Effect):
     centre: Vector | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check the loads.
+        """Raise `SceneError` if one of its loads is not a dead load, or increments < 1.
 
-        Raises:
-            SceneError: If there are none and no spin, one is not a dead load, or increments < 1.
+        There may be none with a spin.
         """
         super().__post_init__()
         given = (self.loads,) if isinstance(self.loads, DeadLoad) else self.loads

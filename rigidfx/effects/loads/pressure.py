@@ -10,20 +10,20 @@ as if it had them.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from math import isfinite
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import ufl
 from dolfinx import fem
 
 from rigidfx.base.errors import SceneError, together
-from rigidfx.base.inputs import check_factor, is_function, number, scalar
+from rigidfx.base.inputs import is_function, number, scalar
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, FormTerm, Structure
-from rigidfx.effects.base import TimeFunction, Windowed
+from rigidfx.effects.base import Scaled
 from rigidfx.effects.motion import Motion, Tangent
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.element import Element
@@ -33,7 +33,7 @@ __all__ = ["Pressure"]
 
 
 @dataclass(frozen=True)
-class Pressure(Windowed):
+class Pressure(Scaled):
     """Pressure on the deformed boundary: the force -p n da, with n da = cof(F½) N dA.
 
     On a closed surface it changes neither linear nor angular momentum. It has no potential in
@@ -42,32 +42,19 @@ class Pressure(Windowed):
     Attributes:
         where: Name of a set of boundary facets.
         value: p [Pa], positive where it pushes inwards, or a function of time giving it.
-        time: Factor as a function of time, such as a `Table`; 1 if None.
     """
-
-    is_load: ClassVar[bool] = True
-    grows: ClassVar[str | None] = "time"
 
     where: str
     value: float | Callable[[float], float]
-    time: TimeFunction | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check window, value and time function.
-
-        Raises:
-            SceneError: If one of them cannot be used.
-        """
+        """Raise `SceneError` if window, value or time function cannot be used."""
         super().__post_init__()
         if not is_function(self.value):
             number("Pressure", "value", self.value)
-        check_factor(self, self.time)
 
     def intensity(self, t: float) -> float:
-        """Pressure at t [Pa]; zero outside the window.
-
-        Args:
-            t: Time [s].
+        """Pressure at t [s]; zero outside the window [Pa].
 
         Raises:
             SceneError: If it is not a finite number.
@@ -75,7 +62,7 @@ class Pressure(Windowed):
         if not self.acts(t):
             return 0.0
         value = self.value(t) if is_function(self.value) else self.value
-        pressure = scalar(value) * (1.0 if self.time is None else scalar(self.time(t)))
+        pressure = scalar(value) * self.factor(t)
         if not isfinite(pressure):
             raise SceneError(
                 f"Pressure on '{self.where}': at t = {t:g} s it is {pressure}; check its value "
@@ -138,12 +125,7 @@ class RotatedPressure(Action):
     dissipates = False
 
     def __init__(self, effect: Pressure, structure: Structure) -> None:
-        """Find the forces for p = 1, pushing outwards, in the bodies' frames. Collective.
-
-        Args:
-            effect: The pressure.
-            structure: Its bodies.
-        """
+        """Find the forces for p = 1, pushing outwards, in the bodies' frames. Collective."""
         self._effect, self._bodies = effect, structure.bodies
         where = effect.where, effect.kind
         self._moments = structure.outward_moments(*where)
@@ -167,11 +149,11 @@ class RotatedPressure(Action):
         return np.asarray(self._p * (self._unit(increments) @ increments.turned.swapaxes(1, 2)))
 
     def resist(self, motion: Motion, forces: Any) -> None:
-        """See `Action`."""
+        """Add the moments in space."""
         forces.moments[...] += self._turned(motion.increments)
 
     def stiffen(self, motion: Motion, tangent: Tangent) -> None:
-        """See `Action`.
+        """Add the derivative of the moments by turns and shapes.
 
         d(T a) = (½ w × a - ½ (θ·w) T a)/(1 + ¼ |θ|²) in the direction w; in statics that of R₁ a is
         T w × R₁ a.

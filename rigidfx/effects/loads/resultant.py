@@ -9,10 +9,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import check_factor, scalar, vector
+from rigidfx.base.inputs import vector
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
-from rigidfx.effects.base import WHOLE, TimeFunction, Vector, Windowed, check_vector
+from rigidfx.effects.base import WHOLE, Scaled, Vector, check_vector
 from rigidfx.effects.joints.on_face import OnFace
 from rigidfx.effects.joints.remote import RemoteMotion, RemoteNodes
 from rigidfx.effects.joints.sides import Surface
@@ -24,7 +24,7 @@ __all__ = ["Resultant"]
 
 
 @dataclass(frozen=True)
-class Resultant(OnFace, Windowed):
+class Resultant(OnFace, Scaled):
     """A force and a torque on a rigid body or at a point of a face; both keep their direction.
 
     The force on a body acts at its centre of mass. A force beside the middle of a face acts in its
@@ -36,29 +36,20 @@ class Resultant(OnFace, Windowed):
         at: Place of the force on a face, at the start [m]; the middle of the face if None.
         force: Three components [N].
         torque: Three components [N m].
-        time: Factor as a function of time, such as a `Table`; 1 if None.
     """
 
-    is_load: ClassVar[bool] = True
-    grows: ClassVar[str | None] = "time"
     turns: ClassVar[bool] = True
 
     where: str | Surface | None = None
     force: Vector = (0.0, 0.0, 0.0)
     torque: Vector = (0.0, 0.0, 0.0)
-    time: TimeFunction | None = field(default=None, kw_only=True)
     at: Vector | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check window, place, vectors and time function.
-
-        Raises:
-            SceneError: If one of them cannot be used.
-        """
+        """Raise `SceneError` if window, place, vectors or time function cannot be used."""
         super().__post_init__()
         vector(self, "force", self.force)
         vector(self, "torque", self.torque)
-        check_factor(self, self.time)
         self.check_at()
 
     @property
@@ -81,16 +72,13 @@ class Resultant(OnFace, Windowed):
         """Name of the body it acts on; None if it acts on a face."""
         return None if isinstance(self.where, Surface) else self.where or WHOLE
 
-    def _factor(self, t: float) -> float:
-        return 0.0 if not self.acts(t) else 1.0 if self.time is None else scalar(self.time(t))
-
     def force_at(self, t: float) -> Array:
         """Force at t, shape (3,) [N]."""
-        return self._factor(t) * np.asarray(self.force, dtype=np.float64)
+        return self.factor(t) * np.asarray(self.force, dtype=np.float64)
 
     def torque_at(self, t: float) -> Array:
         """Torque at t, shape (3,) [N m]."""
-        return self._factor(t) * np.asarray(self.torque, dtype=np.float64)
+        return self.factor(t) * np.asarray(self.torque, dtype=np.float64)
 
     def intensity(self, t: float) -> Array:
         """Force at t that dead loads have in the middle of a face: see `both_at`."""
@@ -107,11 +95,7 @@ class Resultant(OnFace, Windowed):
         return structure.moments(weights[:, None])[:, :, 0]
 
     def both_at(self, t: float) -> tuple[Array, Array]:
-        """Force [N] and torque [N m] at t.
-
-        Raises:
-            SceneError: On this rank, if one is not finite.
-        """
+        """Force [N] and torque [N m] at t; `SceneError` on this rank, if one is not finite."""
         with np.errstate(invalid="ignore"):  # what is not finite is met below
             force, torque = self.force_at(t), self.torque_at(t)
         if not np.isfinite([force, torque]).all():
@@ -160,23 +144,13 @@ class BodyLoad(Action):
     kind = Resultant.__name__
 
     def __init__(self, load: Resultant, place: int, once: float) -> None:
-        """Take it over.
-
-        Args:
-            load: The effect.
-            place: Which of the bodies it acts on.
-            once: See `Structure`.
-        """
+        """Store which of the bodies it acts on, and `Structure.once`."""
         self._load, self._place, self._once = load, place, once
         self._force: Array = np.zeros(3)
         self._torque: Array = np.zeros(3)
 
     def set_time(self, t: float, dt: float) -> None:
-        """Evaluate force and torque.
-
-        Raises:
-            SceneError: On this rank, if one is not finite.
-        """
+        """Evaluate force and torque; `SceneError` on this rank, if one is not finite."""
         self._force, self._torque = self._load.both_at(t)
 
     def load(self, forces: Forces) -> None:
@@ -195,12 +169,7 @@ class FaceCouple(Action):
     dissipates = False
 
     def __init__(self, load: Resultant, structure: Structure) -> None:
-        """Take it over.
-
-        Args:
-            load: The effect.
-            structure: The division.
-        """
+        """Store the directions of its face."""
         self._load = load
         self.nodes = RemoteNodes(structure, load.remote.directions)
         self._arm = load.remote.arm[:, None]
@@ -208,7 +177,7 @@ class FaceCouple(Action):
         self._torque: Array = np.zeros(3)
 
     def set_time(self, t: float, dt: float) -> None:
-        """See `Action`."""
+        """Evaluate force and torque; `SceneError` on this rank, if one is not finite."""
         self._force, self._torque = self._load.both_at(t)
 
     def _duals(self, motion: RemoteMotion) -> Array:
@@ -223,15 +192,15 @@ class FaceCouple(Action):
         return np.asarray(-turned - self._arm * self._force)
 
     def resist(self, motion: Any, forces: Any) -> None:
-        """See `Action`."""
+        """Add the forces on the directions."""
         self.nodes.add(self._resistance(motion), forces)
 
     def stiffen(self, motion: Any, tangent: Any) -> None:
-        """See `Action`: δd^k = -Σ_a (d^k · δd_a) d^a."""
+        """Add their derivative by δd^k = -Σ_a (d^k · δd_a) d^a."""
         E = self._duals(motion)
         turned = -0.5 * E @ skew(self._torque).T
         self.nodes.couple(-self.nodes.share * np.einsum("ai,kb->kiab", turned, E), tangent)
 
     def taken(self, motion: Any) -> float:
-        """See `Action`."""
+        """Work against the couple in a step [J]."""
         return float(np.vdot(self._resistance(motion), self.nodes.moved(motion)))

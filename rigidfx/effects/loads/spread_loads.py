@@ -80,11 +80,7 @@ class Traction(DeadLoad):
     total: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check the values.
-
-        Raises:
-            SceneError: If one cannot be used.
-        """
+        """Raise `SceneError` if a value cannot be used."""
         super().__post_init__()
         if not isinstance(self.total, bool):
             raise SceneError(

@@ -165,11 +165,7 @@ class GuidedSupport(Support):
     functions: ClassVar[tuple[str, str]]  # fields of its path, and of the derivative or None
 
     def __post_init__(self) -> None:
-        """Check window, components and functions.
-
-        Raises:
-            SceneError: If path or derivative is not a function.
-        """
+        """Raise `SceneError` if window, components, path or derivative cannot be used."""
         super().__post_init__()
         for name in self.functions:
             f = getattr(self, name)

@@ -11,9 +11,9 @@ import numpy as np
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import numbers
 from rigidfx.base.types import Array
-from rigidfx.effects.fields import PlaceAndTime, of_place, slope_after, values_at
+from rigidfx.effects.fields import PlaceAndTime, of_place, values_at
 from rigidfx.effects.supports.path_velocity import GuidedSupport, PathAndVelocity
-from rigidfx.effects.supports.support import Support
+from rigidfx.effects.supports.support import Support, slope_after
 
 __all__ = ["PrescribedMotion"]
 
@@ -37,11 +37,7 @@ class PrescribedMotion(GuidedSupport):
     velocity: PlaceAndTime | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check window, components and functions.
-
-        Raises:
-            SceneError: If displacement or velocity is not a function.
-        """
+        """Raise `SceneError` if window, components or functions cannot be used."""
         super().__post_init__()
         if self.velocity is not None and of_place(self.velocity) == self.uniform:
             raise SceneError(

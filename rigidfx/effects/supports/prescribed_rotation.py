@@ -15,9 +15,8 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import direction, scalar, shown, vector
 from rigidfx.base.types import Array
 from rigidfx.effects.base import Vector
-from rigidfx.effects.fields import slope_after
 from rigidfx.effects.supports.path_velocity import GuidedSupport, PathAndVelocity
-from rigidfx.effects.supports.support import Support
+from rigidfx.effects.supports.support import Support, slope_after
 
 __all__ = ["PrescribedRotation"]
 
@@ -49,11 +48,7 @@ class PrescribedRotation(GuidedSupport):
     speed: Callable[[float], float] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check axis and functions.
-
-        Raises:
-            SceneError: If the axis is no direction, or angle or speed is not a function.
-        """
+        """Raise `SceneError` if axis or functions cannot be used."""
         super().__post_init__()
         direction(self, "axis", self.axis)
         vector(self, "through", self.through)

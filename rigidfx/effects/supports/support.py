@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any, ClassVar
@@ -15,7 +15,7 @@ from rigidfx.base.types import Array
 from rigidfx.effects.base import Windowed, check_vector
 from rigidfx.effects.fields import check_values, some_points
 
-__all__ = ["Fixed", "Support"]
+__all__ = ["Fixed", "Support", "slope_after"]
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,7 @@ class Support(Windowed):
     components: str = "xyz"
 
     def __post_init__(self) -> None:
-        """Check window and components.
-
-        Raises:
-            SceneError: If components is no text, empty, or names anything but x, y, z once each.
-        """
+        """Raise `SceneError` unless components names some of x, y, z once each."""
         super().__post_init__()
         c = self.components
         if not isinstance(c, str) or not c or set(c) - set("xyz") or len(set(c)) != len(c):
@@ -132,15 +128,7 @@ class Support(Windowed):
         together(scene.comm, f"{self.owner}: its function of place and time", check)
 
     def check_run(self, scene: Any, t_end: float) -> None:
-        """See whether its motion can be used in a run; by itself it can. Collective.
-
-        Args:
-            scene: The scene that names it.
-            t_end: When the run ends [s].
-
-        Raises:
-            SceneError: On every rank, if it cannot.
-        """
+        """Raise `SceneError` on every rank if its motion cannot be used in a run. Collective."""
 
 
 @dataclass(frozen=True)
@@ -158,3 +146,10 @@ class Fixed(Support):
     def same_motion(self, other: Support) -> bool:
         """Two fixed supports never disagree."""
         return isinstance(other, Fixed)
+
+
+def slope_after(path: Callable[[float], Any], t: float, dt: float) -> Any:
+    """One-sided difference quotient of second order just after t [s], by a thousandth of dt [s]."""
+    h = 1e-3 * dt
+    u0, u1, u2 = (path(t + k * h) for k in range(3))
+    return (4 * u1 - 3 * u0 - u2) / (2 * h)
