@@ -121,7 +121,7 @@ WARNINGS = {
     "domain/inp.py": ["elements of an input file"],
     "effects/contact.py": ["a contact overlaps at the start"],
     "effects/contacts/surface.py": ["a round contact surface"],
-    "effects/loads/spread_loads.py": ["a force per volume"],
+    "effects/loads/dead_load.py": ["a force per volume"],
     "error/validity.py": ["forces change faster than e", "e is not small"],
     "report/alternating_forces.py": ["a force goes back"],
     "report/fast_loads.py": ["a load or path changes faster"],

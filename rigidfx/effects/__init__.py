@@ -27,19 +27,15 @@ from rigidfx.effects.joints.kinds import (
     Universal,
 )
 from rigidfx.effects.joints.sides import MeanFace, RigidFace, rigid_faces
-from rigidfx.effects.loads.dead_load import DeadLoad
+from rigidfx.effects.loads.dead_load import BodyForce, DeadLoad, NodalForce, Traction
 from rigidfx.effects.loads.gravity import Gravity
 from rigidfx.effects.loads.preload import Preload
 from rigidfx.effects.loads.pressure import Pressure
 from rigidfx.effects.loads.resultant import Resultant
-from rigidfx.effects.loads.spread_loads import BodyForce, NodalForce, Traction
-from rigidfx.effects.reduced import Reduced
 from rigidfx.effects.resolved_forces import ResolvedForces
-from rigidfx.effects.rigid import Rigid
-from rigidfx.effects.supports.prescribed_motion import PrescribedMotion
-from rigidfx.effects.supports.prescribed_rotation import PrescribedRotation
-from rigidfx.effects.supports.support import Fixed, Support
-from rigidfx.effects.supports.symmetry import Symmetry
+from rigidfx.effects.rigid import Reduced, Rigid
+from rigidfx.effects.supports.prescribed import PrescribedMotion, PrescribedRotation
+from rigidfx.effects.supports.support import Fixed, Support, Symmetry
 
 __all__ = [
     "Action",

@@ -1,4 +1,4 @@
-"""Parts that are rigid from the beginning."""
+"""Parts that are one body from the beginning: rigid, or deforming by a few shapes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import numbers, positive, shown
 from rigidfx.effects.base import WHOLE, Effect
 
-__all__ = ["Rigid"]
+__all__ = ["Reduced", "Rigid"]
 
 SYMMETRY = 1e-6  # of a given tensor, relative to its largest entry; the rest is averaged out
 
@@ -88,4 +88,43 @@ class Rigid(Effect):
             raise SceneError(
                 f"Rigid: no body has the principal moments of inertia {a:.3g}, {b:.3g}, {c:.3g}: "
                 "they must be positive and none above the sum of the others."
+            )
+
+
+@dataclass(frozen=True)
+class Reduced(Rigid):
+    """Cells that move as one body which deforms by a few shapes in its own frame.
+
+    For parts that vibrate and hardly bend: rotations inside the part, beside those of its frame,
+    should stay below some hundredths. It has 6 unknowns and one for each shape, whatever its mesh.
+
+    Attributes:
+        where: Name of a set of cells; all cells if None.
+        each: If False, all disconnected pieces of the set are one body; each is one otherwise.
+        shapes: Number of shapes. If None, the static responses of the structure to the forces that
+            act on it anywhere, and what follows from these by inertia, as many as they need.
+        stiff: Sets of its cells that move rigidly in each shape. A scene puts the `Rigid` parts
+            here that share nodes with it.
+    """
+
+    is_rigid: ClassVar[bool] = False
+    deforms: ClassVar[bool] = True
+
+    shapes: int | None = field(default=None, kw_only=True)
+    stiff: tuple[str, ...] = field(default=(), kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Raise `SceneError` if mass or inertia are given, or shapes is no whole number ≥ 1."""
+        if self.given:
+            raise SceneError(
+                f"{self.owner}: mass and inertia cannot be given, as its shapes have those of its "
+                f"cells. Give its material another rho, or take Rigid({self.where!r})."
+            )
+        super().__post_init__()
+        whole = isinstance(self.shapes, (int, np.integer)) and not isinstance(self.shapes, bool)
+        if self.shapes is not None and not (whole and self.shapes >= 1):
+            raise SceneError(
+                f"{self.owner}: shapes must be a whole number ≥ 1, or None for as many as the "
+                f"forces need, got {shown(self.shapes)}. A part without shapes is "
+                f"Rigid({self.where!r})."
             )

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from rigidfx import effects as fx
 from rigidfx.base.types import Array, Bools
 from rigidfx.base.warning import warn
-from rigidfx.effects.supports.symmetry import FLAT
+from rigidfx.effects.supports.support import FLAT
 
 __all__ = ["warn_of_idle"]
 

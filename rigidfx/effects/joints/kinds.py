@@ -15,8 +15,7 @@ from rigidfx.effects.joints.joint import Joint, axis_of
 from rigidfx.effects.joints.pieces import Pieces
 from rigidfx.effects.joints.round_surfaces import sphere_of
 from rigidfx.effects.joints.sides import GROUND, rigid_faces
-from rigidfx.effects.supports.support import Support
-from rigidfx.effects.supports.symmetry import Symmetry
+from rigidfx.effects.supports.support import Support, Symmetry
 
 __all__ = [
     "Axial",

@@ -16,7 +16,7 @@ from rigidfx.effects.inertia import Centrifugal
 from rigidfx.effects.joints.joint import axis_of
 from rigidfx.effects.joints.kinds import Axial
 from rigidfx.effects.loads.dead_load import DeadLoad
-from rigidfx.effects.supports.prescribed_rotation import PrescribedRotation
+from rigidfx.effects.supports.prescribed import PrescribedRotation
 
 __all__ = ["Preload"]
 

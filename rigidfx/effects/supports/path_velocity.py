@@ -10,16 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, ClassVar
 
 import numpy as np
 
-from rigidfx.base.errors import SceneError, together
-from rigidfx.base.inputs import is_function, shown
 from rigidfx.base.types import Array
-from rigidfx.effects.supports.support import Support
 
-__all__ = ["GuidedSupport", "PathAndVelocity"]
+__all__ = ["PathAndVelocity"]
 
 
 AT_START = 1e-2  # of the largest velocity: nodes get the velocity of the start
@@ -155,53 +151,3 @@ def _noise(h: float, t: float, u: Array, further: Array) -> float:
     """Rounding of displacements and of times in a quotient over a span h [m/s]."""
     gained = float(np.abs(further - u).max())
     return ROUNDING * (float(np.abs(u).max()) + gained * (1 + abs(t) / h)) / h
-
-
-@dataclass(frozen=True)
-class GuidedSupport(Support):
-    """Refuses a velocity that is not the derivative of the path, where a run would use it."""
-
-    moves: ClassVar[bool] = True
-    functions: ClassVar[tuple[str, str]]  # fields of its path, and of the derivative or None
-
-    def __post_init__(self) -> None:
-        """Raise `SceneError` if window, components, path or derivative cannot be used."""
-        super().__post_init__()
-        for name in self.functions:
-            f = getattr(self, name)
-            if not is_function(f) and not (name == self.functions[1] and f is None):
-                raise SceneError(f"{self.owner}: {name} must be a function of t, got {shown(f)}.")
-
-    @property
-    def path_and_velocity(self) -> PathAndVelocity | None:
-        """Path and given velocity, of held nodes; None without such a velocity."""
-        raise NotImplementedError
-
-    def check(self, scene: Any) -> None:
-        """See whether path and velocity can be used, and go together at the start and at kinks."""
-        super().check(scene)
-        starts = {self.start, *(t for t in self.breakpoints if self.start < t < self.until)}
-        spans = list(pairwise([*sorted(starts), self.until]))
-
-        def compare(both: PathAndVelocity) -> str:
-            return next(filter(None, (both.contradiction_at(*s) for s in spans if s[0] < s[1])), "")
-
-        self._refuse(scene, compare)
-
-    def check_run(self, scene: Any, t_end: float) -> None:
-        """See whether path and velocity go together in a run."""
-        start, end = self.start, min(self.until, t_end)
-        if start < end:
-            self._refuse(scene, lambda b: b.contradiction_within(start, end, self.breakpoints))
-
-    def _refuse(self, scene: Any, contradiction: Callable[[PathAndVelocity], str]) -> None:
-        """Refuse a contradiction of path and velocity. Collective."""
-        both = self.path_and_velocity
-
-        def compare() -> None:
-            if both is not None and (wrong := contradiction(both)):
-                raise SceneError(
-                    f"{self.owner}: {wrong}. Give the path's derivative, or no velocity at all."
-                )
-
-        together(scene.comm, f"{self.owner}: its path or velocity", compare)

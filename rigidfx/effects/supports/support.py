@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Any, ClassVar
 
 import numpy as np
+from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import shown
@@ -15,7 +16,9 @@ from rigidfx.base.types import Array
 from rigidfx.effects.base import Windowed, check_vector
 from rigidfx.effects.fields import check_values, some_points
 
-__all__ = ["Fixed", "Support", "slope_after"]
+__all__ = ["FLAT", "Fixed", "Support", "Symmetry", "slope_after"]
+
+FLAT = 1e-9  # of the size of the mesh: extent of a plane along its normal
 
 
 @dataclass(frozen=True)
@@ -146,6 +149,47 @@ class Fixed(Support):
     def same_motion(self, other: Support) -> bool:
         """Two fixed supports never disagree."""
         return isinstance(other, Fixed)
+
+
+@dataclass(frozen=True)
+class Symmetry(Fixed):
+    """Holds the nodes of a plane in the direction of its normal, which is x, y or z.
+
+    It is the plane of the nodes after an `InitialDisplacement`.
+
+    Loads, reactions and energies are those of the modelled half. Give half of a force that acts in
+    the plane itself. A `RigidFace` that the plane cuts, such as half of a hole, moves along the
+    plane and turns about its normal only. A joint of the name "Symmetry on 'plane' - RigidFace
+    'hole'" holds it, and tells its force.
+
+    Attributes:
+        components: The normal: found by the scene.
+    """
+
+    components: str = field(default="xyz", init=False)
+
+    def placed(self, scene: Any) -> Symmetry:
+        """The same with the normal of its plane, as that lies at the start. Collective.
+
+        Raises:
+            SceneError: If the set is unknown, or no plane with the normal x, y or z.
+        """
+        nodes = scene.nodes(self.where, self.kind, (2,))
+        X = scene.start_places[nodes]
+        ends = np.stack([-X.min(axis=0, initial=np.inf), X.max(axis=0, initial=-np.inf)])
+        scene.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+        low, high = -ends[0], ends[1]
+        extent = high - low
+        size = float(np.max(np.nan_to_num(extent, posinf=0.0, neginf=0.0)))
+        flat = np.flatnonzero(extent <= FLAT * max(size, np.abs(ends).max()))
+        if len(flat) != 1:
+            raise SceneError(
+                f"{self.owner}: its facets must lie in one plane whose normal is x, y or z; they "
+                f"reach from {tuple(low.tolist())} to {tuple(high.tolist())} m at the start."
+            )
+        out = replace(self)
+        object.__setattr__(out, "components", "xyz"[int(flat[0])])
+        return out
 
 
 def slope_after(path: Callable[[float], Any], t: float, dt: float) -> Any:
