@@ -80,11 +80,14 @@ def _parts(names: tuple[str, ...], size: float, gmsh: Any) -> None:
     model.mesh.generate(3)
 
 
-def flexible_crank(size: float, comm: MPI.Intracomm = MPI.COMM_WORLD, **options: Any) -> rf.Scene:
+def flexible_crank(
+    size: float, *more: rf.Effect, comm: MPI.Intracomm = MPI.COMM_WORLD, **options: Any
+) -> rf.Scene:
     """The whole, with mean faces in all holes.
 
     Args:
         size: Length of the cells [m].
+        more: Further effects.
         comm: The ranks.
         options: More of the scene's.
     """
@@ -96,6 +99,7 @@ def flexible_crank(size: float, comm: MPI.Intracomm = MPI.COMM_WORLD, **options:
         rf.Spherical(face("rod 1"), "slider", wrist, name="wrist pin"),
         rf.Prismatic("ground", "slider", wrist, (1, 0, 0), name="guide"),
         rf.Motor("bearing", torque=torque),
+        *more,
     ]
     domain = rf.from_gmsh(partial(_parts, ("crank", "rod", "slider"), size), comm)
     return rf.Scene(domain, ALUMINIUM, effects, order=2, mass="consistent", **options)
@@ -112,6 +116,7 @@ class CrankMotion:
         gap: Largest violation of a joint [m].
         seconds: Median wall time of a step [s].
         iterations: Mean Newton iterations of a step.
+        shapes: Most shapes of a reduced part.
     """
 
     motion: tuple[Array, Array]
@@ -120,6 +125,7 @@ class CrankMotion:
     gap: float
     seconds: float
     iterations: float
+    shapes: int
 
 
 def motion(crank: Array, rod: Array, dt: float) -> tuple[Array, Array]:
@@ -157,6 +163,7 @@ def crank_motion(scene: rf.Scene, dt: float, steps: int) -> CrankMotion:
     paths: dict[str, list[Array]] = {name: [] for name in PROBES}
     wall, iterations, expected, drift, gap = [], [], 0.0, 0.0, 0.0
     for report in rf.simulate(scene, dt, steps * dt, progress=False):
+        report.state.rebuild()
         x = X + report.state.u.x.array.reshape(-1, 3)
         for name, path in paths.items():
             path.append(comm.allreduce(np.where(nodes[name][:, None] < 0, 0.0, x[nodes[name]])))
@@ -168,8 +175,9 @@ def crank_motion(scene: rf.Scene, dt: float, steps: int) -> CrankMotion:
         gap = max(gap, *(joint.gap for joint in report.joints.values()))
         wall.append(report.wall)
         iterations.append(report.iterations)
+    shapes = max(body.shapes for body in report.bodies)
     found = motion(np.array(paths["crank"]), np.array(paths["rod"]), dt)
-    return CrankMotion(found, report.unknowns, drift, gap, median(wall), mean(iterations))
+    return CrankMotion(found, report.unknowns, drift, gap, median(wall), mean(iterations), shapes)
 
 
 def nodes_of(scene: rf.Scene, name: str) -> npt.NDArray[np.int64]:

@@ -100,7 +100,9 @@ def crank(short: bool) -> Iterator[list[Found]]:
     ours = crank_motion(flexible_crank(0.03), dt, steps)
     if comm.rank == 0:
         began = perf_counter()
-        given = for_exudyn(flexible_crank(0.03, MPI.COMM_SELF), dt, steps) | {"modes": own.MODES}
+        given = for_exudyn(flexible_crank(0.03, comm=MPI.COMM_SELF), dt, steps) | {
+            "modes": own.MODES
+        }
         found = exudyn(python, ROOT / "out" / "exudyn", given)
         say(f"Exudyn: {perf_counter() - began:.1f} s")
         theirs = motion(found["crank"], found["rod"], dt)
