@@ -7,6 +7,7 @@ local-to-global map, which drops unwanted entries.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from petsc4py import PETSc
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.coupling.couplings import Lengths, row_lengths
 
-__all__ = ["Rows", "mapped_matrix"]
+__all__ = ["Rows", "mapped_matrix", "product"]
 
 Int = PETSc.IntType
 
@@ -124,3 +125,26 @@ def mapped_matrix(
     A.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
     mapping.destroy()
     return A
+
+
+def product(multiply: Callable[..., PETSc.Mat | None], u: Array, comm: Any) -> Array:
+    """All columns of a matrix of this rank's rows by one call of PETSc's. Collective.
+
+    Args:
+        multiply: Takes the columns and a dense matrix for the result.
+        u: The columns, shape (rows, k).
+        comm: Communicator of the rows.
+    """
+    if not u.shape[1]:
+        return u.copy()
+    B, X = (PETSc.Mat().createDense([(len(u), None), (None, u.shape[1])], comm=comm) for _ in "BX")
+    for dense in (B, X):
+        dense.setUp()
+    B.getDenseArray()[:] = u
+    for dense in (B, X):
+        dense.assemble()
+    multiply(B, X)
+    out = np.array(X.getDenseArray())
+    B.destroy()
+    X.destroy()
+    return out

@@ -74,7 +74,7 @@ class Nodes:
         size = len(of), n * len(self._pose)
         A = csr_array((coordinates.ravel(), columns, n * np.arange(len(of) + 1)), shape=size)
         self._A: Matrix = compact(A)
-        self._At: Matrix = compact(A.T.tocsr())
+        self._At: Matrix = self._A.T if isinstance(self._A, np.ndarray) else A.T.tocsr()
 
     def __len__(self) -> int:
         """How many there are."""

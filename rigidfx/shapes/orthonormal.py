@@ -55,15 +55,18 @@ class Basis:
         room = min(n + k, max(most, n))
         Y, MY = np.empty((2, 3 * shape[0], room))
         Y[:, :n], MY[:, :n] = columns(self.vectors), columns(self.images)
-        for j, size in enumerate(sizes):
+        more, of_more, m = columns(vectors).copy(), columns(images).copy(), n
+        for _ in range(2):  # once more for what rounding leaves
+            parts = self._total(MY[:, :n].T @ more)
+            more -= Y[:, :n] @ parts
+            of_more -= MY[:, :n] @ parts
+        for y, image, size in zip(more.T, of_more.T, sizes, strict=True):
             if n == room:
                 break
-            y: Array = columns(vectors)[:, j].copy()
-            image: Array = columns(images)[:, j].copy()
-            for _ in range(2):  # once more for what rounding leaves
-                parts = self._total(MY[:, :n].T @ y)
-                y -= Y[:, :n] @ parts
-                image -= MY[:, :n] @ parts
+            for _ in range(2):
+                parts = self._total(MY[:, m:n].T @ y)
+                y -= Y[:, m:n] @ parts
+                image -= MY[:, m:n] @ parts
             left = float(np.sqrt(max(float(self._total(y @ image)), 0.0)))
             if left > INDEPENDENT * size:
                 Y[:, n], MY[:, n] = y / left, image / left

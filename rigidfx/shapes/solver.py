@@ -8,6 +8,7 @@ from petsc4py import PETSc
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.types import Array, Ints
+from rigidfx.coupling.rows import product
 from rigidfx.mechanics.rigid_motions import independent
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.iterative import conjugate_gradients
@@ -142,20 +143,7 @@ class Solver:
         """Unknowns by several right sides, both zero at pins. Collective."""
         p, right = self._of.prolongation, right.copy()
         right[self._pins] = 0.0
-        if not right.shape[1]:
-            return right
-        sizes = (p.owned, None), (None, right.shape[1])
-        B, X = (PETSc.Mat().createDense(sizes, comm=p.comm) for _ in range(2))
-        for dense in (B, X):
-            dense.setUp()
-        B.getDenseArray()[:] = right
-        for dense in (B, X):
-            dense.assemble()
-        self._ksp.matSolve(B, X)
-        out = X.getDenseArray().copy()
-        B.destroy()
-        X.destroy()
-        return np.asarray(out)
+        return product(self._ksp.matSolve, right, p.comm)
 
     def destroy(self) -> None:
         """Free the factors. Collective."""

@@ -15,6 +15,7 @@ from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.dof_layout import dof_layout, nodes_of
 from rigidfx.coupling.mass import Mass, mass_operator
 from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.coupling.rows import product
 from rigidfx.effects import Windowed
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import add_vector
@@ -177,6 +178,8 @@ def times(operator: Mass | PETSc.Mat, u: Array, vector: Callable[[], PETSc.Vec])
         u: The columns, shape (rows, k).
         vector: Makes vectors of the rows.
     """
+    if isinstance(operator, PETSc.Mat):
+        return product(operator.matMult, u, operator.comm)
     out, a, b = np.empty_like(u), vector(), vector()
     for k in range(u.shape[1]):
         a.array[:] = u[:, k]

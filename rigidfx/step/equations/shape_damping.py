@@ -5,7 +5,7 @@ A viscous stress of cells gives a body the forces C Δq/Δt, C = Φᵀ C_cells �
 
     ½ K + ξ K + C/Δt,
 
-so that each kind of damping is a difference of two of them.
+so that each kind of damping is one of them less half of the shapes' own stiffness.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
 from rigidfx.base.types import Array
-from rigidfx.coupling.rows import Rows
+from rigidfx.coupling.rows import Rows, product
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
@@ -65,15 +65,11 @@ class ShapeDamping:
         rows = Rows(self._scene.space, body.nodes)
         fields = body.shapes.modes.swapaxes(0, 1).reshape(len(body.shapes), -1)
 
-        def projected() -> Array:
-            return _projected(self._scene, rows, form, fields)
-
         with self._forces.undamped() as parts:
-            none = projected()
             steady, viscous = dict[str, Array](), dict[str, Array]()
             for kind, is_viscous, switch in parts:
                 switch(True)
-                C = projected() - none
+                C = _projected(self._scene, rows, form, fields) - 0.5 * body.shapes.stiffness
                 switch(False)
                 found = viscous if is_viscous else steady
                 found[kind] = found.get(kind, 0.0) + 0.5 * (C + C.T)
@@ -105,12 +101,6 @@ def _projected(scene: Scene, rows: Rows, form: Any, fields: Array) -> Array:
     A = rows.matrix(form)
     fem_petsc.assemble_matrix(A, form)
     A.assemble()
-    field, image = rows.vector(), rows.vector()
-    out = np.zeros((len(fields), len(fields)))
-    for k, own in enumerate(fields):
-        field.array[:] = own
-        A.mult(field, image)
-        out[:, k] = fields @ image.array_r
-    for item in (A, field, image):
-        item.destroy()
+    out = fields @ product(A.matMult, fields.T, rows.comm)
+    A.destroy()
     return np.asarray(scene.sum(out))
