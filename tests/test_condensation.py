@@ -370,24 +370,6 @@ def products_in_steps(scene, steps=3, dt=0.1):
     return made, tangents
 
 
-@MASSES
-@pytest.mark.parametrize("bodies", [ONE, TWO], ids=["one body", "two bodies"])
-def test_one_matptap_condenses_each_tangent(mass, bodies, petsc_options):
-    """Its pattern is there from the start, and no other product of matrices takes part."""
-    petsc_options["snes_lag_jacobian"] = 1  # none is kept
-    scene = scene_with(bodies, "hexahedron", *PUSHES, mass=mass)
-    made, tangents = products_in_steps(scene)
-    assert tangents >= 6
-    assert made == {name: tangents if name == "MatPtAPNumeric" else 0 for name in PRODUCTS}
-
-
-def test_without_bodies_nothing_is_condensed(petsc_options):
-    petsc_options["snes_lag_jacobian"] = 1  # none is kept
-    made, tangents = products_in_steps(scene_with([], "hexahedron", *PUSHES[1:4]))
-    assert tangents >= 6
-    assert not any(made.values())
-
-
 # On several ranks ------------------------------------------------------------------------------
 
 

@@ -346,34 +346,6 @@ def test_force_is_value_times_factor_in_the_window(kind):
                 assert np.abs(getattr(found, name) - wanted).max(initial=0.0) <= 1e-13
 
 
-@pytest.mark.parametrize(
-    ("value", "words"),
-    [
-        (lambda t: (t, 0.0), r"at t = 2 s three finite components are expected"),
-        (lambda t: (t, 0.0, np.nan), r"at t = 2 s three finite components are expected"),
-        (lambda t: {}["no force"], r"failed at t = 2 s with KeyError: 'no force'"),
-    ],
-)
-@pytest.mark.parametrize("kind", KINDS)
-def test_value_that_cannot_be_used(kind, value, words):
-    """What its function of time does is told with its name."""
-    load = KINDS[kind](value)
-    with prepared(made({})) as run:
-        action = load.bind(run.stepper.system.structure)
-        with pytest.raises(SceneError, match=words) as caught:
-            action.set_time(2.0, 0.1)
-    assert str(caught.value).startswith(f"{kind} on '")
-
-
-def test_factor_of_a_resultant_that_is_not_finite():
-    load = rf.Resultant("right", force=(1.0, 0.0, 0.0), time=lambda t: 1.0 if t < 1 else np.inf)
-    with prepared(made(PARTITIONS["one body"], load)) as run:
-        action = load.bind(run.stepper.system.structure)
-        action.set_time(0.5, 0.1)
-        with pytest.raises(SceneError, match="Resultant on 'right': at t = 2 s"):
-            action.set_time(2.0, 0.1)
-
-
 # The sum ---------------------------------------------------------------------------------------
 
 
@@ -394,24 +366,6 @@ def test_actions_add_up_and_begin_anew_in_each_step():
             assert np.abs(actions.loads.moments - moments).max() <= 100 * ROUNDING
             assert np.abs(moments).max() > 0.1
             assert actions.kinds == kinds[t]
-        actions.destroy()
-
-
-def test_an_action_is_asked_for_what_it_does_only():
-    """Without any effect the sum is zero, and nothing is asked."""
-    with prepared(made(PARTITIONS["one body"])) as run:
-        structure = run.stepper.system.structure
-        actions = Actions(structure, [rf.PointMass("corner", 1.0)], [])
-        actions.set_time(0.0, 0.1)
-        assert actions.kinds == ()
-        assert actions.rounding == 0
-        assert not actions.loads.vector.array_r.any()
-        assert not actions.loads.moments.any()
-        # whoever asked any of these for d, a tangent or bodies would fail
-        actions.resist(None, None)
-        actions.stiffen(None, None)
-        assert actions.dissipated(None) == []
-        assert actions.stored(None) == (0, 0)
         actions.destroy()
 
 

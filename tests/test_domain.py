@@ -13,7 +13,7 @@ from tumbling_l import tumbling_l
 
 import rigidfx as rf
 from rigidfx.base.errors import SceneError
-from rigidfx.domain.domain import Domain, EntitySet
+from rigidfx.domain.domain import Domain
 
 CELLS = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
@@ -119,24 +119,6 @@ def test_names_are_added_to_a_new_domain():
     assert scene.nodes("strip", "test").size == 6
 
 
-def test_message_lists_the_known_names():
-    """An unknown name is answered with those that exist."""
-    with pytest.raises(SceneError, match=r"no facets named 'top'.*'x0' \(facets\)"):
-        rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)).find("top", (2,), "Traction")
-
-
-def test_markers_and_sets_that_hit_nothing():
-    """A name must stand for something."""
-    domain = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1))
-    for add in (domain.with_cells, domain.with_facets, domain.with_vertices):
-        with pytest.raises(SceneError, match="true for no"):
-            add("nowhere", lambda x: x[0] > 5)
-    with pytest.raises(SceneError, match="empty"):
-        domain.with_cell_set("nothing", [])
-    with pytest.raises(SceneError, match="no cell 99"):
-        domain.with_cell_set("wrong", [99])
-
-
 # Cells that are not whole -----------------------------------------------------------------------
 
 
@@ -149,25 +131,9 @@ def _moved(cell, towards):
 
 
 @CELLS
-@pytest.mark.parametrize("towards", [(2.5, 1.1, 1.1), (1.0, 1.0, 3.4), (-0.5, 1.0, 1.0)])
-def test_inverted_cells(cell, towards):
-    """A vertex dragged through its neighbours turns cells inside out: refused, with a place."""
-    with pytest.raises(SceneError, match="inverted or flat cells, the first around"):
-        Domain(_moved(cell, towards))
-
-
-@CELLS
 def test_moved_but_whole_cells(cell):
     """A distorted mesh is not an inverted one."""
     Domain(_moved(cell, (1.2, 0.9, 1.15)))
-
-
-def test_flat_cells():
-    """All corners in one plane: no volume."""
-    mesh = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1), "tetrahedron").mesh
-    mesh.geometry.x[:, 2] *= 1e-15
-    with pytest.raises(SceneError, match="inverted or flat"):
-        Domain(mesh)
 
 
 @pytest.mark.filterwarnings("ignore:Scene. its mass is")
@@ -188,59 +154,7 @@ def test_meshes_of_other_kinds():
         Domain(dmesh.create_unit_cube(comm, 1, 1, 1, dmesh.CellType.prism))
 
 
-@pytest.mark.parametrize(
-    ("upper", "cells", "cell", "match"),
-    [
-        ((1, 1, 0), (1, 1, 1), "hexahedron", "upper must exceed"),
-        ((1, 1), (1, 1, 1), "hexahedron", "upper must exceed"),
-        ((1, 1, np.nan), (1, 1, 1), "hexahedron", "upper must exceed"),
-        ((1, 1, 1), (1, 0, 1), "hexahedron", "cells must be"),
-        ((1, 1, 1), (1, 1), "hexahedron", "cells must be"),
-        ((1, 1, 1), (1, 1, 1), "prism", "cell must be one of"),
-    ],
-)
-def test_boxes_that_cannot_be_made(upper, cells, cell, match):
-    """No volume, no cells, unknown cells."""
-    with pytest.raises(SceneError, match=match):
-        rf.box((0, 0, 0), upper, cells, cell)
-
-
 # What a scene refuses ---------------------------------------------------------------------------
-
-
-def test_discretisations_that_are_refused():
-    """Unknown order or mass; second-order tetrahedra with a lumped mass."""
-    domain = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1), "tetrahedron")
-    for options, match in (
-        ({"order": 3}, "order must be"),
-        ({"mass": "heavy"}, "mass must be"),
-        ({"order": 2}, "negative lumped masses"),
-        ({"scheme": rf.Midpoint(), "effects": [rf.NumericalDamping(0.1)]}, "goes with"),
-        ({"effects": [rf.NumericalDamping(0.1), rf.NumericalDamping(0.1, since=1)]}, "overlap"),
-        ({"effects": ["gravity"]}, "not an effect"),
-        ({"probes": {"p": (0, 0)}}, "three finite numbers"),
-    ):
-        with pytest.raises(SceneError, match=match):
-            rf.Scene(domain, MATERIAL, **options)
-
-
-def test_materials_must_cover_the_mesh():
-    """Every cell has exactly one material, from names that exist and are not empty."""
-    domain = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1))
-    domain = domain.with_cells("left", lambda x: x[0] < 2 + 1e-9)
-    domain = domain.with_cells("right", lambda x: x[0] > 1 - 1e-9)
-    empty = Domain(domain.mesh, [EntitySet("none", 3, np.empty(0, np.int32))])
-    for where, material, match in (
-        (domain, {"left": MATERIAL}, "2 cells have none"),
-        (domain, {"left": MATERIAL, "right": MATERIAL}, "1 have several"),
-        (domain, {"middle": MATERIAL}, "no cells named 'middle'"),
-        (empty, {"none": MATERIAL}, "stands for no cells"),
-        (domain, {"left": "steel"}, "must be a Material"),
-        (domain, {}, "must be a Material or a dict"),
-        (domain, None, "must be a Material or a dict"),
-    ):
-        with pytest.raises(SceneError, match=match):
-            rf.Scene(where, material)
 
 
 # Files of gmsh ----------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 from mpi4py import MPI
-from parallel import on_1_to_3_ranks
+from parallel import on_1_and_3_ranks
 from parallel import report as tell
 from parallel import run as mpirun
 
@@ -176,7 +176,7 @@ def history():
 
 
 @alone
-@on_1_to_3_ranks
+@on_1_and_3_ranks
 def test_edges_on_ranks(tmp_path, ranks):
     """The same history and curves, also where a rank has no edge of a set."""
     path = write_loop(tmp_path / "loop.msh", 2.2)

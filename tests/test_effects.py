@@ -407,50 +407,6 @@ def test_describe_shows_what_acts_by_default():
 # Bad input -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: rf.Pressure("top", np.nan), "finite"),
-        (lambda: rf.Pressure("top", "x"), "finite"),
-        (lambda: rf.Pressure("top", 1.0, time=3), "function of t"),
-        (lambda: rf.Pressure(["top"], 1.0), "name of a set"),
-        (lambda: rf.Pressure(None, 1.0), "name of a set"),
-        (lambda: rf.KelvinVoigt(1.0, 3), "name of a set"),
-        (lambda: rf.Spring(3, 1.0), "name of a set"),
-        (lambda: rf.PointMass(["tip"], 1.0), "name of a set"),
-        (lambda: rf.Rigid(5), "name of a set"),
-        (lambda: rf.Fixed("foot", 3), "components"),
-        (lambda: rf.Table(["a"], [1]), "numbers"),
-        (lambda: rf.Table([0, 1], [[1, 2], [3]]), "numbers"),
-        (lambda: rf.Preload(None), "dead loads"),
-        (lambda: rf.Preload([rf.Gravity()], "x"), "increments"),
-        (lambda: rf.Preload([rf.Gravity()], np.nan), "increments"),
-        (lambda: rf.Preload([rf.Gravity()], 1.5), "increments"),
-        (lambda: rf.Rigid("middle", inertia="a"), "inertia"),
-        (lambda: rf.Resultant("middle", (1, 0, 0), time=3), "function of t"),
-        (lambda: rf.KelvinVoigt(-1.0), "> 0"),
-        (lambda: rf.KelvinVoigt(1.0, since=2, until=1), "since < until"),
-        (lambda: rf.MassDamping(0.0), "> 0"),
-        (lambda: rf.PointMass("tip", -1.0), "> 0"),
-        (lambda: rf.Spring("tip", -1.0), "eigenvalue"),
-        (lambda: rf.Spring("tip", (1.0, 2.0)), "three"),
-        (lambda: rf.Spring("tip", [[1, 2, 0], [0, 1, 0], [0, 0, 1]]), "symmetric"),
-        (lambda: rf.Spring("tip", "stiff"), "number"),
-        (lambda: bar(rf.Pressure("nowhere", 1.0)), "nowhere"),
-        (lambda: bar(rf.Pressure("middle", 1.0)), "facets"),
-        (lambda: bar(rf.KelvinVoigt(1.0, "top")), "cells"),
-        (lambda: bar(rf.Spring("nowhere", 1.0)), "nowhere"),
-        (lambda: bar(rf.PointMass("nowhere", 1.0)), "nowhere"),
-        (lambda: bar(rf.Pressure("top", lambda t: 1 / t)), "ZeroDivisionError"),
-        (lambda: bar(rf.Pressure("top", lambda t: np.nan)), "nan"),
-    ],
-)
-def test_bad_input(make, message):
-    """An error that names what is wrong."""
-    with pytest.raises(rf.SceneError, match=message):
-        make()
-
-
 def test_pressure_that_fails_later():
     """A value that is no number at some time ends the run with an error that names it."""
     scene = bar(rf.Pressure("top", lambda t: 1.0 if t < 0.5 else float("nan")))

@@ -59,23 +59,6 @@ def test_description_has_mass_box_unknowns_and_waves(capsys):
         scene.describe(dt=-1)
 
 
-@pytest.mark.parametrize(
-    ("effects", "probes", "words"),
-    [
-        ([rf.Rigid("wrong")], {}, "Rigid: there are no cells named 'wrong'. Known names: 'left'"),
-        ([rf.Rigid("left"), rf.Rigid("right")], {}, "Rigid 'right' shares nodes with another body"),
-        (
-            [],
-            {"tip": (9, 0, 0)},
-            r"'tip' at \(9.0, 0.0, 0.0\) m lies in no cell: it is 7 m outs.* nearest",
-        ),
-    ],
-)
-def test_scene_refuses_what_it_can_know(effects, probes, words):
-    with pytest.raises(rf.SceneError, match=words):
-        rf.Scene(halves(), SOFT, effects, probes=probes)
-
-
 def test_clamped_parts_are_in_reports():
     scene = rf.Scene(halves(), SOFT, [rf.Rigid("left"), rf.Fixed("left")])
     report = next(rf.simulate(scene, 0.1, 0.1, progress=False))

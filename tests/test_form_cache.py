@@ -64,14 +64,6 @@ def test_a_stopped_compilation_is_told_and_cleared(cache, caplog):
     assert the_file(cache, ".c.cached").exists()
 
 
-def test_a_form_is_looked_for_once(cache):
-    """FFCx reads the names of all files in the cache, which may be very many."""
-    compile_form()
-    shutil.rmtree(cache)
-    compile_form(afresh=False)
-    assert not cache.exists()
-
-
 def test_an_expression_is_found_by_a_later_scene(cache):
     """Though UFL has counted its variables on."""
 
@@ -114,16 +106,6 @@ def test_what_cannot_be_removed_is_told(cache, monkeypatch):
     monkeypatch.setattr("pathlib.Path.unlink", refuse)
     with pytest.raises(rf.OutputError, match=r"libffcx_forms_\w+\.\*' is damaged.*remove these"):
         compile_form()
-
-
-def test_the_log_of_ffcx_is_as_before(cache, caplog):
-    logger = logging.getLogger("ffcx")
-    before = logger.level, list(logger.filters)
-    compile_form()
-    assert (logger.level, list(logger.filters)) == before
-    with caplog.at_level(logging.INFO, logger="ffcx"):
-        compile_form()
-    assert any("Cached C file" in message for message in caplog.messages)
 
 
 @pytest.fixture

@@ -165,20 +165,6 @@ def test_components_that_are_not_held_may_jump():
         run(scene)
 
 
-def test_a_path_is_asked_no_more_than_it_has_to_be():
-    """Twice a step where it is smooth: at its end, and in its middle for the rates."""
-    asked = []
-
-    def path(t):
-        asked.append(t)
-        return 0.05 * np.sin(t)
-
-    run(moved(path, velocity=lambda t: 0.05 * np.cos(t)), t_end=0.1)
-    first = len(asked)
-    run(moved(path, velocity=lambda t: 0.05 * np.cos(t)), t_end=1.0)
-    assert len(asked) - 2 * first == 2 * 9
-
-
 def test_where_a_path_jumps():
     found = jump_of(
         lambda t: np.array([3.0 * (t > 0.7), t]), 0.0, 1.0, np.zeros(2), np.array([3.0, 1])

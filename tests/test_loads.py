@@ -9,8 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rigidfx as rf
-from rigidfx.base.errors import SceneError
-from rigidfx.domain.domain import Domain, EntitySet
 
 MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
 STIFF = rf.StVenantKirchhoff(rho=2.0, E=5e3, nu=0.3)  # bears a force on one vertex
@@ -120,72 +118,3 @@ def test_value_as_a_function_of_time():
     assert np.abs(_impulse(rf.NodalForce("x1", value)) - expected).max() <= 100 * NEWTON
     both = rf.NodalForce("x1", value, time=lambda t: 2.0)
     assert np.abs(_impulse(both) - 2 * expected).max() <= 100 * NEWTON
-
-
-def test_load_that_ceases_to_be_finite():
-    """A value that is fine at the start and not later is found when it comes up."""
-    for load in (
-        rf.NodalForce("x1", lambda t: (1.0 if t < 0.5 else np.nan, 0, 0)),
-        rf.Traction("x1", (1.0, 0, 0), time=lambda t: 1.0 if t < 0.5 else np.nan),
-        rf.BodyForce(lambda t: (1.0, 0, 0) if t < 0.5 else (1.0, 0)),
-    ):
-        times = []
-        with pytest.raises(SceneError, match=r"at t = 0\.5625 s three finite"):
-            times.extend(
-                r.t for r in rf.simulate(rf.Scene(_domain(), MATERIAL, [load]), 0.125, 1.0)
-            )
-        assert not times or times[-1] <= 0.5
-
-
-@pytest.mark.parametrize("value", [(1.0, 2.0), (np.nan, 0, 0), "abc", 3.0, (0, 0, np.inf), None])
-@pytest.mark.parametrize(
-    "kind",
-    [lambda v: rf.NodalForce("x1", v), lambda v: rf.Traction("x1", v), rf.BodyForce, rf.Gravity],
-)
-def test_value_that_is_no_vector(kind, value):
-    """Three finite numbers are asked for where the load is made."""
-    with pytest.raises(SceneError, match="three finite numbers"):
-        kind(value)
-
-
-@pytest.mark.parametrize(
-    ("times", "values"),
-    [
-        ((), ()),
-        ((0, 1), (1,)),
-        ((0, 0), (1, 2)),
-        ((1, 0), (1, 2)),
-        ((0, np.nan), (1, 2)),
-        ((0, 1), (1, np.inf)),
-    ],
-)
-def test_table_that_cannot_be_used(times, values):
-    """Equal lengths, increasing times, finite numbers."""
-    with pytest.raises(SceneError, match="Table"):
-        rf.Table(times, values)
-
-
-def test_windows_and_times_that_cannot_be_used():
-    """An empty window, a time factor that is no function."""
-    for since, until in ((1.0, 1.0), (2.0, 1.0)):
-        with pytest.raises(SceneError, match="since < until"):
-            rf.Gravity(since=since, until=until)
-    for since in (np.nan, "now", None):
-        with pytest.raises(SceneError, match="since must be a finite number"):
-            rf.Gravity(since=since)
-    with pytest.raises(SceneError, match="time must be a function"):
-        rf.Gravity(time=2.0)
-
-
-def test_traction_needs_boundary_facets():
-    """Facets inside the mesh are refused, and a set of cells is no set of facets."""
-    mesh = _domain().mesh
-    mesh.topology.create_connectivity(2, 3)
-    cells_of = mesh.topology.connectivity(2, 3)
-    count = mesh.topology.index_map(2).size_local + mesh.topology.index_map(2).num_ghosts
-    inner = [f for f in range(count) if len(cells_of.links(f)) == 2]
-    domain = Domain(mesh, [EntitySet("inner", 2, np.array(inner, np.int32))])
-    with pytest.raises(SceneError, match="inside the mesh"):
-        next(rf.simulate(rf.Scene(domain, MATERIAL, [rf.Traction("inner", (1, 0, 0))]), 0.1, 1.0))
-    with pytest.raises(SceneError, match="no facets named 'left'"):
-        rf.Scene(_domain(), MATERIAL, [rf.Traction("left", (1, 0, 0))])

@@ -222,14 +222,6 @@ def test_second_run_takes_the_place_of_the_first(tmp_path):
     assert len(list(tmp_path.glob("fields/*"))) == len(read_series(recorder.series)) == 2
 
 
-@pytest.mark.parametrize(
-    "when", [{"every": 0}, {"every": 1.5}, {"interval": 0.0}, {"interval": float("nan")}]
-)
-def test_interval_is_checked(tmp_path, when):
-    with pytest.raises(rf.SceneError, match=next(iter(when))):
-        rf.Recorder(make_scene(), tmp_path, **when)
-
-
 def in_the_way(tmp_path):
     """Folders that cannot be made: even root may not write below a file or into /proc."""
     (tmp_path / "file").write_text("in the way")

@@ -92,11 +92,11 @@ def _history(scene, dt, t_end):
 
 @pytest.fixture(scope="module")
 def histories():
-    return {n: parallel.run(__file__, n, timeout=600) for n in (1, 2, 3)}
+    return {n: parallel.run(__file__, n, timeout=600) for n in (1, 3)}
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [3])
 @pytest.mark.parametrize("name", SCENES)
 def test_history_is_that_on_one_rank(histories, name, ranks):
     """Energies, momenta, displacements, reactions and impacts, each relative to its largest."""
@@ -121,7 +121,7 @@ def test_there_is_something_to_compare(histories):
     for name in SCENES:
         assert largest(histories[1][name], "displacement") > 0.05
     assert largest(histories[1]["tumbling"], "energy") > 1e3
-    assert [histories[n]["ranks"] for n in (1, 2, 3)] == [1, 2, 3]
+    assert [histories[n]["ranks"] for n in (1, 3)] == [1, 3]
 
 
 if __name__ == "__main__":

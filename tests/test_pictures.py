@@ -265,20 +265,6 @@ def test_folder_without_a_run(tmp_path):
         pictures(tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        *(("view", (0, 0, 0)), ("view", (1, 0)), ("view", (0, 0, 2)), ("up", (0, 0, np.nan))),
-        *(("scale", 0), ("scale", "much"), ("scale", None)),
-        *(("frames", -1), ("frames", 1.5), ("shapes", 0), ("shapes", "8")),
-    ],
-)
-def test_bad_arguments(tmp_path, name, value):
-    """Refused before a file is looked for."""
-    with pytest.raises(rf.SceneError, match=f"pictures: {name}"):
-        pictures(tmp_path, **{name: value})
-
-
 @pytest.mark.parallel
 def test_pictures_on_two_ranks(tmp_path):
     """Files are known on both ranks, and so is that there are none."""

@@ -139,12 +139,6 @@ def test_symmetry_holds_the_normal(face):
     assert effect.components == face[0]
 
 
-def test_symmetry_needs_a_plane():
-    bent = cube().with_facets("bent", lambda x: (x[0] < 1e-9) | (x[1] < 1e-9))
-    with pytest.raises(rf.SceneError, match="Symmetry on 'bent': its facets must lie in one plane"):
-        rf.Scene(bent, MATERIAL, [rf.Symmetry("bent")])
-
-
 def test_half_a_bar_moves_as_a_whole_one():
     """By symmetry, to the end of Newton's iteration."""
     ends = []
@@ -194,48 +188,6 @@ def test_reactions_of_a_preload():
     first = next(rf.simulate(scene, 0.1, 0.1, progress=False))
     np.testing.assert_allclose(first.reactions["z0"], (0, -20, 50), atol=1e-8)
     assert first.reaction_moments["z0"][0] == pytest.approx(25 + 20, rel=0.02)
-
-
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda: rf.NodalForce("z1", lambda x, t: x), "one of x and t can be had with Traction"),
-        (
-            lambda: rf.PrescribedRotation("z1", axis=(0, 0, 0), angle=spun_up),
-            "must have a direction",
-        ),
-        (
-            lambda: rf.PrescribedRotation("z1", axis=(0, 0, 1), angle=3.0),
-            "angle must be a function",
-        ),
-        (lambda: rf.StiffnessDamping(0.0, 1.0), "ratio must be a finite number > 0"),
-        (lambda: rf.InitialDisplacement(3.0), "must be a function of x"),
-        (
-            lambda: rf.PrescribedMotion("z1", displacement=sheared, velocity=lambda t: (0, 0, 0)),
-            "functions of the same arguments",
-        ),
-    ],
-)
-def test_bad_values_are_refused(make, words):
-    with pytest.raises(rf.SceneError, match=words):
-        make()
-
-
-@pytest.mark.parametrize(
-    "effects",
-    [
-        [rf.Traction("z1", lambda x, t: x[:2])],
-        [rf.Traction("z1", lambda x, t: np.full_like(x, np.nan))],
-        [rf.PrescribedMotion("z1", displacement=lambda x, t: x[:2])],
-        [rf.PrescribedRotation("z1", axis=(0, 0, 1), angle=lambda t: np.nan)],
-        [rf.InitialDisplacement(lambda x: x), rf.Rigid()],
-        [rf.Rigid("low"), rf.PrescribedMotion("low", displacement=sheared)],
-    ],
-)
-def test_bad_fields_are_refused(effects):
-    domain = cube().with_cells("low", lambda x: x[2] < 0.51)
-    with pytest.raises(rf.SceneError, match=r"on '|Scene: an Initial"):
-        next(rf.simulate(rf.Scene(domain, MATERIAL, effects), 0.1, 0.1, progress=False))
 
 
 def on_ranks():

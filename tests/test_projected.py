@@ -155,7 +155,7 @@ def _histories(ranks):
     return np.array(parallel.run(HERE / "projected_on_ranks.py", ranks, 300))
 
 
-@parallel.on_1_to_3_ranks
+@parallel.on_1_and_3_ranks
 def test_ranks_agree(ranks):
     """Energy and momenta, beside a body."""
     one, more = _histories(1), _histories(ranks)

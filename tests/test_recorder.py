@@ -37,18 +37,6 @@ def run(scene, t_end=0.5):
 # Old reports -----------------------------------------------------------------------------------
 
 
-def test_reports_of_earlier_steps_are_refused(tmp_path):
-    """Their state is that of the last step: it would be written under each of their times."""
-    scene = make_scene()
-    reports = list(run(scene))
-    with rf.Recorder(scene, tmp_path, every=1) as recorder:
-        with pytest.raises(rf.SceneError, match=r"of t = 0.1 s, .* gone on"):
-            recorder.write(reports[1])
-        recorder.write(reports[-1])
-    assert rf.read_history(recorder.history)["t"].tolist() == [reports[-1].t]
-    assert recorder.series.read_text().count("DataSet") == 1
-
-
 def test_fields_of_a_report_that_the_run_has_left_behind_are_not_made_up(tmp_path):
     """Only every other report is written; the last of them is not the last of the run."""
     scene = make_scene()
@@ -83,16 +71,6 @@ def test_intervals_are_met_late_in_a_run(tmp_path):
     assert [(t - late) / dt for t in times if t >= late] == [0.0, 4.0, 8.0, 12.0]
 
 
-def test_a_report_of_another_scene_is_refused(tmp_path):
-    domain = rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1))
-    first, second = make_scene(domain=domain), make_scene(domain=domain)
-    with (
-        rf.Recorder(first, tmp_path) as recorder,
-        pytest.raises(rf.SceneError, match="another scene"),
-    ):
-        recorder.write(next(run(second)))
-
-
 def test_a_recorder_is_for_one_run(tmp_path):
     scene = make_scene()
     with rf.Recorder(scene, tmp_path) as recorder:
@@ -103,19 +81,6 @@ def test_a_recorder_is_for_one_run(tmp_path):
 
 
 # One recorder for a folder ---------------------------------------------------------------------
-
-
-def test_two_recorders_do_not_share_a_folder(tmp_path):
-    scene = make_scene()
-    with rf.Recorder(scene, tmp_path, every=1) as first:
-        steps = run(scene)
-        first.write(next(steps))
-        with pytest.raises(rf.OutputError, match=rf"another recorder .*{tmp_path.name}'"):
-            rf.Recorder(scene, tmp_path / ".." / tmp_path.name)
-        for report in steps:
-            first.write(report)
-    assert rf.read_history(first.history)["step"].tolist() == [0, 1, 2, 3, 4, 5]
-    assert b"\0" not in first.history.read_bytes()
 
 
 def test_a_folder_is_free_again_after_close(tmp_path):

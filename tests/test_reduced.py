@@ -418,7 +418,7 @@ def _found():
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [3])
 def test_it_is_the_same_on_several_ranks(ranks):
     check_the_same(__file__, ranks, _found())
 

@@ -434,7 +434,7 @@ def found():
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [3])
 def test_ranks(ranks):
     alone = found()
     for one, other in zip(alone, mpirun(__file__, ranks, 300), strict=True):

@@ -826,34 +826,6 @@ def test_the_table_of_a_run_has_the_ledger(tmp_path):
 # Bad input ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("wrong", "named"),
-    [
-        ({"tol": 0.0}, "tol"),
-        ({"tol": -0.01}, "tol"),
-        ({"tol": 1e-320}, "tol must be 1e-12 or more"),
-        ({"tol": 1.0}, "tol"),
-        ({"tol": "fine"}, "tol"),
-        ({"tol": np.nan}, "tol"),
-        ({"tol": True}, "tol"),
-        ({"largest": 0.0}, "largest"),
-        ({"largest": "0.1"}, "largest"),
-        ({"largest": np.nan}, "largest"),
-        ({"smallest": np.nan}, "smallest"),
-        ({"largest": np.inf}, "largest"),
-        ({"smallest": 0.2}, "smallest"),
-        ({"smallest": -1.0}, "smallest"),
-        ({"of": 0.0}, "of"),
-        ({"at": 3}, "at"),
-        ({"at": ()}, "at"),
-        ({"at": ("tip", 1)}, "at"),
-    ],
-)
-def test_bad_numbers_are_refused(wrong, named):
-    with pytest.raises(rf.SceneError, match=f"StepControl.*{named}"):
-        rf.StepControl(**{"tol": 0.01, "largest": 0.1, **wrong})
-
-
 @pytest.mark.parametrize("given", [(0.05,), (0.05, "tip"), (0.05, "tip", None)])
 def test_the_longest_step_is_to_be_given(given):
     """What its absence means is said as all is."""
@@ -883,11 +855,6 @@ def test_accuracy_where_supports_lead_is_warned_of(given):
 
     assert "('root')" in said("root")[0]
     assert not said(("root", "tip"))
-
-
-def test_an_unknown_probe_is_refused():
-    with pytest.raises(rf.SceneError, match=r"probe 'top'.*tip"):
-        rf.simulate(pushed(), rf.StepControl(0.01, "top", largest=0.1), 1.0)
 
 
 def test_steps_that_time_cannot_resolve_are_refused():

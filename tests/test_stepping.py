@@ -211,15 +211,6 @@ def test_run_that_is_left_early():
     assert reports[-1].t == 1.0
 
 
-@pytest.mark.parametrize("value", [0.0, -0.1, np.nan, np.inf])
-def test_times_that_cannot_be_used(value):
-    """Δt and the end must be finite and positive; said at the call, not at the first step."""
-    with pytest.raises(SceneError, match="dt must"):
-        rf.simulate(_bar(), value, 1.0)
-    with pytest.raises(SceneError, match="t_end must"):
-        rf.simulate(_bar(), 0.1, value)
-
-
 def test_probes():
     """Points inside cells are interpolated; points outside are refused."""
     spin = np.array([0.0, 0.0, 0.1])

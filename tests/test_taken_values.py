@@ -12,6 +12,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from dolfinx import fem
+from records import RECORDS, nothing
 
 import rigidfx as rf
 from rigidfx.base.taken import taken
@@ -29,139 +30,6 @@ pytestmark = [
 SOFT = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
 
 
-def _nothing(*_):
-    return (0.0, 0.0, 0.0)
-
-
-def _window():
-    return {"since": np.array(0.5), "until": np.array(2.0)}
-
-
-# Of each record what it is made from, everything in a container that can be changed.
-RECORDS = {
-    rf.Table: lambda: {"times": np.array([0.0, 1.0]), "values": [0.0, np.array(2.0)]},
-    rf.BodyForce: lambda: {"value": np.array([1.0, 2.0, 3.0]), **_window()},
-    rf.Gravity: lambda: {"value": [0.0, 0.0, -9.0], **_window()},
-    rf.NodalForce: lambda: {"where": "x0", "value": np.array([1.0, 2.0, 3.0]), **_window()},
-    rf.Traction: lambda: {"where": "x0", "value": np.array([1.0, 2.0, 3.0]), **_window()},
-    rf.Pressure: lambda: {"where": "x0", "value": np.array(3.0), **_window()},
-    rf.Resultant: lambda: {"force": np.array([1.0, 0, 0]), "torque": [0, 1, 0], **_window()},
-    rf.Fixed: lambda: {"where": "x0", **_window()},
-    rf.PrescribedMotion: lambda: {"where": "x0", "displacement": _nothing, **_window()},
-    rf.InitialVelocity: lambda: {
-        "linear": np.array([1.0, 0, 0]),
-        "angular": [0.0, 1.0, 0.0],
-        "centre": np.array([0.0, 0, 1]),
-    },
-    rf.PrescribedRotation: lambda: {
-        "where": "x0",
-        "axis": np.array([0.0, 0, 1]),
-        "through": [0.0, 1.0, 0.0],
-        "angle": _nothing,
-        **_window(),
-    },
-    rf.Symmetry: lambda: {"where": "x0", **_window()},
-    rf.StiffnessDamping: lambda: {"ratio": np.array(0.1), "frequency": np.array(2.0), **_window()},
-    rf.InitialDisplacement: lambda: {"function": _nothing},
-    rf.KelvinVoigt: lambda: {"eta": np.array(2.0), **_window()},
-    rf.MassDamping: lambda: {"alpha": np.array(2.0), **_window()},
-    rf.NumericalDamping: lambda: {"xi": np.array(0.1), **_window()},
-    rf.PointMass: lambda: {"where": "x0", "mass": np.array(2.0)},
-    rf.Preload: lambda: {"loads": [rf.Gravity()], "increments": np.array(2)},
-    rf.ResolvedForces: lambda: {},
-    rf.Reduced: lambda: {"where": "half", "shapes": np.array(3)},
-    rf.Rigid: lambda: {"mass": np.array(2.0), "inertia": np.eye(3)},
-    rf.Spring: lambda: {
-        "where": "x0",
-        "stiffness": np.eye(3),
-        "damping": [[1.0, 0, 0], [0, 1.0, 0], np.array([0, 0, 1.0])],
-    },
-    rf.SpringDamper: lambda: {
-        "a": "ground",
-        "b": "x0",
-        "stiffness": np.array(2.0),
-        "damping": np.array(2.0),
-        "length": np.array(0.1),
-        "at_a": np.array([3.0, 0, 0]),
-    },
-    rf.Contact: lambda: {
-        "where": "x0",
-        "against": rf.Plane((0, 0, 0), (0, 0, 1)),
-        "stiffness": np.array(2.0),
-        "friction": np.array(0.1),
-        "creep": np.array(0.1),
-        **_window(),
-    },
-    rf.MeanFace: lambda: {"where": "x0"},
-    rf.RigidFace: lambda: {"where": "x0"},
-    rf.Stop: lambda: {"joint": "hinge", "high": np.array(1.0), "stiffness": np.array(3.0)},
-    rf.Spherical: lambda: {"a": "ground", "b": "x0", "at": np.array([1.0, 0, 0])},
-    **dict.fromkeys(
-        (rf.Revolute, rf.Cylindrical, rf.Prismatic),
-        lambda: {
-            "a": rf.MeanFace("x0"),
-            "b": rf.MeanFace("x1"),
-            "at": [1.0, 0.0, 0.0],
-            "axis": np.array([0.0, 0, 1]),
-        },
-    ),
-    rf.Universal: lambda: {
-        "a": "ground",
-        "b": "x0",
-        "at": np.array([1.0, 0, 0]),
-        "axis_a": [1.0, 0.0, 0.0],
-        "axis_b": np.array([0.0, 1, 0]),
-    },
-    rf.Tied: lambda: {"a": "ground", "b": "x0", "at": np.array([1.0, 0, 0])},
-    rf.Motor: lambda: {"joint": "hinge", "torque": np.array(2.0), **_window()},
-    rf.JointSpring: lambda: {
-        "joint": "hinge",
-        "stiffness": np.array(2.0),
-        "damping": np.array(2.0),
-        "rest": np.array(0.1),
-    },
-    rf.Plane: lambda: {"point": np.array([1.0, 0, 0]), "normal": [0.0, 0.0, 1.0]},
-    rf.Sphere: lambda: {"centre": np.array([1.0, 0, 0]), "radius": np.array(2.0)},
-    rf.Cylinder: lambda: {"centre": [1.0, 0, 0], "radius": 2.0, "axis": np.array([1.0, 0, 0])},
-    rf.Release: lambda: {"at": np.array([1.0, 2.0])},
-    rf.StrainRate: lambda: {
-        "tol": np.array(0.1),
-        "window": np.array(0.2),
-        "tolerances": {"x0": np.array(0.3)},
-        "never": ["x0"],
-        "release": [rf.Release(at=1.0)],
-        "wake": "all",
-        "load_change": np.array(0.2),
-        "patience": np.array(2.0),
-        **_window(),
-    },
-    rf.AssumedStrains: lambda: {"thickness": "x0"},
-    rf.Relative: lambda: {"part": np.array(0.1)},
-    rf.StepControl: lambda: {
-        "tol": np.array(0.1),
-        "at": ["tip", "top"],
-        "largest": np.array(0.2),
-        "smallest": np.array(0.1),
-        "of": np.array(3.0),
-    },
-    rf.Accuracy: lambda: {
-        "budget": np.array(0.1),
-        "at": ["tip", "top"],
-        "of": np.array(3.0),
-        "smallest": np.array(0.1),
-        "never": ["x0"],
-    },
-    rf.StVenantKirchhoff: lambda: {"rho": np.array(2.0), "E": np.array(5.0), "nu": np.array(0.3)},
-    rf.NeoHooke: lambda: {"rho": np.array(2.0), "E": np.array(5.0), "nu": np.array(0.3)},
-    rf.MooneyRivlin: lambda: {name: np.array(2.0) for name in ("rho", "c10", "c01", "kappa")},
-    rf.Hyperelastic: lambda: {
-        "rho": np.array(2.0),
-        "W": _nothing,
-        "values": {"mu": np.array(1.0), "k": 2.0},
-    },
-    Curve: lambda: {"label": "a", "x": np.array([0.0, 1.0]), "y": [0.0, 1.0]},
-    EntitySet: lambda: {"name": "a", "dim": 3, "entities": np.arange(3, dtype=np.int32)},
-}
 NOT_GIVEN = {
     rf.Checkpoint,
     rf.Domain,
@@ -219,7 +87,7 @@ def test_functions_and_what_cannot_change_are_not_copied():
     """Two supports that share a function prescribe the same motion."""
     table, pair = rf.Table([0, 1], [0, 1]), (1.0, (2, "text"))
     assert taken(table) is table
-    assert taken(_nothing) is _nothing
+    assert taken(nothing) is nothing
     assert all(a is b for a, b in zip(taken(pair), pair, strict=True) if not isinstance(a, tuple))
     never_ending = []
     never_ending.append(never_ending)
@@ -367,7 +235,7 @@ class Lifted(Support):
     """A support of a user's own, whose motion is a function's."""
 
     moves = True
-    path = staticmethod(_nothing)
+    path = staticmethod(nothing)
 
     def displacements_at(self, t, X):
         return self.path(t)

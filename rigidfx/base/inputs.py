@@ -83,7 +83,7 @@ def whole(owner: str, name: str, value: Any, *, least: int) -> int:
     Raises:
         SceneError: If it is anything else, or less.
     """
-    if not isinstance(value, (bool, np.bool_)) and isinstance(value, (int, np.integer)):
+    if not isinstance(value, (bool, np.bool_, np.timedelta64)) and isinstance(value, (int, np.integer)):
         result = int(value)
         if result >= least:
             return result

@@ -7,8 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigidfx.base.errors import SceneError
-from rigidfx.decide.criteria.criterion import StrainRate
 from rigidfx.decide.memory.back_off import BackOff
 
 WINDOW = 1.0  # s
@@ -99,9 +97,3 @@ def test_cells_do_not_disturb_each_other(story):
         for k, rule in enumerate(alone):
             rule.switched(rigid[[k]], float(t), counts=True)
     assert both.needed().tolist() == [rule.needed()[0] for rule in alone]
-
-
-@pytest.mark.parametrize("patience", [0.5, np.nan, np.inf, "long"])
-def test_patience_below_one_is_refused(patience):
-    with pytest.raises(SceneError, match="patience must be"):
-        StrainRate(1.0, 1.0, patience=patience)
