@@ -468,8 +468,6 @@ def cases():
     blows = STRIKES["traction"]
     along = rf.Traction("x1", (200.0, 0, 0), time=beats)
     late = rf.Traction("x1", (-3000.0, 0, 0), time=lambda t: blow(t - 2.4))
-    swing = rf.Traction("x1", (0, 0, 20.0), time=sine)
-    thick = {"cells": (16, 2, 2), "probes": {"tip": (8, 0.5, 0.5)}}
     return {
         "consistent": (on_a_block(blows, mass="consistent"), 1.4, local(2e-4)),
         "automatic window": (
@@ -477,8 +475,6 @@ def cases():
             3.6,
             rf.StrainRate(4e-5, "auto", wake="local"),
         ),
-        # A body grows, wakes again, and is let down.
-        "grown": (bar(rf.Fixed("x0"), rf.MassDamping(1.0), swing, **thick), 3.2, local(2e-5)),
     }
 
 

@@ -83,7 +83,8 @@ def whole(owner: str, name: str, value: Any, *, least: int) -> int:
     Raises:
         SceneError: If it is anything else, or less.
     """
-    if not isinstance(value, (bool, np.bool_, np.timedelta64)) and isinstance(value, (int, np.integer)):
+    other = isinstance(value, (bool, np.bool_, np.timedelta64))
+    if isinstance(value, (int, np.integer)) and not other:
         result = int(value)
         if result >= least:
             return result
