@@ -26,7 +26,7 @@ FIRST = sorted((ROOT / "demos" / "first").glob("*.py"))
 BENCHMARKS = sorted((ROOT / "demos" / "benchmarks").glob("*.py"))
 # Benchmarks of many scenes, of which one is run.
 SOME = {
-    "waking": ("--only", "wave"),
+    "waking": ("--only", "eight cells"),
     "budgets": ("--only", "push", "--no-hand", "--budgets", "0.05"),
     "impact": ("--only", "wall"),
     "mechanisms": ("--only", "Bricard"),

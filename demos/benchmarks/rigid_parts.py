@@ -6,7 +6,7 @@
   `ratio_to_cells` an iteration; the latter is over the share of flexible cells.
 * *switches*: a step in which strain rates are observed but no cell qualifies, over a plain one; and
   in plain steps the time from the mesh to the first report, of a freeze of nine tenths, and of its
-  release. `waking.py` has the cost of the error motion (`e_share`).
+  release.
 
 Runs take their steps in turn, so that a change of the machine's speed hits them alike.
 
