@@ -165,7 +165,6 @@ VIEWS = {
     "zip",
     "reversed",
 }
-WRITERS = {"fill", "sort", "put", "interpolate", "scatter_forward", "scatter_reverse", "update"}
 
 
 def _names_state(node):
@@ -207,119 +206,6 @@ def _views(node, aliases):
 def _bound(target):
     """Names that an assignment binds."""
     return {n.id for n in ast.walk(target) if isinstance(n, ast.Name)} - {"_"}
-
-
-def _pairs(node):
-    """Pairs of targets and values of a statement that binds names; values may be None."""
-    if isinstance(node, ast.Assign):
-        for target in node.targets:
-            both = isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple)
-            if both and len(target.elts) == len(node.value.elts):
-                yield from zip(target.elts, node.value.elts, strict=True)
-            else:
-                yield target, node.value
-    elif isinstance(node, (ast.AnnAssign, ast.AugAssign, ast.NamedExpr)):
-        yield node.target, node.value
-    elif isinstance(node, (ast.For, ast.comprehension)):
-        together = isinstance(node.iter, ast.Call) and ast.unparse(node.iter.func) == "zip"
-        if together and isinstance(node.target, ast.Tuple):
-            yield from zip(node.target.elts, node.iter.args, strict=False)
-        else:
-            yield node.target, node.iter
-    elif isinstance(node, ast.withitem) and node.optional_vars is not None:
-        yield node.optional_vars, node.context_expr
-
-
-def _scopes(tree):
-    """Statements and expressions of a module outside functions, and of each function."""
-    functions = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)]
-    inside = {id(n) for function in functions for n in ast.walk(function)}
-    yield [n for n in ast.walk(tree) if id(n) not in inside]
-    for function in functions:
-        yield list(ast.walk(function))
-
-
-def writes_to_state(source):
-    """Lines in which a module writes to a state, or into memory that is one's, and what they say.
-
-    Names that share memory with a state are followed through assignments, loops and views.
-    """
-    found = []
-    for scope in _scopes(ast.parse(source)):
-        aliases, size = set(), -1
-        while len(aliases) != size:  # an alias of an alias may come before it, in a loop
-            size = len(aliases)
-            for node in scope:
-                for target, value in _pairs(node):
-                    binds = isinstance(target, (ast.Name, ast.Tuple))
-                    binds &= not isinstance(node, ast.AugAssign)
-                    if binds and value and _views(value, aliases):
-                        aliases |= _bound(target)
-        for node in scope:
-            written = [t for t, _ in _pairs(node) if isinstance(t, (ast.Attribute, ast.Subscript))]
-            if isinstance(node, ast.AugAssign):
-                written = [node.target]
-            elif isinstance(node, ast.Delete):
-                written = node.targets
-            elif isinstance(node, ast.Call):
-                called = getattr(node.func, "attr", "")
-                written = [k.value for k in node.keywords if k.arg == "out"]
-                written += [node.func.value] if called in WRITERS else []
-                written += node.args[:1] if called in ("at", "copyto", "assemble_vector") else []
-            for target in written:
-                # an attribute of whatever object that is called u0 is bound, not written into
-                own = isinstance(target, ast.Attribute) and target.attr in OTHER_NAMES
-                if _views(target, aliases) and not own:
-                    found.append((node.lineno, ast.unparse(target)))
-    return sorted(set(found))
-
-
-def test_one_place_writes_the_state():
-    """No module but state.py assigns to an attribute of a state, or into its arrays."""
-    for path in FILES:
-        found = writes_to_state(path.read_text(encoding="utf-8")) if path.stem != "state" else []
-        assert not found, f"{path}: {found}"
-
-
-@pytest.mark.parametrize(
-    "source",
-    [
-        "state.t = 1.0",
-        "self.state.u.x.array[dofs] += d",
-        "self._state.bodies = bodies",
-        "run.stepper.state.v.x.array[:] = 0",
-        "u = state.u.x.array.reshape(-1, 3)\nu[nodes] = 0",
-        "u, v = (f.x.array[:n].reshape(-1, 3) for f in (state.u, state.v))\nv += 1",
-        "for f in (state.u, state.v):\n    f.x.array[:] = 0",
-        "for a, b in zip(arrays, [state.v.x.array], strict=True):\n    b[:] = a",
-        "both = forces.u0.x.array, forces.u1.x.array\nfor array in both:\n    array[:] = 0",
-        "def f(structure):\n    u = structure.u\n    u[0] = 1",
-        "class A:\n    def f(self):\n        self._u0[:] = 0",
-        "np.add(a, b, out=state.v.x.array)",
-        "np.add.at(state.v.x.array, dofs, 1.0)",
-        "state.u.x.array.fill(0)",
-        "state.u.interpolate(f)",
-        "del state.clamped[1]",
-        "if (v := state.v.x.array).any():\n    v[:] = 0",
-    ],
-)
-def test_a_write_to_the_state_is_seen(source):
-    """By whatever name it goes."""
-    assert writes_to_state(source)
-
-
-@pytest.mark.parametrize(
-    "source",
-    [
-        "v = state.v.x.array.copy()\nv[:] = 0",
-        "x = state.X + state.u.x.array\nx[0] = 1",
-        "state = stepper.state\nu = state.u",
-        "self.u0, self.u1 = u0, fem.Function(space)",
-        "dv.array[:] = state.v.x.array[dofs]",
-    ],
-)
-def test_a_look_at_the_state_is_allowed(source):
-    assert not writes_to_state(source)
 
 
 # Tests and demos use what is public ------------------------------------------------------------

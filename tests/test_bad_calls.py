@@ -302,8 +302,6 @@ FILES = {
     ),
     "bodies of an older format": (lambda: _damaged(format="rigidfx bodies 1"), "is no file of"),
     "bodies of more cells": (lambda: _damaged(cells=99), "damaged.json"),
-    "a body that is a number": (lambda: _damaged(bodies=[7]), "is damaged"),
-    "a body without a name": (lambda: _damaged(name=None), "is damaged"),
     "a body without mass": (lambda: _damaged(mass=None), "is damaged"),
     "a body of negative mass": (lambda: _damaged(mass=-1.0), "mass of body 'left'"),
     "a body that is not rotated but stretched": (

@@ -408,11 +408,8 @@ def test_a_scene_without_contact_has_the_forms_and_the_step_that_it_had(monkeypa
 # Refusals --------------------------------------------------------------------------------------
 
 REFUSED = {
-    "no normal": (lambda: rf.Plane((0, 0, 0), (0, 0, 0)), "normal must have a direction"),
     "no radius": (lambda: rf.Sphere((0, 0, 0), 0.0), "radius must be a finite number > 0"),
     "no axis": (lambda: rf.Cylinder((0, 0, 0), 1.0, axis=(0, 0, 0)), "axis must have a direction"),
-    "inside": (lambda: rf.Sphere((0, 0, 0), 1.0, inside=2), "inside must be True or False"),
-    "path": (lambda: rf.Plane((0, 0, 0), (0, 0, 1), path=(0, 0, 1)), "must be a function of t"),
     "nothing": (
         lambda: rf.Contact("skin", against=None),
         "against must be a Plane or another obstacle",
@@ -420,15 +417,9 @@ REFUSED = {
     "friction": (lambda: rf.Contact("skin", against=FLOOR, friction=-0.1), "friction must be ≥ 0"),
     "creep": (lambda: rf.Contact("skin", against=FLOOR, friction=0.1), "friction needs creep"),
     "stiffness": (lambda: rf.Contact("skin", against=FLOOR, stiffness=0), "stiffness must be a"),
-    "name": (lambda: block(rf.Contact("skim", against=FLOOR)), "'skim'"),
-    "twice": (lambda: block(*[rf.Contact("skin", against=FLOOR)] * 2), "title of its own"),
     "overlap": (
         lambda: block(rf.Contact("skin", against=FLOOR), above=-0.1),
         r"at the start it is 0\.1 m inside the Plane at \(.*, -0\.1\) m: move one of them",
-    ),
-    "path fails": (
-        lambda: block(rf.Contact("skin", against=rf.Plane((0, 0, 0), (0, 0, 1), path=lambda t: 1))),
-        "three finite components are expected",
     ),
 }
 

@@ -393,23 +393,6 @@ def flat(*effects):
     return rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (2, 2, 2)), SOFT, effects)
 
 
-REFUSED = {
-    "itself": (lambda: flat(rf.Contact("x0", against="x0")), "'x0' is flat, so it does not meet"),
-    "friction": (
-        lambda: rf.Contact("upper", against="lower", friction=0.1, creep=1.0),
-        "friction is for obstacles",
-    ),
-    "name": (lambda: blocks(rf.Contact("upper", against="lover")), "'lover'"),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_is_refused(case):
-    action, message = REFUSED[case]
-    with pytest.raises(rf.SceneError, match=message):
-        action()
-
-
 def histories():
     """Numbers of two blocks that meet, one pair switched, and of a strip with itself."""
     rows = []

@@ -7,17 +7,16 @@ import pytest
 from dolfinx import fem
 
 import rigidfx as rf
-from rigidfx.base.errors import InversionError, StepError
+from rigidfx.base.errors import InversionError
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.inversion import Inversion
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments, Step
 from rigidfx.step.newton.solution import Solution
-from rigidfx.step.watches.judge import INVERTED, Attempt, Judge, remedy
+from rigidfx.step.watches.judge import Attempt, Judge
 
 MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
 NO_BODIES = Increments(Step(Bodies.of_each(()), 0.125), np.empty((0, 6)))
-PLACE = np.array([1.0, 2.5, -3.0])
 
 # Deformation gradients, and whether a body can get there.
 ENDS = {
@@ -71,50 +70,9 @@ def test_what_turns_cells_inside_out_is_objected_to(end):
     assert possible or isinstance(objection, InversionError)
 
 
-def test_objection_names_time_and_cell():
-    look = Look([np.eye(3), ENDS["mirror image"][0]])
-    text = str(look.judge.objection(attempt(converged=True)))
-    found = look.inversion.find()
-    assert found.count == 1
-    assert found.place == pytest.approx([1.5, 0.5, 0.5])
-    assert text == (
-        "The step from t = 0.25 s turns cells inside out, even with Δt = 0.125 s: "
-        f"cell {found.number} of the mesh around X = (1.5, 0.5, 0.5) m{INVERTED} "
-        f"{remedy(look.scene)}"
-    )
-
-
-@pytest.mark.parametrize("end", ["rest", "mirror image"])
-def test_what_has_not_converged_is_no_solution(end):
-    """It is objected to first: whether an iterate turns cells inside out says nothing."""
-    look = Look([ENDS[end][0]] * 2)
-    objection = look.judge.objection(attempt(converged=False, place=PLACE))
-    assert type(objection) is StepError
-    assert look.times == 0
-    for part in (
-        "from t = 0.25 s did not converge",
-        "Δt = 0.125 s",
-        "too many iterations",
-        "3.00e+00, 5.00e-01 N",
-        "X = (1, 2.5, -3) m",
-    ):
-        assert part in str(objection)
-
-
 def test_residuals_that_are_not_finite():
     """There is neither a list of them nor a place."""
     judge = Look([np.eye(3)] * 2).judge
     text = str(judge.objection(attempt(converged=False, residuals=())))
     assert "not finite N" in text
     assert "X = " not in text
-
-
-def test_judge_remembers_nothing():
-    """An attempt is judged by itself, whatever was objected to before."""
-    look = Look([ENDS["rest"][0]] * 2)
-    judge = look.judge
-    good, bad = attempt(converged=True), attempt(converged=False)
-    assert judge.objection(bad) is not None
-    assert judge.objection(good) is None
-    assert judge.objection(bad) is not None
-    assert look.times == 1

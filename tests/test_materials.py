@@ -406,14 +406,6 @@ def test_mooney_rivlin_constants_out_of_range(c10, c01, kappa):
         rf.MooneyRivlin(rho=1.0, c10=c10, c01=c01, kappa=kappa)
 
 
-def test_own_energy_that_cannot_be_used():
-    """W must be a function, its parameters finite."""
-    with pytest.raises(SceneError, match="function"):
-        rf.Hyperelastic(rho=1.0, W=3.0)
-    with pytest.raises(SceneError, match="finite"):
-        rf.Hyperelastic(rho=1.0, W=lambda C, a: a * ufl.tr(C), values={"a": np.inf})
-
-
 # What rounding makes of an energy: against numbers of more digits ---------------------------------
 
 

@@ -157,13 +157,6 @@ def test_names_stand_for_what_they_stood_for(tmp_path):
     assert rf.read_bodies(tmp_path / "again.json", bar())[1][0].where == "body 1"
 
 
-def test_only_the_last_report_can_be_written(tmp_path):
-    problem = scene(bar(), rf.Rigid("end"))
-    first, *_ = rf.simulate(problem, 0.1, 0.3)
-    with pytest.raises(rf.SceneError, match="the run has gone on"):
-        rf.write_bodies(tmp_path / "bodies.json", problem, first)
-
-
 def test_a_file_that_cannot_be_written(tmp_path):
     problem = scene(bar(), rf.Rigid("end"))
     *_, last = rf.simulate(problem, 0.1, 0.1)

@@ -246,42 +246,6 @@ def test_bodies_are_those_of_the_reference(cell, seed):
 
 @KINDS
 @SEEDS
-def test_rules_hold(cell, seed):
-    """Each rule by itself, not by way of the reference."""
-    rigid, existing, barred, min_cells = case = random_case(seed, cell)
-    nodes = [set(corners) for corners in arrays(cell)[1].tolist()]
-    found = found_regions(box_graph(cell), case)
-    at = [{n for c in body for n in nodes[c]} for body in found]
-    assert not any(a & b for a, b in combinations(at, 2))
-    old = set(np.flatnonzero(existing != NONE).tolist())
-    for number in np.unique(existing[existing != NONE]):
-        group = set(np.flatnonzero(existing == number).tolist())
-        assert sum(group <= body for body in found) == 1
-        assert sum(bool(group & body) for body in found) == 1
-    for body, own in zip(found, at, strict=True):
-        assert not any(barred[c] for c in body - old)
-        chosen = {c for c in body if c in old or rigid[c]}  # the others join, without new nodes
-        assert set().union(*(nodes[c] for c in chosen)) == own
-        assert body & old or len(body) >= min_cells
-        outside = set(range(len(nodes))) - body
-        assert not any(nodes[c] <= own and not barred[c] for c in outside)
-
-
-@KINDS
-@SEEDS
-def test_new_bodies_are_connected_through_facets(cell, seed):
-    """A part of one piece has all nodes; further cells are enclosed by it."""
-    rigid, existing, barred, _ = random_case(seed, cell)
-    existing[:] = NONE
-    nodes = [set(corners) for corners in arrays(cell)[1].tolist()]
-    for body in found_regions(box_graph(cell), (rigid, existing, barred, 1)):
-        own = {n for c in body for n in nodes[c]}
-        pieces = components(body, neighbours(cell))
-        assert any({n for c in piece for n in nodes[c]} == own for piece in pieces)
-
-
-@KINDS
-@SEEDS
 def test_numbering_does_not_matter(cell, seed):
     """The mesh with its cells and points in another order has the same bodies."""
     points, cells = arrays(cell)

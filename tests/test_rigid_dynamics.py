@@ -450,7 +450,7 @@ def test_stiff_half_tends_to_a_rigid_one_in_tumbling():
     """
     spin = {"angular": (0.2, 0.3, 0.6)}
     moduli, gaps = 300.0 * np.array([1e2, 1e3, 1e4]), []
-    for dt in (0.02, 0.01):
+    for dt in (0.04, 0.02):
         limit = stiff_half(None, dt, 1.0, **spin)
         d = [np.abs(stiff_half(E, dt, 1.0, **spin) - limit).max() for E in moduli]
         gaps.append(np.abs(stiff_half(3e12, dt, 1.0, **spin) - limit).max())

@@ -23,7 +23,7 @@ from rigidfx.scene.damped import Damped, comes_back
 from rigidfx.scene.points import far_apart
 from rigidfx.scene.timeline import Timeline
 from rigidfx.step.length.blows import Blows
-from rigidfx.step.length.controller import NUMBERS, Controller, Moves, RunError
+from rigidfx.step.length.controller import Controller, Moves, RunError
 from rigidfx.step.length.elsewhere import Elsewhere
 from rigidfx.step.length.given import Onsets
 from rigidfx.step.length.time_error import TimeError
@@ -86,21 +86,6 @@ def times(reports):
 # The estimate and the rule --------------------------------------------------------------------
 
 
-def test_the_jerk_of_a_cubic_is_exact():
-    """v = t³/3 has the jerk 2t: after three differences, their mean is the one two steps before."""
-    estimate, dt = TimeError(1), 0.1
-    found = []
-    for k in range(6):
-        t = k * dt
-        v0, v1 = (np.array([[s**3 / 3, 0.0, 0.0]]) for s in (t, t + dt))
-        estimate.look(v0, v1, t, dt)
-        found.append(estimate.jerk[0, 0])
-        estimate.accept()
-    assert np.isnan(found[0])
-    # Differences lie at the ends of steps, and the mean of three at the middle one of them.
-    assert found[3:] == pytest.approx([2 * (k - 1) * dt for k in (3, 4, 5)], rel=1e-9)
-
-
 @pytest.mark.parametrize("lift", [0.0, 1.0])
 def test_the_estimate_is_that_of_a_whole_turn_at_each_of_its_steps(lift):
     """A vibration errs by √½ of the most its jerk tells, a steady turn by all; at any Δt."""
@@ -117,40 +102,6 @@ def test_the_estimate_is_that_of_a_whole_turn_at_each_of_its_steps(lift):
     expected = np.sqrt((1 + lift**2) / 2)
     assert np.array(found)[200:, 0] == pytest.approx(expected, rel=0.15)
     assert np.array(found)[1:, 1] == pytest.approx(0.0, abs=1e-12)
-
-
-def test_what_rings_from_step_to_step_is_no_error():
-    estimate = TimeError(1)
-    for k in range(8):
-        v0, v1 = (np.array([[(-1.0) ** n, 0.0, 0.0]]) for n in (k, k + 1))
-        error = float(estimate.look(v0, v1, 0.1 * k, 0.1)[0])
-        estimate.accept()
-    assert error == pytest.approx(0.0, abs=1e-12)
-
-
-def test_nothing_is_known_after_a_breakpoint():
-    estimate = TimeError(2)
-    v = np.arange(6.0).reshape(2, 3)
-    for k in range(4):
-        estimate.look(k**2 * v, (k + 1) ** 2 * v, 0.1 * k, 0.1)
-        estimate.accept()
-    assert not estimate.young
-    estimate.forget()
-    assert estimate.young
-    assert np.isnan(estimate.look(16 * v, 25 * v, 0.4, 0.1)).all()
-
-
-def test_where_bodies_change_three_differences_have_to_tell():
-    """What rings from then on is no error, not even at first."""
-    estimate, found = TimeError(1), []
-    estimate.switched()
-    for k in range(6):
-        v0, v1 = (np.array([[(-1.0) ** n, 0.0, 0.0]]) for n in (k, k + 1))
-        found.append(float(estimate.look(v0, v1, 0.1 * k, 0.1)[0]))
-        assert not estimate.young
-        estimate.accept()
-    assert np.isnan(found[:3]).all()
-    assert found[3:] == pytest.approx(np.zeros(3), abs=1e-12)
 
 
 def test_modes_that_cancel_where_they_are_asked_for_do_not_cancel_elsewhere():
@@ -210,19 +161,6 @@ def controller(t_end, of=1.0, forgotten=0.0, longest=1.0):
     made = Controller(0.01, t_end, Added(forgotten), 1e-3, longest, 1.0, of)
     made.begin()
     return made
-
-
-def test_an_even_error_gets_an_even_step_that_uses_the_budget():
-    """With e = c Δt³ for ever, Σe is what estimates are to add up to."""
-    length, t, c = controller(10.0), 0.0, 0.02
-    steps = []
-    while t < 10.0:
-        dt = length.wanted
-        t += dt
-        length.accept(c * dt**3, t, dt, STILL, False)
-        steps.append(dt)
-    assert 0.3 * 0.01 < length.spent < 0.01
-    assert len(set(steps)) <= 8
 
 
 def test_an_error_that_is_forgotten_allows_longer_steps():
@@ -293,13 +231,6 @@ def test_a_motion_takes_as_many_steps_after_a_rest_as_at_once():
         return int(np.sum(found > start))
 
     assert steps(20.0) == pytest.approx(steps(0.0), abs=3)
-
-
-def test_what_errs_by_much_is_halved_more_than_once():
-    """By its error per Δt³, over what is allowed per Δt; at most down to the shortest step."""
-    length = controller(10.0)
-    errors = [much * NUMBERS.reject * length.allowed(0.0) for much in (1.1, 17.0, 1e12)]
-    assert [length.halvings(error, 0.0, 1.0) for error in errors] == [1, 2, 9]
 
 
 def test_errors_are_forgotten_where_structures_come_back():
@@ -400,15 +331,6 @@ def test_a_vibration_errs_by_twice_its_amplitude():
     assert size * phase[-1] > 5 * 2 * size
     rate = whole.rates_to(np.array([1e-2]), np.array([100.0]))
     assert rate > 10 * 1e-2 / 100.0  # what is bounded costs no steps
-
-
-def test_nothing_divides_by_rest():
-    """Nothing moves, and nothing errs: the longest step."""
-    length = controller(10.0, of=None, longest=0.5)
-    for k in range(20):
-        length.accept(0.0, 0.01 * (k + 1), length.wanted, Moves(0.0, 0.0, 0.0), False)
-        assert np.isfinite(length.allowed(0.01 * (k + 1)))
-    assert length.wanted == 0.5
 
 
 # Runs -----------------------------------------------------------------------------------------

@@ -19,16 +19,6 @@ def ends(timeline):
     return out
 
 
-def test_steps_end_on_the_grid_and_at_the_end():
-    assert ends(Timeline(0.25, 1.1)) == [0.25, 0.5, 0.75, 1.0, 1.1]
-
-
-def test_a_breakpoint_divides_a_step_and_the_grid_goes_on():
-    timeline = Timeline(0.25, 1.0)
-    timeline.stop_at([0.3, 0.5 + 1e-12, 7.0])
-    assert ends(timeline) == [0.25, 0.3, 0.5 + 1e-12, 0.75, 1.0]
-
-
 def test_the_step_changes_at_its_times():
     timeline = Timeline({0.0: 0.2, 0.5: 0.05, 0.6: 0.3}, 1.0)
     assert ends(timeline) == pytest.approx([0.2, 0.4, 0.5, 0.55, 0.6, 0.9, 1.0], abs=1e-15)

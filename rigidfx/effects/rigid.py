@@ -121,7 +121,9 @@ class Reduced(Rigid):
                 f"cells. Give its material another rho, or take Rigid({self.where!r})."
             )
         super().__post_init__()
-        whole = isinstance(self.shapes, (int, np.integer)) and not isinstance(self.shapes, bool)
+        whole = isinstance(self.shapes, (int, np.integer)) and not isinstance(
+            self.shapes, (bool, np.timedelta64)
+        )
         if self.shapes is not None and not (whole and self.shapes >= 1):
             raise SceneError(
                 f"{self.owner}: shapes must be a whole number ≥ 1, or None for as many as the "
