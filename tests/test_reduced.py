@@ -71,7 +71,7 @@ def shaped(rng, m, held=False):
     inertia = np.trace(moments[0, 0]) * np.eye(3) - moments[0, 0]
     moments[0, 0] = 0.0
     A, nodes = rng.standard_normal((m, m)), np.arange(30, dtype=np.int32)
-    known = nodes, fields[:, 1:], np.zeros(30, bool), moments, 50 * A @ A.T + np.eye(m)
+    known = nodes, fields[:, 1:], moments, 50 * A @ A.T + np.eye(m)
     shapes = Shapes(*known, rng.standard_normal(m), drift if held else None)
     data = RigidBody("b", nodes, nodes, xi, 0 * xi, mass.sum(), inertia, centre)
     return replace(data, shapes=shapes) if m else data
@@ -261,6 +261,7 @@ def fall(*effects, fast=0.5, path=None, friction=None):
     rubs = {"friction": friction, "creep": 1e-3} if friction else {}
     floor = rf.Contact("skin", against=plane, stiffness=1e11, title="floor", **rubs)
     block = block.with_facets("skin", lambda x: x[2] < 1e-9)
+    block = block.with_cells("above", lambda x: x[2] > 0.1 / 3 - 1e-9)
     thrown = rf.InitialVelocity(linear=(0.3 if friction else 0, 0, -fast))
     return rf.Scene(block, SOFT, [floor, thrown, *effects], probes={"tip": (0.1, 0.1, 0.1)})
 
@@ -282,6 +283,19 @@ def test_a_node_that_presses_gives_a_part_its_shapes():
     assert abs(stiff / wanted - 1) > 0.2
     assert np.ptp([r.energy for r in own]) < 1e-10 * own[0].energy
     assert own[-1].linear_momentum[2] == pytest.approx(twin[-1].linear_momentum[2], rel=0.02)
+
+
+def test_nodes_that_press_beside_a_part_give_it_shapes():
+    """A layer of flexible cells bears the contact, and the part follows behind it."""
+    own, twin, rigid = (hit(fall(*e)) for e in ([rf.Reduced("above")], [], [rf.Rigid("above")]))
+    peak, wanted, stiff = (
+        max(r.touches["floor"].pressing for r in of if r.step) for of in (own, twin, rigid)
+    )
+    assert own[0].bodies[0].shapes == 0 < own[-1].bodies[0].shapes
+    assert peak == pytest.approx(wanted, rel=0.005)
+    assert abs(stiff / wanted - 1) > 0.05
+    assert np.ptp([r.energy for r in own]) < 1e-10 * own[0].energy
+    assert own[-1].linear_momentum[2] == pytest.approx(twin[-1].linear_momentum[2], rel=0.005)
 
 
 def test_a_part_that_nothing_loads_yet_stays_held():

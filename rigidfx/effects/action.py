@@ -216,7 +216,7 @@ class ContactAction(Action):
         return np.inf
 
     def pressing(self) -> tuple[Ints, Array]:
-        """Owned nodes of bodies that are pressed, deeper than rounding, and how.
+        """Owned nodes that are pressed, deeper than rounding, and how.
 
         Returns:
             The nodes, and up to three directions of forces on each, the main one first and zero

@@ -133,9 +133,9 @@ class Nodes:
         """Add forces on them, shape (nodes, 3) [N]."""
         forces.add(self, force)
 
-    def on_bodies(self, ways: Array) -> tuple[Ints, Array]:
-        """Numbers of those in bodies that are not zero in an array, and their part of it."""
-        some = (self.bodies >= 0) & ways.any(axis=(1, 2))
+    def acted(self, ways: Array) -> tuple[Ints, Array]:
+        """Numbers of those that are not zero in an array, and their part of it."""
+        some = ways.any(axis=(1, 2))
         return self.nodes[some].astype(np.int64), ways[some]
 
     def stiffen(self, blocks: Array, tangent: Tangent, which: Ints | None = None) -> None:
@@ -243,11 +243,9 @@ class SharedNodes(Nodes):
         """Add forces on them, which are equal on all ranks, shape (size, 3) [N]."""
         forces.add(self, force[self._numbers])
 
-    def on_bodies(self, ways: Array) -> tuple[Ints, Array]:
+    def acted(self, ways: Array) -> tuple[Ints, Array]:
         """Those of this rank, by an array of all."""
-        own = ways[self._numbers]
-        some = (self.bodies[self._numbers] >= 0) & own.any(axis=(1, 2))
-        return self.nodes[some].astype(np.int64), own[some]
+        return super().acted(ways[self._numbers])
 
     def couple(self, nodes: Ints, G: Array, stiffness: Array, tangent: Tangent) -> None:
         """Add the stiffness of scalars of several nodes: Σ s (Lᵀ G)(Gᵀ P). Collective.

@@ -386,7 +386,7 @@ class _Bodies(Kind):
         frozen = Record(Frozen, "nodes", ["velocities"])
         inner = {
             "frozen": frozen,
-            "shapes": Maybe(Record(Shapes, "nodes", ["modes", "pressed", "images"])),
+            "shapes": Maybe(Record(Shapes, "nodes", ["modes", "images"])),
         }
         arrays = "offsets", "displacement"
         self._data = Each(Record(RigidBody, "nodes", arrays, ["cells"], inner))

@@ -51,7 +51,6 @@ class Shapes:
     Attributes:
         nodes: Owned nodes of the body on this rank, sorted.
         modes: Φ at these nodes in the body's frame, shape (nodes, m, 3).
-        pressed: Which of these nodes contacts have pressed already, shape (nodes,).
         moments: G, shape (m + 1, m + 1, 3, 3) [kg m², kg m, kg]; that of ξ alone is left to the
             inertia of the body.
         stiffness: Ω, shape (m, m) [N/m].
@@ -65,7 +64,6 @@ class Shapes:
 
     nodes: Indices
     modes: Array
-    pressed: Bools
     moments: Array
     stiffness: Array
     force: Array

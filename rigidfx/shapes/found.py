@@ -108,7 +108,6 @@ class Found(Expanded):
         shapes = Shapes(
             data.nodes,
             modes.swapaxes(1, 2).copy(),
-            np.zeros(data.nodes.size, dtype=bool),
             moments,
             0.5 * (stiffness + stiffness.T),
             on,

@@ -16,8 +16,8 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.log import tell
-from rigidfx.base.remembered import ON_DOFS, Remembered, same
-from rigidfx.base.types import Array, Bools, Ints
+from rigidfx.base.remembered import ON_DOFS, ON_NODES, Remembered, same
+from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
 from rigidfx.effects import Contact, PrescribedRotation, Reduced, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
@@ -52,10 +52,14 @@ class Shaping:
     Attributes:
         start: Displacement of the owned dofs at the start, about which the structure responds [m];
             None before a part has been given shapes.
+        pressed: Which of the owned nodes contacts have pressed already.
         looked: Strain energy of each part when ν was looked at [J], and ν, by its name.
     """
 
-    remembered: ClassVar[Remembered] = {"start": ON_DOFS} | same("looked", "_large")
+    remembered: ClassVar[Remembered] = same("looked", "_large") | {
+        "start": ON_DOFS,
+        "pressed": ON_NODES,
+    }
 
     def __init__(
         self,
@@ -77,6 +81,7 @@ class Shaping:
         self._scene, self._forces, self._acting, self._until = scene, forces, acting, until
         self._dt = dt
         self.start: Array | None = None
+        self.pressed = np.zeros(scene.owned_nodes, dtype=bool)
         self._responses: Responses | None = None
         self._loads: Array | None = None  # patterns of forces from the start on
         self._parts: dict[str, Part] = {}
@@ -163,7 +168,6 @@ class Shaping:
         body: Body,
         part: PartShapes,
         rates: Array | None = None,
-        pressed: Bools | None = None,
         held: bool | None = None,
         spun: Array | None = None,
     ) -> Body:
@@ -173,7 +177,6 @@ class Shaping:
             body: The body.
             part: All its shapes, zero where a support holds its frame.
             rates: Their rates; those that it has, and zero for others, if None [m/s].
-            pressed: Nodes that have pressed.
             held: Whether a support holds its frame; as before if None.
             spun: N of the shapes: see `Part.spun`; none if None.
         """
@@ -189,9 +192,7 @@ class Shaping:
         moments = np.asarray(scene.sum(np.einsum("nka,nlb->klab", fields, images)))
         moments[0, 0] = 0.0  # it is that of the rigid body
         m, shapes = fields.shape[1] - 1, fields[:, 1:].copy()
-        if pressed is None:
-            pressed = np.zeros(data.nodes.size, dtype=bool)
-        known = data.nodes, shapes, pressed, moments, part.stiffness, part.force
+        known = data.nodes, shapes, moments, part.stiffness, part.force
         made = Shapes(*known, drift, spun)
         kept = replace(NOTHING, strain=data.frozen.strain)
         q, rate = np.zeros((2, m))
@@ -231,62 +232,53 @@ class Shaping:
         return bool(self._growing)
 
     def grown(self, state: State, pressing: tuple[Ints, Array], dt: float) -> Bodies | None:
-        """The bodies with shapes for nodes that press for the first time; None if none do.
+        """The bodies with shapes for nodes that press for the first time; None if none get any.
 
         Collective.
 
         Args:
             state: Its bodies are those at the start of the step.
-            pressing: Owned nodes of bodies that contacts press, and directions of forces on each,
-                shape (nodes, 3, 3): see `ContactAction`.
+            pressing: Owned nodes that contacts press, and directions of forces on each, shape
+                (nodes, 3, 3): see `ContactAction`.
             dt: Length of the step, whose frequencies shapes follow [s].
         """
-        out, any_grown = list(state.bodies), False
-        for k, body in enumerate(out):
-            if body.data.name not in self._growing:
-                continue
-            loads, at = self._new_loads(body, *pressing)
-            if loads is None:
-                continue
-            pressed = np.zeros(body.data.nodes.size, dtype=bool)
-            if body.data.shapes is not None:
-                pressed |= body.data.shapes.pressed
-            pressed[at] = True
-            out[k] = self._with_more(self._bind(state), body, loads, pressed, dt)
-            any_grown = True
-        return Bodies.of_each(out) if any_grown else None
+        new = ~self.pressed[pressing[0]]
+        nodes, ways = pressing[0][new], pressing[1][new]
+        if not self._scene.sum(nodes.size):
+            return None
+        self.pressed[nodes] = True
+        responses, before = self._bind(state), list(state.bodies)
+        now = [self._with_more(responses, body, nodes, ways, dt) for body in before]
+        changed = any(own is not body for own, body in zip(now, before, strict=True))
+        return Bodies.of_each(now) if changed else None
 
-    def _new_loads(
-        self, body: Body, nodes: Ints, ways: Array
-    ) -> tuple[tuple[Array, Array] | None, Ints]:
-        """Unit forces on nodes that press for the first time, and their places in the body.
+    def _new_loads(self, body: Body, nodes: Ints, ways: Array) -> tuple[Array, Array]:
+        """Forces on nodes that press for the first time, as they act on a body. Collective.
 
-        Nodes have the order of the mesh file, so that shapes are the same on any ranks. Collective.
+        Those on its own nodes are unit forces. Others reach it through cells that deform, by their
+        resultants: one and each coordinate are their weights. Nodes of the body have the order of
+        the mesh file, so that shapes are the same on any ranks.
 
         Returns:
-            Forces along the main direction of each node, and along the others, shapes (owned
-            nodes, 3, k), None if no node is new; and the places.
+            Forces along the main direction of each node, and along the others, in the body's frame,
+            shapes (owned nodes, 3, k); some of them may be zero.
         """
-        scene, data = self._scene, body.data
-        known = np.zeros(data.nodes.size, bool) if data.shapes is None else data.shapes.pressed
-        at = np.searchsorted(data.nodes, nodes)
-        at[at == data.nodes.size] = 0
-        mine = data.nodes[at] == nodes if data.nodes.size else np.zeros(nodes.size, bool)
-        mine[mine] = ~known[at[mine]]
-        every = scene.comm.allgather(np.count_nonzero(mine))
-        if not sum(every):
-            return None, at[:0]
-        numbers = np.concatenate(scene.comm.allgather(self._numbers[nodes[mine]]))
-        place = np.argsort(np.argsort(numbers, kind="stable"), kind="stable")
-        first = sum(every[: scene.comm.rank])
-        F = np.zeros((scene.owned_nodes, 3, 3, numbers.size))
-        f = ways[mine] @ body.motion.R
+        scene, own = self._scene, np.isin(nodes, body.data.nodes)
+        numbers = scene.comm.allgather(self._numbers[nodes[own]])
+        first, every = sum(map(len, numbers[: scene.comm.rank])), np.concatenate(numbers)
+        place = np.argsort(np.argsort(every, kind="stable"), kind="stable")
+        f = ways @ body.motion.R
         size = np.linalg.norm(f, axis=2, keepdims=True)
-        f = np.divide(f, size, where=size > 0, out=np.zeros_like(f))
-        F[nodes[mine], :, :, place[first : first + len(f)]] = f.swapaxes(1, 2)
-        sideways = F[:, :, 1:].reshape(scene.owned_nodes, 3, -1)
-        some = np.asarray(scene.sum((sideways**2).sum(axis=(0, 1)))) > 0.0
-        return (F[:, :, 0], sideways[:, :, some]), at[mine]
+        f = np.divide(f, size, where=size > 0, out=np.zeros_like(f)).swapaxes(1, 2)
+        F = np.zeros((scene.owned_nodes, 3, 3, every.size + 4))
+        F[nodes[own], :, :, place[first : first + np.count_nonzero(own)]] = f[own]
+        x = scene.space.tabulate_dof_coordinates()[nodes[~own]]
+        sums = np.asarray(scene.sum(np.r_[x.sum(axis=0), len(x)]))
+        weights = np.c_[np.ones(len(x)), (x - sums[:3] / max(sums[3], 1.0)) / scene.mean_cell_size]
+        np.add.at(
+            F[:, :, :, every.size :], nodes[~own], f[~own][:, :, :, None] * weights[:, None, None]
+        )
+        return F[:, :, 0], F[:, :, 1:].reshape(scene.owned_nodes, 3, -1)
 
     @cached_property
     def _numbers(self) -> Ints:
@@ -294,23 +286,20 @@ class Shaping:
         return mesh_order(self._scene).nodes
 
     def _with_more(
-        self,
-        responses: Responses,
-        body: Body,
-        loads: tuple[Array, Array],
-        pressed: Bools,
-        dt: float,
+        self, responses: Responses, body: Body, nodes: Ints, ways: Array, dt: float
     ) -> Body:
-        """A body with shapes for loads, as far as those that it has do not span them. Collective.
+        """A body with shapes for nodes that press, as far as its own do not span them. Collective.
 
         Args:
             responses: Of the whole structure.
             body: The body.
-            loads: See `_new_loads`.
-            pressed: Its nodes that have pressed.
+            nodes: Owned nodes.
+            ways: See `grown`.
             dt: See `grown`.
         """
         data = body.data
+        if data.name not in self._growing:
+            return body
         part = self._part(data)
         old: Array = _whole(data).swapaxes(1, 2)
         m = old.shape[2]
@@ -319,20 +308,23 @@ class Shaping:
             stiffness = data.shapes.stiffness
         known = PartShapes(old, stiffness, np.zeros(m))
         basis, fits = part.begun(old), []
-        for F, follow in zip(loads, (True, False), strict=True):
+        for F, follow in zip(self._new_loads(body, nodes, ways), (True, False), strict=True):
+            F = responses.balanced(F)
             room = max(MOST - len(basis), 0)
-            main, fit = part.unspanned(known, responses.balanced(F), room)
+            main, fit = part.unspanned(known, F[:, :, part.bears(F)], room)
             fits.append(fit)
             if main.shape[2]:
                 load, resolved = (main, DEPTH if follow else 1), dt / RESOLVED
                 vectors, n = ritz(responses, load, resolved=resolved, most=room)
                 part.extend(basis, vectors[:, :, :n], main.shape[2])
+        self._tell_more(data.name, m, len(basis), all(fits))
+        if len(basis) == m:
+            return body
         new, _ = to_one(self._scene.comm, basis.vectors[:, :, m:])
         every = np.concatenate([old, new], axis=2)
-        self._tell_more(data.name, m, len(basis), all(fits))
         spins = data.shapes is not None and data.shapes.spun is not None
         spun = part.spun(every) if spins else None
-        return self._with(body, part.projected(every), pressed=pressed, spun=spun)
+        return self._with(body, part.projected(every), spun=spun)
 
     def _tell_more(self, name: str, before: int, now: int, all_of_them: bool) -> None:
         """Log new shapes; warn once of forces for which there is no room. Collective."""

@@ -315,7 +315,7 @@ class ObstacleForces(PenaltyForces):
         return 0.0 if pressed is None else pressed.dissipated
 
     def pressing(self) -> tuple[Ints, Array]:
-        """Pressed nodes of bodies: along the normal, with friction along two tangents too."""
+        """Pressed nodes: along the normal, with friction along two tangents too."""
         points = self._points
         ways, p = np.zeros((len(self.nodes), 3, 3)), points.pressed
         if p is not None and p.at.size:
@@ -326,7 +326,7 @@ class ObstacleForces(PenaltyForces):
             if self._friction is not None:
                 ways[deep, 1] = np.cross(n, IDENTITY[np.abs(n).round(6).argmin(axis=1)])
                 ways[deep, 2] = np.cross(n, ways[deep, 1])
-        return self.nodes.on_bodies(ways)
+        return self.nodes.acted(ways)
 
     def touch(self) -> Touch:
         """Force at the step's midpoint, in statics at its end, and the work of the obstacle."""

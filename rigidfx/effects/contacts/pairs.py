@@ -143,7 +143,7 @@ class PairForces(PenaltyForces):
         return self._memory.gap if self._comm.rank == 0 else np.full(self._k.size, np.inf)
 
     def pressing(self) -> tuple[Ints, Array]:
-        """Pressed nodes of bodies: along normals, for corners that bear a share of a node."""
+        """Pressed nodes: along normals, for corners that bear a share of a node."""
         ways = np.zeros((self._surface.size, 3, 3))
         deepest = np.minimum(*self._gaps)
         deep = deepest < -CLOSED * np.abs(self._half[self._slaves]).max(axis=1, initial=0.0)
@@ -151,7 +151,7 @@ class PairForces(PenaltyForces):
         share = np.where(self._weights > CLOSED, self._weights, 0.0)[deep]
         np.add.at(ways[:, 0], self._slaves[deep], -push)
         np.add.at(ways[:, 0], self._corners[deep], share[:, :, None] * push[:, None])
-        return self._nodes.on_bodies(ways)
+        return self._nodes.acted(ways)
 
     def touch(self) -> Touch:
         """Touch of the step; a node pressed within one body has no force, but keeps its energy."""

@@ -370,7 +370,7 @@ class Actions:
         return self._touches
 
     def pressing(self) -> tuple[Ints, Array]:
-        """Owned nodes of bodies that contacts press, and how: see `ContactAction`."""
+        """Owned nodes that contacts press, and how: see `ContactAction`."""
         each = [contact.pressing() for contact in self._contacts]
         nodes = np.concatenate([np.empty(0, np.int64), *(own for own, _ in each)])
         return nodes, np.concatenate([np.empty((0, 3, 3)), *(how for _, how in each)])
