@@ -1,6 +1,8 @@
-"""A four-bar linkage of flexible bars between mean faces."""
+"""Linkages of flexible bars between mean faces: four bars in the plane, and Bricard's in space."""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 from test_contact_pairs import boxes
@@ -17,10 +19,10 @@ BARS = {
 PLACES = (0, 0, 0), (0, 0.4, 0), (1, 0.4, 0), (1, -0.5, 0)
 
 
-def four_bars(*effects, face=rf.MeanFace, **options):
-    """The crank turns right round; a motor drives it where one is given."""
-    domain = boxes(*BARS.values())
-    for name, (low, high, cells) in BARS.items():
+def with_ends(bars):
+    """Bars with facets of the sides of both end cells, `"name 1"` at the lower end, `"name 2"`."""
+    domain = boxes(*bars.values())
+    for name, (low, high, cells) in bars.items():
         axis, ends = int(np.argmax(cells)), (np.array(low) - 1e-9, np.array(high) + 1e-9)
         h = (high[axis] - low[axis]) / max(cells) + 1e-9
 
@@ -34,6 +36,12 @@ def four_bars(*effects, face=rf.MeanFace, **options):
             return of(x) & (x[axis] >= most)
 
         domain = domain.with_facets(f"{name} 1", first).with_facets(f"{name} 2", last)
+    return domain
+
+
+def four_bars(*effects, face=rf.MeanFace, **options):
+    """The crank turns right round; a motor drives it where one is given."""
+    domain = with_ends(BARS)
     A, B, C, D = PLACES
     joints = [
         rf.Revolute("ground", face("crank 1"), A, Z, name="A"),
@@ -55,3 +63,25 @@ def driven(t):
 
 
 MOTOR = rf.Motor("A", speed=driven)
+
+
+def bricard(*effects):
+    """Five bars along the edges of a cube, IFToMM's benchmark A04, which fall by their weight."""
+    corners = np.array([(0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0, 0, 1)])
+    bars, sides = {}, ["ground"]
+    for i, pair in enumerate(pairwise(corners)):
+        along = int(np.argmax(np.abs(pair[1] - pair[0])))
+        apart = np.where(np.arange(3) == along, -0.05, 0.02)
+        bars[f"bar {i}"] = (np.min(pair, axis=0) - apart, np.max(pair, axis=0) + apart,
+                            tuple(np.where(np.arange(3) == along, 4, 1)))  # fmt: skip
+        ends = (1, 2) if pair[1][along] > pair[0][along] else (2, 1)
+        sides += [rf.MeanFace(f"bar {i} {end}") for end in ends]
+    sides += ["ground"]
+    axes = np.eye(3)[[1, 2, 0, 1, 2, 0]]
+    pins = [
+        rf.Revolute(sides[2 * i], sides[2 * i + 1], corners[i], axes[i], name=f"pin {i}")
+        for i in range(6)
+    ]
+    metal, tip = rf.StVenantKirchhoff(rho=2700.0, E=2e10, nu=0.3), {"tip": (1, -1, 0.94)}
+    given = [*pins, rf.Gravity((0, 0, -9.81)), *effects]
+    return rf.Scene(with_ends(bars), metal, given, element="enhanced", probes=tip)

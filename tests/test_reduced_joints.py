@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from four_bars import MOTOR, four_bars
+from four_bars import MOTOR, bricard, four_bars
 from joints import apart
 from mpi4py import MPI
 from parallel import check_the_same, report
@@ -152,6 +152,15 @@ def test_a_four_bar_linkage_bends_as_its_twin():
     assert own[1] < 1e-10
     assert own[2] < 1e-12
     assert np.abs(tips(own[0]) - tips(twin[0])).max() < 2e-6
+
+
+def test_bricard_s_mechanism_of_reduced_bars_falls_as_its_twin():
+    """One row of its joints follows from others."""
+    twin, own = (run(bricard(*some), 5e-3, 40) for some in ([], [rf.Reduced()]))
+    assert own[0][-1].unknowns < twin[0][-1].unknowns / 2
+    assert own[1] < 1e-12
+    assert own[2] < 1e-13
+    assert np.abs(tips(own[0]) - tips(twin[0])).max() < 1e-3 * np.abs(tips(twin[0])).max()
 
 
 def spun(ratio, *parts):

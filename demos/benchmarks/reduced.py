@@ -9,6 +9,7 @@ flexible, and the same with parts named `Reduced`. Seconds are those of the proc
   until a node presses, which gives it its shapes.
 * `arm`: a robot's arm moves by a third of its way and swings (`demos/robot_arm.py`): link and head
   are reduced, its leaf stays flexible, and a moving support holds the link by its bore.
+* `there and back`: the whole way of the demo, and back.
 * `spin`: a bar spins freely by a turn and is struck at its end.
 * `sine`: a block is driven by a lasting sine load below its first frequency; both halves reduced
   are one body, and one half is reduced beside the driven one.
@@ -206,13 +207,16 @@ def drop(size: float) -> Case:
     return Case(scene, (rf.Reduced(),), steps, touch + after, seen, errors)
 
 
-def arm(size: float) -> Case:
-    """The arm, its axis moved by a third of the demo's way."""
-    distance, travel = 0.05 / 3, 0.04  # m, s
+def arm(size: float, distance: float = 0.05 / 3, back: float = np.inf) -> Case:
+    """The arm, its axis moved by some way [m], and back from a time on [s], if before the end."""
+    travel = 0.04  # s
+
+    def moved(t: float) -> float:
+        s = np.clip(t / travel, 0.0, 1.0)
+        return distance * float(s - np.sin(2 * np.pi * s) / (2 * np.pi))
 
     def way(t: float) -> tuple[float, float, float]:
-        s = np.clip(t / travel, 0.0, 1.0)
-        return 0.0, distance * (s - np.sin(2 * np.pi * s) / (2 * np.pi)), 0.0
+        return 0.0, moved(t) - moved(t - back), 0.0
 
     effects = [rf.PrescribedMotion("bore", displacement=way), rf.NumericalDamping(0.05)]
 
@@ -228,7 +232,8 @@ def arm(size: float) -> Case:
     def errors(own: np.ndarray, twin: np.ndarray) -> dict[str, float]:
         return {"swing": float(np.abs(own - twin).max() / np.abs(twin).max())}
 
-    return Case(scene, (rf.Reduced("link"), rf.Reduced("head")), 1e-3, 0.12, seen, errors)
+    t_end = 0.12 if back == np.inf else back + 0.12
+    return Case(scene, (rf.Reduced("link"), rf.Reduced("head")), 1e-3, t_end, seen, errors)
 
 
 def spin(along: int) -> Case:
@@ -340,6 +345,7 @@ def tumbling(steps: int) -> dict[str, object]:
     return {"case": "tumbling", "steps": steps, "unknowns": 18} | worst
 
 
+WHOLE = 0.05, 0.14  # m, s: the demo's way, and when its way back begins
 SIZES: dict[str, dict[int, Callable[[], Case]]] = {
     "plate": {6534: partial(plate, 32), 25_350: partial(plate, 64), 99_846: partial(plate, 128)},
     "drop": {
@@ -348,9 +354,14 @@ SIZES: dict[str, dict[int, Callable[[], Case]]] = {
         66_744: partial(drop, 0.0028),
     },
     "arm": {10_503: partial(arm, 0.016), 20_997: partial(arm, 0.009)},
+    "there and back": {10_504: partial(arm, 0.016, *WHOLE), 20_998: partial(arm, 0.009, *WHOLE)},
     "spin": {1053: partial(spin, 38), 8427: partial(spin, 80)},
     "sine": {7056: partial(sine, "both"), 7057: partial(sine, "one")},
-    "crank": {12_951: partial(crank, 0.03), 40_989: partial(crank, 0.012)},
+    "crank": {
+        12_951: partial(crank, 0.03),
+        57_768: partial(crank, 0.0104),
+        109_899: partial(crank, 0.0078),
+    },
 }
 SHORT = {"plate": partial(plate, 16), "drop": partial(drop, 0.02), "spin": partial(spin, 20)}
 
