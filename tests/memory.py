@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-import inspect
-import textwrap
 from collections import deque
 from collections.abc import Iterator, Mapping, Set
 
@@ -74,58 +71,3 @@ def _of_sequence(a, b, at, seen) -> Iterator[str]:
 
 def _attributes(a) -> Iterator[tuple[str, object]]:
     yield from getattr(a, "__dict__", {}).items()
-
-
-CHANGING = {
-    *("append", "add", "update", "pop", "clear", "extend", "setdefault", "popleft", "remove"),
-    *("discard", "insert", "fill"),
-}
-
-
-def changing(cls) -> set[str]:
-    """Attributes of an object that methods of its class change, but for those that make it."""
-    tree = ast.parse(textwrap.dedent(inspect.getsource(cls)))
-    found = set()
-    for method in tree.body[0].body:
-        if isinstance(method, ast.FunctionDef) and method.name not in ("__init__", "__post_init__"):
-            found |= {name for node in ast.walk(method) for name in _changed_by(node)}
-    return found
-
-
-def _changed_by(node) -> Iterator[str]:
-    if isinstance(node, (ast.Assign, ast.AugAssign, ast.AnnAssign)):
-        targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-        for target in targets:
-            every = target.elts if isinstance(target, ast.Tuple) else [target]
-            yield from filter(None, map(_own_name, every))
-    elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-        name = _own_name(node.func.value)
-        if node.func.attr in CHANGING and name:
-            yield name
-
-
-def _own_name(node) -> str | None:
-    """The attribute of self that an expression is, or is a part of."""
-    while isinstance(node, (ast.Attribute, ast.Subscript)):
-        if isinstance(node.value, ast.Name) and node.value.id == "self":
-            return node.attr if isinstance(node, ast.Attribute) else None
-        node = node.value
-    return None
-
-
-def classes(one) -> set[type]:
-    """Classes of this package of all that an object is made of."""
-    found, seen, left = set(), set(), [one]
-    while left:
-        a = left.pop()
-        if id(a) in seen:
-            continue
-        seen.add(id(a))
-        if isinstance(a, Mapping):
-            left += a.values()
-        elif isinstance(a, (list, tuple, deque)):
-            left += a
-        elif type(a).__module__.startswith("rigidfx.") and not callable(a):
-            found.add(type(a))
-            left += [value for name, value in _attributes(a) if name not in APART]
-    return found

@@ -5,9 +5,7 @@ Run as a script under mpirun, this file reports histories of scenes with contact
 
 from __future__ import annotations
 
-import sys
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import parallel
@@ -15,7 +13,6 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.base.form_cache import compile_form
 from rigidfx.effects.contacts.against_obstacle import Friction, Points
 from rigidfx.effects.contacts.penalty import secant, stored
 from rigidfx.step.equations.actions import Jumping
@@ -370,39 +367,6 @@ def test_histories_and_fields_tell_of_contacts(tmp_path):
     np.testing.assert_array_equal(h["contact_floor_force_z"][1:], [t.force[2] for t in touches])
     np.testing.assert_allclose(h["contact_floor_energy"], h["contact"], atol=1e-15)
     assert h["contact"].max() > 0
-
-
-def test_a_scene_without_contact_has_the_forms_and_the_step_that_it_had(monkeypatch):
-    """Not one call into what contacts are made of, and a contact adds no kernel to a step's."""
-    kernels, compiled = [], compile_form
-
-    def noted(comm, form, options):
-        kernels.append(form.signature())
-        return compiled(comm, form, options)
-
-    monkeypatch.setattr("rigidfx.flexible.kernels.compile_form", noted)
-    files = set()
-
-    def note(frame, event, argument):
-        files.add(frame.f_code.co_filename)
-
-    found = {}
-    for effects in ((THROWN,), (THROWN, rf.Contact("skin", against=FLOOR))):
-        kernels.clear()
-        scene = block(*effects)
-        before = sys.getprofile()
-        sys.setprofile(note)
-        try:
-            reports = list(rf.simulate(scene, 2e-3, 6e-3))
-        finally:
-            sys.setprofile(before)
-        contacts = {Path(name).name for name in files if "contacts" in Path(name).parts}
-        found[len(effects)] = list(kernels), contacts, reports
-        files.clear()
-    assert found[1][0] == found[2][0] != []
-    assert not found[1][1]
-    assert "against_obstacle.py" in found[2][1]
-    assert all(not r.touches and r.contact == 0.0 for r in found[1][2])
 
 
 # Refusals --------------------------------------------------------------------------------------

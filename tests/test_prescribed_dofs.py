@@ -16,7 +16,6 @@ from runs import prepared
 from scipy.spatial.transform import Rotation
 
 import rigidfx as rf
-from rigidfx.base.errors import SceneError
 from rigidfx.effects import Support
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, BodyMotion
@@ -84,14 +83,6 @@ def test_components_of_the_nodes_of_a_set_are_held(components):
     assert {"xyz"[k] for k in axis} == set(components)
 
 
-def test_without_supports_nothing_is_held():
-    dofs, _, _ = prescribed_by()
-    assert not dofs.mask.any()
-    assert dofs.increments(0.0, 1.0, NOWHERE).shape == (0,)
-    assert dofs.velocities(0.0, 0.1, NOWHERE).shape == (0,)
-    assert dofs.reactions(np.empty(0), np.empty((0, 3))) == ({}, {})
-
-
 def test_each_dof_moves_by_the_path_of_its_support():
     """Two supports may share nodes if they hold different components of them."""
     dofs, X, axis = prescribed_by(
@@ -129,28 +120,6 @@ def test_nodes_of_a_driven_body_move_with_its_support():
     found[dofs.mask] = dofs.increments(0.0, 2.0, NOWHERE)
     for c, wanted in enumerate(np.subtract(path(2.0), path(0.0))):
         assert found[3 * nodes + c] == pytest.approx(wanted)
-
-
-@pytest.mark.parametrize(
-    ("displacement", "words"),
-    [
-        (lambda t: path(t) if t < 1 else {}["off the path"], "failed near t = 2 s with KeyError"),
-        (lambda t: path(t) if t < 1 else (0.0, np.inf, 0.0), "not three finite numbers"),
-        (lambda t: path(t) if t < 1 else (0.0, 0.0), "not three finite numbers but .0. 0.."),
-    ],
-)
-def test_path_that_cannot_be_used(displacement, words):
-    """It is told with the support's name, at whatever time it fails."""
-    dofs, _, _ = prescribed_by(
-        rf.Fixed("x0", "z"),
-        rf.PrescribedMotion("x1", displacement=displacement),
-    )
-    assert dofs.increments(0.0, 0.5, NOWHERE).size == 6 + 18
-    with (
-        np.errstate(invalid="ignore"),
-        pytest.raises(SceneError, match=f"PrescribedMotion on 'x1'.*{words}"),
-    ):
-        dofs.increments(0.5, 2.0, NOWHERE)
 
 
 # Reactions -------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 import parallel
 import pytest
-from memory import changing, classes, differences
+from memory import differences
 from restarted import DRAG, HELD, QUIET, SCENES, SINE, SOFT, bar, row, seen
 
 import rigidfx as rf
@@ -78,79 +78,6 @@ def test_checkpoints_change_no_run(name, tmp_path, monkeypatch):
     assert switches[0] == switches[1]
     shown = [[r.ledger.withheld.spent for r in run if r.ledger] for run in found]
     assert np.allclose(*shown, rtol=1e-6, atol=1e-9 * max(shown[0]))
-
-
-# What objects change and do not remember: of an attempt, found anew, or for messages alone.
-FOUND_ANEW = {
-    "Account": "_last",
-    "Alternation": "_before _end _mass _nodes _now _steps _sums",
-    "Blows": "_next _speed",
-    "BodyForces": "_ended _force _known _linear _mass _parts _still _system borne",
-    "Compression": "_cells _gradients _nodes",
-    "Deformation": "_bodies_alone _of_body _system",
-    "Elsewhere": "_next",
-    "ErrorMotion": "_before",
-    "Shaping": "_full _loads _parts _responses",
-    "Frames": "_rotations shape",  # by `FRAMES`
-    "Gains": "_now",
-    "Held": "_directed moves",
-    "Impulse": "_of_bodies",
-    "Joints": "_C _E _Y _kind _led _step free",
-    "Jumps": "_found",
-    "LoadChanges": "_idle",
-    "LumpedInertia": "_seen",
-    "Modal": "_asked _fixed _force _m_phi _phi _right _still _sums",  # by `at_nodes`
-    "Pay": "_compiled",
-    "Policy": "_springs",
-    "ResolvedForces": "_times",
-    "RotationPerStep": "_cells _nodes",
-    "RunError": "_next_high _next_low _next_parts _next_sizes",
-    "SharedStrains": "_start",
-    "SpinLimits": "_lowest",
-    "State": "_following _places _writes changes clamped",
-    "Stillness": "_t",
-    "Stepper": "_bound _division failures forces prescribed system",
-    "Switch": "_exchange _joints clamps held",  # the motors of the start are told to `_joints`
-    "TimeControl": "_end _found _state _system",
-    "TimeError": "_next jerk swinging",
-    "Whereabouts": "_first _told",
-    "WholeMass": "_matrix _without",
-    "Withholding": "_memory",
-    "Writers": "_joined _known _was",
-}
-# Made anew with a division, or from the scene.
-OF_DIVISIONS = "coupling", "effects", "flexible", "step.equations", "step.newton", "step.system"
-OF_SCENES = {
-    *("Failures", "Timeline", "Ensemble", "CellStrains", "Equations", "Tracked"),
-    *("FreeBodies", "LinearMotion", "Parts", "Recovery", "Withheld"),
-}
-
-
-@NO_WARNINGS
-def test_all_that_changes_is_remembered_or_found_anew(monkeypatch):
-    """Of all classes that some runs are made of: a new attribute needs its part in checkpoints."""
-    made = set()
-    for name in ("control", "pair", "joined", "windows", "follower", "error", "modes"):
-        if name == "modes":
-            monkeypatch.setattr(rigidfx.error.equations, "LARGEST", 100)
-        make, dt, t_end, more = SCENES[name]
-        run = rf.simulate(make(), dt, t_end, **more)
-        while next(run).step < 3 + STEPS[name] * bool(more):
-            pass
-        made |= classes(parts(run))
-        run.close()
-    names = {cls.__name__ for cls in made}
-    assert names >= {"ErrorMotion", "Modal", "TimeControl", "PairForces", "Linkage", "Impulse"}
-    missing = []
-    for cls in made:
-        known = vars(cls).get("remembered")
-        if known is None:
-            module = cls.__module__.removeprefix("rigidfx.")
-            if module.startswith(OF_DIVISIONS) or cls.__name__ in OF_SCENES:
-                continue
-        left = changing(cls) - set(known or ()) - set(FOUND_ANEW.get(cls.__name__, "").split())
-        missing += [f"{cls.__name__}.{name}" for name in sorted(left)]
-    assert missing == []
 
 
 @NO_WARNINGS
