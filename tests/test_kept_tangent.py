@@ -198,6 +198,27 @@ def test_each_node_turns_with_what_is_round_it():
         assert np.abs(turned - angle).max() <= 0.5 / radius + 1e-6  # a cell's at the ends
 
 
+def test_unknowns_turn_as_vectors_and_single_components_do_not():
+    scene = rf.Scene(rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)), STEEL)
+    Q = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
+    for held in (None, [4, 9]):
+        layout, prolongation, frames = _frames(scene, held)
+        of_each = frames.rotations(np.zeros(layout.rows.dofs.size)) @ Q
+        y = np.random.default_rng(1).standard_normal(prolongation.size)
+        turned = y.copy()
+        frames.turn(turned, of_each)
+        back = turned.copy()
+        frames.turn(back, of_each, back=True)
+        assert back == pytest.approx(y, abs=1e-15)
+        if held is None:
+            assert turned == pytest.approx((y.reshape(-1, 3) @ Q.T).reshape(-1), abs=1e-15)
+            continue
+        assert turned[:3] == pytest.approx(Q @ y[:3], abs=1e-15)
+        assert np.array_equal(turned[3:5], y[3:5])  # of node 1, whose second component is held
+        assert turned[5:8] == pytest.approx(Q @ y[5:8], abs=1e-15)
+        assert np.array_equal(turned[8:10], y[8:10])
+
+
 # Motions ---------------------------------------------------------------------------------------
 
 
