@@ -41,50 +41,43 @@ class Ports:
             linkage: The joints, bound to the same division.
         """
         self._anchors: Ints = np.empty(0, np.int64)  # unknowns that are ports by themselves
-        columns: list[list[csr_array]] = []
-        alive: list[bool] = []
-        f, r = p.layout.rows.vector(), p.unknowns()
-        none = p.no_bodies
-        for k in range(linkage.averages):
-            if not linkage.used[k]:
-                columns.append([])
-                alive.append(False)
-                continue
-            weights, own = linkage.own[[k]].toarray()[0], []
-            for axis in range(3):
-                f.set(0.0)
-                f.array.reshape(-1, 3)[linkage.at, axis] = weights
-                p.collapse(f.array_r, none, r)
-                own.append(csr_array(r.array_r.copy()[:, None]))
-            columns.append(own)
-            alive.append(any(column.nnz for column in own))
-        f.destroy()
-        r.destroy()
-        known = np.array(alive, dtype=np.int32)
+        of, free = linkage.averages, p.free_of_nodes
+        unknown = np.cumsum(free).reshape(free.shape) - 1
+        found = [(AXES[:0], AXES[:0], np.empty(0))]
+        for k in np.flatnonzero(linkage.used):
+            weights = np.zeros((p.layout.rows.nodes.size, 1))
+            weights[of.rows] = of.own[[k]].toarray().T
+            w = p.at_nodes(weights)
+            node, axis = np.nonzero(free & (w != 0.0))
+            found.append((unknown[node, axis], 3 * k + axis, w[node, 0]))
+        row, column, value = map(np.concatenate, zip(*found, strict=True))
+        known = np.zeros(linkage.used.size, dtype=np.int32)
+        known[column // 3] = 1
         p.comm.Allreduce(MPI.IN_PLACE, known, op=MPI.MAX)
         self.averages: Ints = np.flatnonzero(known)
+        column = 3 * np.searchsorted(self.averages, column // 3) + column % 3
+        of_nodes = csr_array((value, (row, column)), shape=(p.owned, 3 * len(self.averages)))
         n = p.increments.displacement.shape[1]
-        held = np.asarray(abs(linkage.held[linkage.used]).sum(axis=0)).ravel().reshape(-1, n)
+        held = np.asarray(abs(of.held[linkage.used]).sum(axis=0)).reshape(-1, n)
         self.bodies: Ints = np.flatnonzero(held.sum(axis=1))
         unknowns = p.body_columns[self.bodies]
         self._known = unknowns >= 0
         self._of_bodies = unknowns[self._known]
-        blocks = [csr_array((p.owned, 0)), *(c for k in self.averages for c in columns[k])]
         column = self._of_bodies - p.first_column
         here = np.flatnonzero((column >= 0) & (column < p.owned))
         shape = p.owned, column.size
-        blocks.append(csr_array((np.ones(here.size), (column[here], here)), shape=shape))
-        self.entries = csr_array(hstack(blocks, format="csr"))
+        of_bodies = csr_array((np.ones(here.size), (column[here], here)), shape=shape)
+        self.entries = csr_array(hstack([of_nodes, of_bodies], format="csr"))
         self.at = np.full(unknowns.shape, -1)
         self.at[self._known] = 3 * len(self.averages) + np.arange(column.size)
         self._linkage, self._p = linkage, p
-        used = linkage.held.tocoo()
+        used = of.held.tocoo()
         at = linkage.used[used.coords[0]]
-        of, arm = np.divmod(used.coords[1][at], n)
-        numbers = used.coords[0][at] * len(p.body_columns) + of
+        body, arm = np.divmod(used.coords[1][at], n)
+        numbers = used.coords[0][at] * len(p.body_columns) + body
         pairs, which = np.unique(numbers, return_inverse=True)
-        row, of = np.divmod(pairs, len(p.body_columns))  # averages and their bodies
-        body, counts = np.searchsorted(self.bodies, of).ravel(), np.bincount(of)[self.bodies]
+        row, body = np.divmod(pairs, len(p.body_columns))  # averages and their bodies
+        counts, body = np.bincount(body)[self.bodies], np.searchsorted(self.bodies, body).ravel()
         place = np.empty(pairs.size, dtype=np.int64)  # of a pair among those of its body
         place[np.argsort(body, kind="stable")] = np.concatenate([AXES[:0], *map(np.arange, counts)])
         self._pairs = body, place
@@ -97,7 +90,7 @@ class Ports:
         self._there = column >= 0
         row, column = row[self._there], column[self._there]
         self._places = np.r_[rows, row], np.r_[np.arange(rows.size), column]
-        self._pattern = Pattern(*self._places, (3 * linkage.averages, self.count))
+        self._pattern = Pattern(*self._places, (3 * linkage.used.size, self.count))
 
     def resisted(self, linkage: Linkage, bodies: Bodies) -> tuple[Array, Array, Array]:
         """Knowledge of independent rows, at the start of a step. Collective.
@@ -146,13 +139,13 @@ class Ports:
         With springs on these, and on the bodies' ports, no part that joints take hold of is loose.
         """
         p, linkage = self._p, self._linkage
-        numbers = p.numbers.reshape(-1, 3)[linkage.at]
+        numbers = p.numbers.reshape(-1, 3)[linkage.averages.rows]
         found: set[tuple[int, ...]] = set()
         for k in self.averages:
-            if not linkage.is_place[k]:
+            if not linkage.averages.is_place[k]:
                 continue
-            own = (linkage.own[[k]].toarray()[0] != 0.0) & (numbers >= 0).all(axis=1)
-            mine = p.layout.rows.X[linkage.at[own]], numbers[own]
+            own = (linkage.averages.own[[k]].toarray()[0] != 0.0) & (numbers >= 0).all(axis=1)
+            mine = p.layout.rows.X[linkage.averages.rows[own]], numbers[own]
             X, unknowns = (np.concatenate(a) for a in zip(*p.comm.allgather(mine), strict=True))
             found |= {tuple(map(int, unknowns[n])) for n in far_apart(X)}
         at = np.array(sorted(found), dtype=np.int64).ravel()
@@ -161,7 +154,7 @@ class Ports:
         more = csr_array((np.ones(rows.size), (rows, columns)), shape=(p.owned, at.size))
         self.entries = csr_array(hstack([self.entries, more], format="csr"))
         self._anchors, self._free = at, None
-        self._pattern = Pattern(*self._places, (3 * linkage.averages, self.count))
+        self._pattern = Pattern(*self._places, (3 * linkage.used.size, self.count))
 
     def anchors(self) -> tuple[Ints, Ints]:
         """Ports that springs may be on, those of bodies and anchors, and their unknowns."""

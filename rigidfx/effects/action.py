@@ -161,7 +161,7 @@ class Action:
 
         Args:
             motion: A `Motion`; a `RemoteMotion` of actions on remote points.
-            forces: `Forces`, or `ForcesOfNodes`; `RemoteForces` of those.
+            forces: `Forces`, or `ForcesOfNodes`; of those an array.
         """
 
     def stiffen(self, motion: Any, tangent: Any) -> None:

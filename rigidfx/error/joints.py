@@ -218,7 +218,7 @@ class Joints:
         linkage = self._stepper.system.linkage
         assert linkage is not None
         rows, motors, along, laws = [], list[Any](), [], list[Any]()
-        for n, drive in enumerate(linkage.drives.each):
+        for drive in linkage.drives.each:
             own = np.zeros_like(p)
             np.add.at(own, drive.averages, drive.coordinate.gradient(p[drive.averages]))
             if drive.effect.prescribes:
@@ -226,7 +226,7 @@ class Joints:
                 motors.append(drive.effect)
             elif not drive.effect.is_windowed:
                 along.append(own)
-                laws.append((drive.effect, *linkage.drives.ends_of(n)))
+                laws.append((drive.effect, *linkage.drives.ends_of(drive)))
         told = linkage.points.told()
         for k, spring in self._springs:
             own, known = np.zeros_like(p), told[spring.title]

@@ -17,7 +17,7 @@ from rigidfx.base.errors import together
 from rigidfx.base.types import Array, Ints
 from rigidfx.effects import DeadLoad, Effect, Resultant
 from rigidfx.effects.base import vector_at
-from rigidfx.effects.joints.remote import RemoteForces, RemoteMotion
+from rigidfx.effects.joints.remote import RemoteMotion
 from rigidfx.effects.motion import Forces, Motion
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_motions import rigid_motions
@@ -193,9 +193,9 @@ def _couples(responses: Responses, effect: Resultant, times: Array) -> Array:
 
     def pushing(t: float) -> Array:
         couple.set_time(t, 0.0)
-        forces = RemoteForces(np.zeros_like(start))
+        forces = np.zeros_like(start)
         couple.resist(RemoteMotion(start, np.zeros_like(start), 1.0), forces)
-        return -forces.averages
+        return -forces
 
     F = np.zeros((responses.scene.owned_nodes, 3, times.size))
     for average, f in zip(ends, _evaluated(responses, effect, times, pushing), strict=True):

@@ -103,9 +103,9 @@ class Switch:
         self._exchange.settle(state, division, prescribed)
         stepper.bind(replace(division, bodies=state.bodies), self.acting)
         linkage = stepper.system.linkage
-        if linkage is not None and (new := set(linkage.redundant) - self._told):
+        if linkage is not None and (new := set(linkage.rows.redundant) - self._told):
             self._told |= new
-            warn(scene.comm, implied_rows(tuple(linkage.redundant)))
+            warn(scene.comm, implied_rows(tuple(linkage.rows.redundant)))
 
     def _started(self, known: Set[int] = frozenset()) -> tuple[Motor, ...]:
         """Have velocities follow motors that prescribe a motion; those that start to do so.

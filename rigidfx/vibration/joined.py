@@ -57,12 +57,12 @@ class HeldState(JoinedEquilibrium):
         self._lead = self.ports.lead(self.prolongation.increments)
         self._everywhere = self.ports.everywhere()
         locked = linkage.drives.prescribed
-        locks = linkage.test()[linkage.active.size + np.flatnonzero(locked)]
+        locks = linkage.test()[linkage.rows.active.size + np.flatnonzero(locked)]
         rows = np.vstack([rows, dense(locks @ self._lead)])
         terms = np.vstack([terms, dense(abs(locks) @ abs(self._lead))])
         independent_rows = csr_array(rows[independent(rows, terms, compliance)])
         self.held = csr_array(independent_rows @ self._everywhere)
-        self._locked = np.r_[np.ones(linkage.active.size, dtype=bool), locked]
+        self._locked = np.r_[np.ones(linkage.rows.active.size, dtype=bool), locked]
 
     def hold(self, y: PETSc.Vec, r: PETSc.Vec, masses: Array) -> None:
         """Set multipliers to the forces of joints that balance a residual best. Collective.
@@ -100,7 +100,7 @@ class HeldState(JoinedEquilibrium):
         """
         linkage, lead = self.linkage, self._lead
         drives = linkage.drives
-        along = csr_array(linkage.test()[linkage.active.size :])
+        along = csr_array(linkage.test()[linkage.rows.active.size :])
         springs = dia_array((drives.stiffness()[None], [0]), shape=(len(drives),) * 2)
         bent = linkage.curvature()  # of torques, which have no energy, the symmetric part
         C = csr_array(0.5 * (bent + bent.T) + along.T @ springs @ along)

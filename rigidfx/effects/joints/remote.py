@@ -1,14 +1,15 @@
 """Points of faces and mean places of sets, seen as `rigidfx.effects.nodes` shows nodes.
 
 The joints of a division know where they are and spread forces on them over nodes and bodies: such
-points are among the averages of `Linkage`. `Points` are the actions on them: torques, springs,
-masses, cables, and a user's own.
+points are among the vectors of `Linkage`. `Points` are the actions on them: torques, springs,
+masses, cables, and a user's own. Forces are an array over all vectors, shape (vectors, 3) [N]; a
+tangent is a list of rows, columns and values, to which each action adds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,9 +19,10 @@ from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.joints.averages import Vector
 
-__all__ = ["Points", "RemoteForces", "RemoteMotion", "RemoteNodes", "RemoteTangent"]
+__all__ = ["Points", "RemoteMotion", "RemoteNodes", "RemoteTangent"]
 
 Heed = Callable[[Action, str], Callable[..., Any]]
+RemoteTangent = list[tuple[Ints, Ints, Array]]
 
 
 @dataclass(frozen=True)
@@ -43,36 +45,6 @@ class RemoteMotion:
         return self
 
 
-@dataclass(frozen=True)
-class RemoteForces:
-    """Forces on all averages.
-
-    Attributes:
-        averages: Shape (averages, 3) [N].
-    """
-
-    averages: Array
-
-
-@dataclass
-class RemoteTangent:
-    """Takes derivatives of forces on averages.
-
-    Attributes:
-        size: Number of averages.
-        own: Rows, columns and values of each action.
-    """
-
-    size: int
-    own: list[tuple[Ints, Ints, Array]] = field(default_factory=list)
-
-    def matrix(self) -> csr_array:
-        """All of them, shape (3 · averages,) * 2 [N/m]."""
-        none = np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
-        row, column, value = map(np.concatenate, zip(none, *self.own, strict=True))
-        return csr_array((value, (row, column)), shape=(3 * self.size,) * 2)
-
-
 class RemoteNodes:
     """Some averages as nodes; arrays are equal on all ranks, and have one row for each.
 
@@ -85,7 +57,7 @@ class RemoteNodes:
     def __init__(
         self, structure: Structure, ends: Sequence[Vector], rest: Array | float = 0.0
     ) -> None:
-        """Take them.
+        """See some averages as nodes.
 
         Args:
             structure: The division.
@@ -98,7 +70,7 @@ class RemoteNodes:
         self._at = slice(0, len(self.ends))
 
     def number(self, first: int) -> int:
-        """Have the first one's number among all averages; that of the next ones."""
+        """Give the first one its number among all vectors; the number after the last one."""
         self._at = slice(first, first + len(self.ends))
         return self._at.stop
 
@@ -120,9 +92,9 @@ class RemoteNodes:
 
     start = displacement
 
-    def add(self, force: Array, forces: RemoteForces) -> None:
+    def add(self, force: Array, forces: Array) -> None:
         """Add forces on them, shape (nodes, 3) [N]."""
-        forces.averages[self._at] += force
+        forces[self._at] += force
 
     def stiffen(self, blocks: Array, tangent: RemoteTangent) -> None:
         """Add the stiffness of each by itself, shape (nodes, 3, 3) [N/m]."""
@@ -135,12 +107,7 @@ class RemoteNodes:
         """Add the derivative of forces on each by each, shape (nodes, 3, nodes, 3) [N/m]."""
         n = 3 * len(self.ends)
         numbers = 3 * self._at.start + np.arange(n)
-        tangent.own.append((np.repeat(numbers, n), np.tile(numbers, n), blocks.ravel()))
-
-
-def _plain(action: Action, method: str) -> Callable[..., Any]:
-    """A method as it is."""
-    return getattr(action, method)
+        tangent.append((np.repeat(numbers, n), np.tile(numbers, n), blocks.ravel()))
 
 
 class Points:
@@ -150,8 +117,8 @@ class Points:
         rounding: Size of a force that the machine precision is to be multiplied with [N].
     """
 
-    def __init__(self, actions: Sequence[Action], heed: Heed = _plain) -> None:
-        """Take actions over.
+    def __init__(self, actions: Sequence[Action], heed: Heed = getattr) -> None:
+        """Find their methods.
 
         Args:
             actions: The actions.
@@ -188,14 +155,16 @@ class Points:
     def add_to(self, forces: Array) -> None:
         """Add resistances to forces on all averages, shape (averages, 3) [N]."""
         for resist in self._resist:
-            resist(self._motion, RemoteForces(forces))
+            resist(self._motion, forces)
 
     def stiffness(self) -> csr_array:
         """Their derivatives by all averages, shape (3 · averages,) * 2 [N/m]."""
-        tangent = RemoteTangent(len(self._motion.places))
+        none, size = np.empty(0, np.int64), 3 * len(self._motion.places)
+        tangent: RemoteTangent = [(none, none, np.empty(0))]
         for stiffen in self._stiffen:
             stiffen(self._motion, tangent)
-        return tangent.matrix()
+        row, column, value = map(np.concatenate, zip(*tangent, strict=True))
+        return csr_array((value, (row, column)), shape=(size, size))
 
     def told(self) -> dict[str, Any]:
         """Reports of the actions that have a title, of the last step, by title."""

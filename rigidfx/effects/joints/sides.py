@@ -47,7 +47,7 @@ class Surface:
 
     where: str
 
-    def _post_init__(self) -> None:
+    def __post_init__(self) -> None:
         """Check the name.
 
         Raises:

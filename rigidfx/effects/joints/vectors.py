@@ -72,6 +72,7 @@ class BoundAverages(Nodes):
     Attributes:
         own: Weights of nodes that are no body's, shape (averages, these nodes).
         held: Weights of the bodies' a = [1, V, Φ₁, ..., Φ_m], shape (averages, n · bodies).
+        is_place: Whether each average is a place, not a direction.
     """
 
     def __init__(
@@ -99,6 +100,7 @@ class BoundAverages(Nodes):
         self.held = csr_array(every)
         self._spread, self._moments = self.own.T.tocsr(), compact(self.held.T.tocsr())
         self._poses = compact(self.held.tocsr())
+        self.is_place = [average.is_place for average in averages]
         constant = [average.constant for average in averages]
         self._constant = np.reshape(constant, (-1, 3))
 

@@ -67,7 +67,7 @@ class JoinedEquilibrium(Equilibrium):
         linkage.begin(bodies)
         rows, terms, compliance = self.ports.resisted(linkage, bodies)
         kept = independent(rows, terms, compliance)
-        linkage.keep(kept)
+        linkage.rows.keep(kept)
         self._check_motors(rows[kept], terms[kept], compliance)
         self._own = linkage.count if self.prolongation.comm.rank == 0 else 0
         self._inner, self._rest = self.prolongation.unknowns(), self.prolongation.unknowns()
@@ -78,8 +78,8 @@ class JoinedEquilibrium(Equilibrium):
         self._sprung: csr_array | None = None
         if anchored:
             ports, unknowns = self.ports.anchors()
-            self._springs[ports] = linkage.typical[0]
-            values = np.full(unknowns.size, linkage.typical[0])
+            self._springs[ports] = linkage.stiffness
+            values = np.full(unknowns.size, linkage.stiffness)
             size = self.prolongation.size
             self._sprung = csr_array((values, (unknowns, unknowns)), shape=(size, size))
 
@@ -95,7 +95,7 @@ class JoinedEquilibrium(Equilibrium):
         if not drives.prescribing:
             return
         lead = self.ports.lead(self.prolongation.increments)
-        given = self.linkage.test()[self.linkage.active.size :]
+        given = self.linkage.test()[self.linkage.rows.active.size :]
         for k in np.flatnonzero(drives.prescribed):
             effect = drives.each[k].effect
             more, sizes = dense(given[[k]] @ lead), dense(abs(given[[k]]) @ abs(lead))
@@ -240,7 +240,7 @@ class JoinedEquilibrium(Equilibrium):
         Raises:
             StepError: If rows that others implied when the division was made are open now.
         """
-        opened = {title: off for title, off in self.linkage.redundant.items() if off > OPEN}
+        opened = {title: off for title, off in self.linkage.rows.redundant.items() if off > OPEN}
         if opened:
             title = max(opened, key=lambda name: opened[name])
             raise StepError(

@@ -173,7 +173,7 @@ class JointForces:
         self._C = np.ascontiguousarray((ports.entries.T @ Y).toarray())
         comm = reduced.p.comm
         comm.Allreduce(MPI.IN_PLACE, self._C)
-        held = np.isin(linkage.at, reduced.p.prescribed // 3).any()
+        held = np.isin(linkage.averages.rows, reduced.p.prescribed // 3).any()
         self.on_supports: bool = comm.allreduce(bool(held), op=MPI.LOR)
 
     def find(
@@ -193,7 +193,7 @@ class JointForces:
         """
         linkage = self._linkage.kept()
         ends = (v0, increments.start), (v1, increments.end)
-        start, end = (linkage.moving(*given) for given in ends)
+        start, end = (linkage.averages.velocities(*given) for given in ends)
         given, found = linkage.drives.given, list[tuple[Array, Array]]()
 
         def added() -> tuple[Array, Array]:
@@ -257,7 +257,7 @@ def gained_across(linkage: Linkage, start: Array, end: Array, given: Array) -> A
         given: Change of rates that motors prescribe [m/s].
     """
     out = linkage.across(1.0, end) - linkage.across(0.0, start)
-    out[linkage.active.size :] += given
+    out[linkage.rows.active.size :] += given
     return out
 
 

@@ -201,7 +201,10 @@ class ResolvedConstraints:
         linkage, increments = self._linkage, self._equations.prolongation.increments
         if linkage is None:
             return np.zeros(0)
-        start, end = linkage.moving(v0, increments.start), linkage.moving(v1, increments.end)
+        start, end = (
+            linkage.averages.velocities(v0, increments.start),
+            linkage.averages.velocities(v1, increments.end),
+        )
         off = gained_across(linkage, start, end, linkage.drives.given)
         return np.where(linkage.compliance() == 0.0, off, 0.0)
 
