@@ -16,16 +16,16 @@ from rigidfx.effects.damping import KelvinVoigt, NumericalDamping, StiffnessDamp
 from rigidfx.effects.inertia import MassDamping
 from rigidfx.effects.initial import InitialDisplacement, InitialVelocity, places_at_start
 from rigidfx.effects.joints.elements import JointSpring, Motor, Stop, efforts_of
-from rigidfx.effects.joints.joint import Joint
-from rigidfx.effects.joints.joint_report import JointReport, JointReports
-from rigidfx.effects.joints.kinds import (
+from rigidfx.effects.joints.joint import (
     Cylindrical,
+    Joint,
     Prismatic,
     Revolute,
     Spherical,
     Tied,
     Universal,
 )
+from rigidfx.effects.joints.joint_report import JointReport, JointReports
 from rigidfx.effects.joints.sides import MeanFace, RigidFace, rigid_faces
 from rigidfx.effects.loads.dead_load import BodyForce, DeadLoad, NodalForce, Traction
 from rigidfx.effects.loads.gravity import Gravity

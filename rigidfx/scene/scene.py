@@ -27,7 +27,7 @@ from rigidfx.base.taken import read_only
 from rigidfx.base.types import Array, Indices
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.domain.domain import Domain
-from rigidfx.effects.joints.kinds import cut_by_symmetry
+from rigidfx.effects.joints.joint import cut_by_symmetry
 from rigidfx.mechanics.assumed import AssumedStrains
 from rigidfx.mechanics.element import Element
 from rigidfx.mechanics.materials import Material

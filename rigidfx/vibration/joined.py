@@ -26,9 +26,9 @@ from scipy.sparse import csr_array, dia_array
 
 from rigidfx.base.matrices import dense
 from rigidfx.base.types import Array
+from rigidfx.coupling.ports import RANK, independent
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.joints.linkage import Linkage
-from rigidfx.effects.joints.redundancy import RANK, independent
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.step.equations.joined import JoinedEquilibrium
 

@@ -17,10 +17,10 @@ from petsc4py import PETSc
 
 from rigidfx.base.types import Array
 from rigidfx.coupling.mass import Mass
+from rigidfx.coupling.ports import RANK
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.inertia import Centrifugal, CentrifugalForces
-from rigidfx.effects.joints.redundancy import RANK
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 

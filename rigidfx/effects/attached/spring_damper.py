@@ -5,7 +5,7 @@ from r₀ to r₁ are N n̄ and -N n̄, with
 
     n̄ = (r₀ + r₁)/(L₀ + L₁)
 
-and N by the law of `rigidfx.effects.joints.law` along L. As n̄ · Δr = L₁ - L₀ exactly, N takes
+and N by the law of `rigidfx.effects.joints.elements` along L. As n̄ · Δr = L₁ - L₀ exactly, N takes
 exactly the energy of the law. As n̄ is parallel to the vector half-way, the forces have no moment.
 In statics n = r₁/L₁.
 """
@@ -25,8 +25,8 @@ from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Vector as Point
 from rigidfx.effects.joints.averages import Vector, value_at
+from rigidfx.effects.joints.elements import Elastic
 from rigidfx.effects.joints.joint import Between
-from rigidfx.effects.joints.law import Elastic
 from rigidfx.effects.joints.remote import RemoteMotion, RemoteNodes
 from rigidfx.effects.joints.sides import GROUND, end_of
 

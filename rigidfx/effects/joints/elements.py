@@ -1,4 +1,16 @@
-"""Actions along free coordinates of a joint: motors, springs with dampers, and stops."""
+"""Actions along free coordinates of a joint: motors, springs with dampers, and stops.
+
+Springs, stops and cables have a law along a coordinate q. With P(q) the way beyond an end, below
+zero beyond the lower one, it stores ½ k P² and exerts
+
+    -f,    f = ½ k (P₀ + P₁) (P₁ - P₀)/(q₁ - q₀) + c (P₁ - P₀)/Δt
+
+in a step from q₀ to q₁: its work is exactly the energy that it gives, less c (P₁ - P₀)(q₁ - q₀)/Δt,
+which its damper takes (O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449). Where both ends are one place,
+P is the way from there: a spring. With two ends, or one, q is free between them: a stop or a cable,
+which only pushes back. Where the damper would make f pull, on the way back, f is zero. Then the
+damper takes all of the energy ½ k (P₀² - P₁²) that the spring gives, which is never below zero.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +26,10 @@ from rigidfx.base.inputs import is_function, number, scalar, shown
 from rigidfx.base.warning import warn
 from rigidfx.effects.base import Effect, TimeFunction, Windowed
 from rigidfx.effects.joints.joint import Joint
-from rigidfx.effects.joints.law import Elastic
 
 __all__ = [
     "Blow",
+    "Elastic",
     "JointSpring",
     "Motor",
     "OfJoint",
@@ -39,6 +51,88 @@ KINDS = {
 SOON = float(np.sqrt(np.sqrt(np.finfo(np.float64).eps)))  # of Δt: where a path's speed is found
 
 
+class Elastic(Effect):
+    """An effect with such a law.
+
+    Attributes:
+        stiffness: k [N/m, or N m/rad].
+        damping: c [N s/m, or N m s/rad].
+    """
+
+    stiffness: float
+    damping: float
+
+    @property
+    def loose(self) -> float:
+        """Way by which q may be short of an end that is stiff in statics already [rad or m]."""
+        return 0.0
+
+    @property
+    def ends_at(self) -> tuple[float, float]:
+        """Both ends, infinite where there is none [rad or m]."""
+        raise NotImplementedError
+
+    @property
+    def is_spring(self) -> bool:
+        """Whether both ends are one place."""
+        low, high = self.ends_at
+        return low == high
+
+    @property
+    def resists(self) -> bool:
+        """Whether it resists all that changes its coordinate, at all times."""
+        return self.stiffness > 0 and self.is_spring
+
+    def check_law(self, *more: str) -> None:
+        """Refuse k, c and further fields that are no numbers ≥ 0."""
+        for name in ("stiffness", "damping", *more):
+            if number(self.owner, name, getattr(self, name)) < 0:
+                raise SceneError(
+                    f"{self.owner}: {name} must be ≥ 0, got {shown(getattr(self, name))}."
+                )
+
+    def beyond(self, q: float) -> float:
+        """P at q [rad or m]."""
+        low, high = self.ends_at
+        return max(q - high, 0.0) + min(q - low, 0.0)
+
+    def is_stiff(self, q: float) -> bool:
+        """Whether P changes with q there, in statics."""
+        low, high = self.ends_at
+        return self.is_spring or q > high - self.loose or q < low + self.loose
+
+    def _parts(self, q0: float, q1: float, dt: float) -> tuple[float, float, float]:
+        """Resistance by stiffness and by damping in a step, and the derivative of both by q₁."""
+        P0, P1, moved, spring = self.beyond(q0), self.beyond(q1), q1 - q0, self.is_spring
+        gained, slope1 = (moved, 1.0) if spring else (P1 - P0, float(P1 != 0.0))
+        slope, bend = slope1, 0.0
+        if not spring and P0 * P1 <= 0 and moved:
+            slope = gained / moved
+            bend = (slope1 - slope) / moved
+        k, c = self.stiffness, self.damping / dt
+        elastic, viscous = 0.5 * k * (P0 + P1) * slope, c * gained
+        if not spring and (elastic + viscous) * (P0 + P1) <= 0:
+            return elastic, -elastic, 0.0
+        return elastic, viscous, 0.5 * k * (slope1 * slope + (P0 + P1) * bend) + c * slope1
+
+    def law(self, q0: float, q1: float, dt: float) -> tuple[float, float]:
+        """Force or torque along q in a step, and its derivative by q₁: see `_parts`."""
+        elastic, viscous, slope = self._parts(q0, q1, dt)
+        return -elastic - viscous, -slope
+
+    def pull(self, q: float) -> tuple[float, float]:
+        """Force or torque along q of statics, and its derivative."""
+        return -self.stiffness * self.beyond(q), -self.stiffness * self.is_stiff(q)
+
+    def stored(self, q: float) -> float:
+        """Energy at q [J]."""
+        return 0.5 * self.stiffness * self.beyond(q) ** 2
+
+    def taken(self, q0: float, q1: float, dt: float) -> float:
+        """Energy that its damper takes in a step [J]: see `_parts`."""
+        return self._parts(q0, q1, dt)[1] * (q1 - q0)
+
+
 class OfJoint(Effect):
     """An effect along a free coordinate of a joint.
 
@@ -51,11 +145,7 @@ class OfJoint(Effect):
     along: str | None = None
 
     def __post_init__(self) -> None:
-        """Check name and coordinate.
-
-        Raises:
-            SceneError: If one is none.
-        """
+        """Refuse names of no joint or coordinate."""
         super().__post_init__()
         if not isinstance(self.joint, str) or not self.joint:
             raise SceneError(
@@ -109,11 +199,7 @@ class Motor(OfJoint, Windowed):
     rate: float | TimeFunction | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check window, name and values.
-
-        Raises:
-            SceneError: If not exactly one value is given, or it is no number or function.
-        """
+        """Refuse all but one value, which is a number or a function."""
         super().__post_init__()
         given = [name for name in KINDS if getattr(self, name) is not None]
         if len(given) != 1:
@@ -157,12 +243,7 @@ class Motor(OfJoint, Windowed):
     def speed_at(self, t: float, dt: float) -> float:
         """The speed that it prescribes just after t [rad/s, m/s].
 
-        Args:
-            t: Time [s].
-            dt: Length of a step [s], over a small part of which an angle or a travel is followed.
-
-        Raises:
-            SceneError: As of `at`.
+        Over a small part of a step of length dt [s] an angle or a travel is followed.
         """
         if self.by_speed:
             return self.at(t)
@@ -171,15 +252,7 @@ class Motor(OfJoint, Windowed):
         return (4 * q1 - 3 * q0 - q2) / (2 * h)
 
     def drive(self, t: float, dt: float) -> float:
-        """Its torque or force, or the speed that it prescribes, while it acts; else zero.
-
-        Args:
-            t: Time [s].
-            dt: Length of a step [s], as of `speed_at`.
-
-        Raises:
-            SceneError: As of `at`.
-        """
+        """Its torque or force, or the speed that it prescribes, while it acts; else zero."""
         if not self.acts(t):
             return 0.0
         return self.speed_at(t, dt) if self.prescribes else self.at(t)
@@ -235,11 +308,7 @@ class JointSpring(OfJoint, Elastic):
     along: str | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check name and values.
-
-        Raises:
-            SceneError: If a number is none, or negative where it must not be.
-        """
+        """Refuse what is no number, or negative where it must not be."""
         super().__post_init__()
         number(self.owner, "rest", self.rest)
         self.check_law()
@@ -276,11 +345,7 @@ class Stop(OfJoint, Elastic):
     is_lasting: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        """Check name and values.
-
-        Raises:
-            SceneError: If a number is none, the ends are in the wrong order, or none is given.
-        """
+        """Refuse what is no number, ends in the wrong order, and neither end."""
         super().__post_init__()
         for name in ("low", "high"):
             if getattr(self, name) is not None:
@@ -288,10 +353,8 @@ class Stop(OfJoint, Elastic):
         if self.low is None and self.high is None:
             raise SceneError(f"{self.owner}: give low, high or both.")
         if not self.ends_at[0] < self.ends_at[1]:
-            raise SceneError(
-                f"{self.owner}: low must be below high, got {shown(self.low)} and "
-                f"{shown(self.high)}."
-            )
+            ends = f"{shown(self.low)} and {shown(self.high)}"
+            raise SceneError(f"{self.owner}: low must be below high, got {ends}.")
         if not number(self.owner, "stiffness", self.stiffness) > 0:
             raise SceneError(f"{self.owner}: stiffness must be > 0, got {shown(self.stiffness)}.")
         self.check_law()
@@ -305,7 +368,7 @@ class Stop(OfJoint, Elastic):
         )
 
     def check(self, scene: Any) -> None:
-        """Look its joint up."""
+        """Look its joint up, and warn of degrees."""
         _, name = coordinate_of(scene, self.owner, self.joint, self.along)
         largest = max(abs(end) for end in self.ends_at if isfinite(end))
         if name == "angle" and largest > 4 * pi:

@@ -80,11 +80,7 @@ class OnFace(Effect):
         return f"{self.kind} on {where.name if self.face else repr(where or WHOLE)}"
 
     def check_at(self) -> None:
-        """Check the place.
-
-        Raises:
-            SceneError: If it is no point, or of no face.
-        """
+        """Refuse a place that is no point, or of no face."""
         at: Any = getattr(self, "at", None)
         if at is None:
             return
@@ -102,9 +98,6 @@ class OnFace(Effect):
 
     def placed(self, scene: Any) -> Self:
         """The effect with its point on the mesh. Collective.
-
-        Args:
-            scene: The problem.
 
         Raises:
             SceneError: On every rank, if the point is far from the face.

@@ -15,7 +15,7 @@ from dolfinx import mesh as dmesh
 from rigidfx.base.errors import SceneError
 from rigidfx.base.types import Array, Indices
 
-__all__ = ["corners_of", "cylinder_of", "sphere_of"]
+__all__ = ["cylinder_of", "sphere_of"]
 
 
 ROUND = 0.02  # part of the normals' squares along the axis, or of the radius, that may be off
@@ -23,11 +23,6 @@ ROUND = 0.02  # part of the normals' squares along the axis, or of the radius, t
 
 def cylinder_of(scene: Any, owner: str, where: str) -> tuple[Array, Array]:
     """Middle and unit axis of a cylindrical surface, shapes (3,). Collective.
-
-    Args:
-        scene: The problem.
-        owner: Who asks, for messages.
-        where: Name of a set of boundary facets.
 
     Raises:
         SceneError: On every rank, if the surface is no cylinder.
@@ -52,13 +47,7 @@ def cylinder_of(scene: Any, owner: str, where: str) -> tuple[Array, Array]:
 
 
 def sphere_of(scene: Any, owner: str, where: str) -> Array | None:
-    """Centre of a spherical surface, shape (3,) [m]; None if it is no sphere. Collective.
-
-    Args:
-        scene: The problem.
-        owner: Who asks, for messages.
-        where: Name of a set of boundary facets.
-    """
+    """Centre of a spherical surface, shape (3,) [m]; None if it is no sphere. Collective."""
     x, middle, n = _facets(scene, owner, where)
     centre, radius, off = _fitted(scene, x.reshape(-1, 3))
     out = (x - centre).mean(axis=1)
@@ -71,7 +60,7 @@ def sphere_of(scene: Any, owner: str, where: str) -> Array | None:
 
 def _facets(scene: Any, owner: str, where: str) -> tuple[Array, Array, Array]:
     """Corners of owned facets less their mean place on all ranks, that, and normals. Collective."""
-    x = corners_of(scene, scene.boundary(where, owner))
+    x = _corners_of(scene, scene.boundary(where, owner))
     n = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
     total = np.asarray(scene.sum(np.r_[x.sum(axis=(0, 1)), float(x[..., 0].size)]))
     middle = total[:3] / max(total[3], 1.0)  # a fit about a far origin would lose digits
@@ -81,32 +70,19 @@ def _facets(scene: Any, owner: str, where: str) -> tuple[Array, Array, Array]:
 def _fitted(scene: Any, x: Array) -> tuple[Array, float, float]:
     """Centre and radius of the circle or sphere that fits points of all ranks best. Collective.
 
-    Args:
-        scene: The problem.
-        x: The points, shape (points, 2 or 3) [m].
-
-    Returns:
-        The largest distance of this rank's points from it, last.
+    The points have shape (points, 2 or 3) [m]; the largest distance of this rank's from it is last.
     """
     rows, squares = np.c_[2 * x, np.ones(len(x))], (x**2).sum(axis=1)
     left, right = (np.asarray(scene.sum(v)) for v in (rows.T @ rows, rows.T @ squares))
     *found, rest = np.linalg.lstsq(left, right, rcond=None)[0]
     centre = np.array(found)
     radius = float(np.sqrt(max(rest + centre @ centre, 0.0)))
-    return (
-        centre,
-        radius,
-        float(np.abs(np.linalg.norm(x - centre, axis=1) - radius).max(initial=0.0)),
-    )
+    off = np.abs(np.linalg.norm(x - centre, axis=1) - radius).max(initial=0.0)
+    return centre, radius, float(off)
 
 
-def corners_of(scene: Any, pairs: Indices) -> Array:
-    """Corners of owned facets, shape (facets, 3 or 4, 3) [m].
-
-    Args:
-        scene: The problem.
-        pairs: Cells and their sides.
-    """
+def _corners_of(scene: Any, pairs: Indices) -> Array:
+    """Corners of owned facets by cells and sides of these, shape (facets, 3 or 4, 3) [m]."""
     mesh = scene.mesh
     for dims in ((3, 2), (2, 3), (2, 0)):
         mesh.topology.create_connectivity(*dims)

@@ -48,16 +48,10 @@ class Surface:
     where: str
 
     def __post_init__(self) -> None:
-        """Check the name.
-
-        Raises:
-            SceneError: If it is none.
-        """
+        """Refuse a name that is none."""
         if not isinstance(self.where, str) or not self.where:
-            raise SceneError(
-                f"{type(self).__name__}: where must be the name of a set of facets, got "
-                f"{shown(self.where)}."
-            )
+            kind, given = type(self).__name__, shown(self.where)
+            raise SceneError(f"{kind}: where must be the name of a set of facets, got {given}.")
 
     @property
     def name(self) -> str:

@@ -13,8 +13,7 @@ from rigidfx.base.inputs import shown, vector, whole
 from rigidfx.base.types import Array
 from rigidfx.effects.base import Effect, Vector
 from rigidfx.effects.inertia import Centrifugal
-from rigidfx.effects.joints.joint import axis_of
-from rigidfx.effects.joints.kinds import Axial
+from rigidfx.effects.joints.joint import Axial, axis_of
 from rigidfx.effects.loads.dead_load import DeadLoad
 from rigidfx.effects.supports.prescribed import PrescribedRotation
 

@@ -24,9 +24,8 @@ from scipy.sparse import csr_array, dia_array
 from rigidfx.base.errors import StepError
 from rigidfx.base.matrices import Matrix, compact, dense
 from rigidfx.base.types import Array
-from rigidfx.coupling.ports import Ports
+from rigidfx.coupling.ports import Ports, independent
 from rigidfx.effects.joints.linkage import Linkage
-from rigidfx.effects.joints.redundancy import independent
 from rigidfx.effects.motion import Forces, Tangent
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.step.equations.equations import Equilibrium, Trial
