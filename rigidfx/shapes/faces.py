@@ -9,7 +9,7 @@ import numpy as np
 from rigidfx.base.types import Array, Ints
 from rigidfx.effects import Joint, SpringDamper
 from rigidfx.effects.joints.averages import FaceSide, Vector
-from rigidfx.effects.joints.on_face import OnFace
+from rigidfx.effects.joints.remote import OnFace
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.samples import interleaved

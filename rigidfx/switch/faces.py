@@ -14,7 +14,7 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.types import Bools, Indices
 from rigidfx.decide.decision import PlannedBody
 from rigidfx.effects import PointMass, Reduced, Rigid, RigidFace, rigid_faces
-from rigidfx.effects.joints.on_face import body_of
+from rigidfx.effects.joints.remote import body_of
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body, BodyMotion, RigidBody

@@ -26,7 +26,7 @@ from rigidfx.effects import (
     Windowed,
     rigid_faces,
 )
-from rigidfx.effects.joints.on_face import body_of
+from rigidfx.effects.joints.remote import body_of
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.eased import Eased
 from rigidfx.mechanics.rigid_body import Body, RigidBody

@@ -12,9 +12,8 @@ from rigidfx.base.inputs import positive
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Vector
-from rigidfx.effects.joints.on_face import OnFace, tie
 from rigidfx.effects.joints.pieces import Pieces
-from rigidfx.effects.joints.remote import RemoteNodes
+from rigidfx.effects.joints.remote import OnFace, RemoteNodes, tie
 from rigidfx.effects.joints.sides import Surface
 
 __all__ = ["PointMass"]

@@ -14,8 +14,7 @@ from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Vector
 from rigidfx.effects.joints.averages import value_at
-from rigidfx.effects.joints.on_face import OnFace
-from rigidfx.effects.joints.remote import RemoteNodes
+from rigidfx.effects.joints.remote import OnFace, RemoteNodes
 from rigidfx.effects.joints.sides import Surface
 from rigidfx.effects.nodes import LinearNodes
 

@@ -17,16 +17,17 @@ from rigidfx.effects.base import WHOLE, Effect
 from rigidfx.effects.base import Vector as Place
 from rigidfx.effects.joints.averages import Vector
 from rigidfx.effects.joints.pieces import Pieces
-from rigidfx.effects.joints.round_surfaces import cylinder_of, sphere_of
 from rigidfx.effects.joints.sides import (
     GROUND,
     Side,
     Surface,
     check_side,
     check_sides,
+    cylinder_of,
     rigid_faces,
     side_name,
     side_of,
+    sphere_of,
 )
 from rigidfx.effects.supports.support import Support, Symmetry
 

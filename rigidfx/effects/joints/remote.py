@@ -1,28 +1,229 @@
-"""Points of faces and mean places of sets, seen as `rigidfx.effects.nodes` shows nodes.
+"""Remote points of mean or rigid faces, and effects there: loads, springs, masses, a user's own.
 
-The joints of a division know where they are and spread forces on them over nodes and bodies: such
-points are among the vectors of `Linkage`. `Points` are the actions on them: torques, springs,
-masses, cables, and a user's own. Forces are an array over all vectors, shape (vectors, 3) [N]; a
-tangent is a list of rows, columns and values, to which each action adds.
+Such a point moves with the centre and the rotation of the face (`averages`). A force on it is
+spread over the nodes. A moment M acts on three directions d_k of the face, which stay
+perpendicular, by ½ M × d_k: these forces have no resultant, their moment is M, and their work is
+that of M along the turn of the face.
+
+The joints of a division know where points are: they are among the vectors of `Linkage`, ends of
+springs and mean places of sets too. `RemoteNodes` shows them as `rigidfx.effects.nodes` shows
+nodes, `Points` are the actions on them. Forces are an array over all vectors, shape (vectors, 3)
+[N]; a tangent is a list of rows, columns and values, to which each action adds.
+
+A point mass beside the middle of a face turns with it, so that its inertia depends on the motion.
+It is a small body without nodes, which is tied to the face as by a joint: energy and momenta are
+exact, at switches too. The body's radius of gyration is SMALL times the size of the face. So the
+inertia of the point m b² at the arm b is too large by (SMALL s/b)² at most.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from scipy.sparse import csr_array
 
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import vector
 from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import Action, Structure
-from rigidfx.effects.joints.averages import Vector
+from rigidfx.effects.base import WHOLE, Effect
+from rigidfx.effects.joints.averages import Average, Grounded, Vector, motion_at
+from rigidfx.effects.joints.pieces import Pieces
+from rigidfx.effects.joints.sides import Surface, check_sides, side_of
+from rigidfx.mechanics.rigid_body import BodyMotion, RigidBody
 
-__all__ = ["Points", "RemoteMotion", "RemoteNodes", "RemoteTangent"]
+__all__ = [
+    "OnFace",
+    "Points",
+    "RemoteMotion",
+    "RemoteNodes",
+    "RemotePoint",
+    "RemoteTangent",
+    "body_of",
+    "tie",
+]
 
+SMALL = 0.02  # radius of gyration over the size of the face; 1e-3 drowns low modes in rounding
 Heed = Callable[[Action, str], Callable[..., Any]]
 RemoteTangent = list[tuple[Ints, Ints, Array]]
+
+
+@dataclass(frozen=True)
+class RemotePoint:
+    """A point of a face, and directions there.
+
+    Attributes:
+        place: The place.
+        middle: The middle of the face.
+        arm: From there to the place at the start, shape (3,) [m].
+        directions: Three directions, along x, y and z at the start; none if nothing turns.
+    """
+
+    place: Vector
+    middle: Vector
+    arm: Array
+    directions: tuple[Vector, ...]
+
+
+class OnFace(Effect):
+    """An effect that may act at a point of a face, with fields `where` and `at`."""
+
+    places: ClassVar[tuple[type, ...]] = (str, Surface)
+    turns: ClassVar[bool] = False  # whether it acts on directions too
+
+    @property
+    def face(self) -> Surface | None:
+        """The face that it acts on; None if that is a set of cells or nodes."""
+        where = getattr(self, "where", None)
+        return where if isinstance(where, Surface) else None
+
+    @property
+    def follows(self) -> bool:
+        """Whether the motion of its point changes its force there."""
+        return True
+
+    @property
+    def sides(self) -> Sequence[Surface]:
+        """The faces that it takes hold of, as those of joints."""
+        return () if self.face is None else (self.face,)
+
+    @property
+    def owner(self) -> str:
+        """Its name in messages, and where it acts."""
+        where: Any = getattr(self, "where", None)
+        return f"{self.kind} on {where.name if self.face else repr(where or WHOLE)}"
+
+    def check_at(self) -> None:
+        """Refuse a place that is no point, or of no face."""
+        at: Any = getattr(self, "at", None)
+        if at is None:
+            return
+        vector(self, "at", at)
+        if self.face is None:
+            raise SceneError(
+                f"{self.owner}: at is the place of a remote point of a MeanFace or a RigidFace. "
+                "Give one of these in place of the set, or leave at out."
+            )
+
+    @property
+    def remote(self) -> RemotePoint:
+        """The point, once a scene has placed it."""
+        return self._remote  # type: ignore[attr-defined]
+
+    def placed(self, scene: Any) -> Self:
+        """The effect with its point on the mesh. Collective.
+
+        Raises:
+            SceneError: On every rank, if the point is far from the face.
+        """
+        if (face := self.face) is None:
+            return self
+        side = side_of(scene, self.owner, face)
+        assert not isinstance(side, Grounded)
+        at: Any = getattr(self, "at", None)
+        point = side.centre if at is None else np.asarray(at, dtype=np.float64)
+        check_sides(scene, self.owner, (face,), (side,), point)
+        directions = tuple(side.direction(e) for e in np.eye(3)) if self.turns else ()
+        place, middle = side.place(point), side.place(side.centre)
+        arm = place.start - middle.start
+        return self.with_point(RemotePoint(place, middle, arm, directions))
+
+    def with_point(self, remote: RemotePoint) -> Self:
+        """The effect with a point that was found before."""
+        out = copy(self)
+        object.__setattr__(out, "_remote", remote)
+        return out
+
+
+@dataclass(frozen=True)
+class BodySide:
+    """The body of a carried mass as a side; finds the body by its name.
+
+    Attributes:
+        name: Name of the body.
+        mass: Its mass [kg].
+    """
+
+    name: str
+    mass: float
+    size: ClassVar[float] = np.inf
+
+    def place(self, point: Array) -> BodyVector:
+        """The origin of the body."""
+        return BodyVector(start=point, is_place=True, holder=self)
+
+    def direction(self, a: Array) -> BodyVector:
+        """A direction of the body, whose frame is that of space at the start."""
+        return BodyVector(start=a, holder=self)
+
+    def within(self, scene: Any, bodies: Sequence[RigidBody]) -> tuple[int, Array, Array] | None:
+        """The number of the body, its centre and second moments; None if there is none."""
+        numbers = [k for k, body in enumerate(bodies) if body.name == self.name]
+        return (numbers[0], np.zeros(3), np.eye(3)) if numbers else None
+
+
+@dataclass(frozen=True)
+class BodyVector(Average):
+    """The origin or a direction of the body of a carried mass."""
+
+    holder: Any = None
+
+    def in_body(self, centre: Array, products: Array) -> Array:
+        """Its coefficients of [1, V], shape (4,)."""
+        return np.r_[1.0, centre] if self.is_place else np.r_[0.0, self.start]
+
+
+def tie(name: str, remote: RemotePoint, mass: float) -> Pieces:
+    """Averages and rows of the tie between a face and the body of a mass.
+
+    Args:
+        name: Name of the body.
+        remote: The point of the face.
+        mass: The mass [kg].
+    """
+    body: Any = BodySide(name, mass)
+    pieces = Pieces(remote.place.face, body, remote.place.start, np.eye(3)[0])
+    pieces.hold(("point", "axis", "turn"))
+    return pieces
+
+
+def body_of(
+    effect: Any, scene: Any, x: Array, v: Array, number: int
+) -> tuple[RigidBody, BodyMotion]:
+    """Data and motion of the body of a carried mass, as the nodes of its face move. Collective.
+
+    Args:
+        effect: The `PointMass`.
+        scene: The problem.
+        x: Places of owned nodes, shape (nodes, 3) [m].
+        v: Their velocities, likewise [m/s].
+        number: Number of the body.
+    """
+    remote, m = effect.remote, float(effect.mass)
+    place = remote.place
+    moving = [motion_at(scene, vector, x, v) for vector in (place, *remote.directions)]
+    now, rates = np.asarray(moving).swapaxes(0, 1)
+    R = now[1:].T
+    omega = 0.5 * np.cross(now[1:], rates[1:]).sum(axis=0)
+    none = np.empty(0, np.int32)
+    data = RigidBody(
+        name=effect.title,
+        cells=none,
+        nodes=none,
+        offsets=np.empty((0, 3)),
+        displacement=np.empty((0, 3)),
+        mass=m,
+        inertia=2 / 3 * m * (SMALL * place.face.size) ** 2 * np.eye(3),
+        origin=now[0],
+        number=number,
+        given=True,
+        extent=place.face.size,
+    )
+    return data, BodyMotion(now[0].copy(), R, rates[0], R.T @ omega)
 
 
 @dataclass(frozen=True)

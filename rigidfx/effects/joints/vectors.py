@@ -156,6 +156,7 @@ class Vectors:
         """
         self.averages: list[Average] = []
         self.stiff: dict[int, StiffRow] = {}
+        self.count = len(vectors)
         self._held: list[tuple[int, Vector, StiffRow]] = []
         self.needed: list[Ints] = []
         first_of: dict[int, int] = {}
@@ -165,50 +166,37 @@ class Vectors:
                 self.stiff[len(self.averages)] = stiff[n]
                 self._held.append((n, vector, stiff[n]))
                 vector = Average(is_place=vector.is_place)
-            key = id(vector.face) if isinstance(vector, FaceVector) else -1 - n
+            key = -1 - n
+            if isinstance(vector, FaceVector):
+                turned.append((n, vector))
+                key = id(vector.face)
             if key not in first_of:
                 first_of[key] = len(self.averages)
                 self.averages += vector.averages
-            count = len(vector.averages)
-            self.needed.append(first_of[key] + np.arange(count))
-            if isinstance(vector, FaceVector):
-                turned.append((n, vector))
-        self.count = len(vectors)
-        self._plain: Ints = np.array(
-            [n for n, own in enumerate(self.needed) if own.size == 1], dtype=np.int64
-        )
-        self._of_plain: Ints = np.array([self.needed[n][0] for n in self._plain], dtype=np.int64)
+            self.needed.append(first_of[key] + np.arange(len(vector.averages)))
+        # Each vector is its first average, none of directions of faces, and an arm that turns.
+        self._first = np.array([own[0] for own in self.needed], dtype=np.int64)
         self._turned: Ints = np.array([n for n, _ in turned], dtype=np.int64)
-        centres = np.array([self.needed[n][0] for n, _ in turned], dtype=np.int64)
-        self._centres, self._face = np.unique(centres, return_inverse=True)  # of faces
+        self._begins: Array = np.ones((self.count, 1))
+        self._begins[self._turned, 0] = [vector.is_place for _, vector in turned]
         self._local = np.reshape([vector.local for _, vector in turned], (-1, 1, 3))
-        self._is_place = np.array([vector.is_place for _, vector in turned], dtype=float)
+        self._centres, self._face = np.unique(self._first[self._turned], return_inverse=True)
         none: Array = np.zeros((len(self.averages), 3))
         self._start, self._moved = none, none
         self._r0 = self._r1 = self._axes(none)
-        self._pattern = Pattern(*self._places(), (3 * self.count, 3 * len(self.averages)))
         self._parts: dict[float, tuple[Array, Array, Array]] = {}  # of this iterate
         self._slopes: dict[float, Matrix] = {}  # likewise
-        columns = 3 * self._centres[:, None] + 3 + np.arange(9)
-        bent = np.broadcast_arrays(columns[:, :, None], columns[:, None, :])
-        size = 3 * len(self.averages)
-        self._bent = Pattern(bent[0].ravel(), bent[1].ravel(), (size, size))
+        size, of_axes = none.size, 3 * self._centres[:, None] + 3 + np.arange(9)
+        begin = (3 * self._first[:, None] + AXES).ravel()
+        row, column = _entries(3 * self._turned[:, None] + AXES, of_axes[self._face])
+        places = np.r_[np.arange(begin.size), row], np.r_[begin, column]
+        self._pattern = Pattern(*places, (3 * self.count, size))
+        self._bent = Pattern(*_entries(of_axes, of_axes), (size, size))
 
     @property
     def is_plain(self) -> bool:
         """Whether each vector is an average."""
         return not self._turned.size
-
-    def _places(self) -> tuple[Ints, Ints]:
-        """Rows and columns of derivatives by averages: of plain ones, places, and directions."""
-        own = 3 * self._plain[:, None] + AXES, 3 * self._of_plain[:, None] + AXES
-        rows, first = 3 * self._turned[:, None], self._centres[self._face][:, None]
-        centre = rows + AXES, 3 * first + AXES
-        columns = 3 * first + 3 + np.arange(9)
-        turns = np.broadcast_arrays((rows + AXES)[:, :, None], columns[:, None, :])
-        both = [own, centre, turns]
-        row, column = (np.concatenate([pair[k].ravel() for pair in both]) for k in range(2))
-        return row, column
 
     def _of_faces(self, B: Array) -> Array:
         """H_k of all faces, shape (faces, 3, 3)."""
@@ -220,10 +208,8 @@ class Vectors:
 
     def _values(self, B: Array, turned: Array) -> Array:
         """Vectors by averages and turned arms."""
-        out = np.empty((self.count, 3))
-        out[self._plain] = B[self._of_plain]
-        centre = B[self._centres[self._face]]
-        out[self._turned] = self._is_place[:, None] * centre + turned
+        out = self._begins * B[self._first]
+        out[self._turned] += turned
         return out
 
     def _arms(self, r: Array) -> Array:
@@ -267,8 +253,7 @@ class Vectors:
         if share not in self._slopes:
             r, _, turns = self._part(share)
             moved = -skew(self._arms(r)) @ turns.reshape(-1, 3, 9)[self._face]
-            plain, places = np.ones(3 * self._plain.size), np.repeat(self._is_place, 3)
-            values = np.concatenate([plain, places, moved.ravel()])
+            values = np.r_[np.repeat(self._begins, 3), moved.ravel()]
             self._slopes[share] = self._pattern.filled(values)
         return self._slopes[share]
 
@@ -334,3 +319,9 @@ class Vectors:
         np.add.at(couples, self._face, own.swapaxes(0, 1))
         on_averages = np.einsum("dfakb,fda->fkbd", turn_map(r, H), couples)
         return self._bent.filled((on_averages.imag / h).ravel())
+
+
+def _entries(rows: Ints, columns: Ints) -> tuple[Ints, Ints]:
+    """Rows and columns of the entries of blocks with these, shape (blocks, n) each."""
+    row, column = np.broadcast_arrays(rows[:, :, None], columns[:, None, :])
+    return row.ravel(), column.ravel()

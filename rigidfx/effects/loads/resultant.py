@@ -13,8 +13,7 @@ from rigidfx.base.inputs import vector
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import WHOLE, Scaled, Vector, check_vector
-from rigidfx.effects.joints.on_face import OnFace
-from rigidfx.effects.joints.remote import RemoteMotion, RemoteNodes
+from rigidfx.effects.joints.remote import OnFace, RemoteMotion, RemoteNodes
 from rigidfx.effects.joints.sides import Surface
 from rigidfx.effects.loads.dead_load import DeadForces
 from rigidfx.effects.motion import Forces
