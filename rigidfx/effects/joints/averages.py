@@ -124,12 +124,7 @@ class FaceVector:
         return self.face
 
     def in_body(self, centre: Array, products: Array) -> Array:
-        """Its coefficients of [1, V] of a body that holds the face, shape (4,).
-
-        Args:
-            centre: V̄ [m].
-            products: Σ w (X - X̄) ⊗ V [m²].
-        """
+        """Its coefficients of [1, V] of a body, by V̄ [m] and Σ w (X - X̄) ⊗ V [m²], shape (4,)."""
         turned = nearest_rotations(products.T) @ self.arm
         return np.r_[1.0, centre + turned] if self.is_place else np.r_[0.0, turned]
 
@@ -166,8 +161,7 @@ class FaceVector:
     def slopes(self, means: Array | None = None) -> Array:
         """Its derivatives by the displacements of its nodes, shape (nodes, 3, 3).
 
-        Args:
-            means: Values of its averages; those at the start if None.
+        Averages are those at the start if `means` are None.
         """
         r, turns = self.face.turns(means)
         moved = -skew(self.local @ r) @ turns
@@ -297,13 +291,9 @@ class FaceSide(Averages):
         return int(found[0]), own[1:4], own[4:].reshape(3, 3)
 
     def turns(self, means: Array | None = None) -> tuple[Array, Array]:
-        """The axes r_k by rows, and derivatives of θ by the displacements of the nodes.
+        """The axes r_k by rows, and derivatives of θ by displacements of the nodes, (nodes, 3, 3).
 
-        Args:
-            means: Values of the averages; those at the start if None.
-
-        Returns:
-            Shapes (3, 3) and (nodes, 3, 3).
+        Averages are those at the start if `means` are None.
         """
         r = self.axes.T if means is None else nearest_rotations(means[1:])
         H = self.moments[:, None] * r if means is None else means[1:]
@@ -325,12 +315,7 @@ Sided = Averages | Grounded
 
 
 def turn_map(r: Array, H: Array) -> Array:
-    """θ by δH, -N⁻¹ c(r, ·) of (2), shape (..., 3, 3, 3).
-
-    Args:
-        r: Axes by rows, shape (..., 3, 3).
-        H: H_k by rows, likewise.
-    """
+    """θ by δH, -N⁻¹ c(r, ·) of (2), by axes r and H_k in rows, shape (..., 3, 3, 3)."""
     c = np.moveaxis(skew(r.swapaxes(-1, -2)), -3, -1)
     N = np.einsum("...jka,...kab->...jb", c, skew(H))
     return -np.linalg.solve(N, c.reshape(*N.shape[:-1], 9)).reshape(c.shape)

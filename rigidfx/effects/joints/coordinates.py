@@ -77,10 +77,7 @@ class Coordinate:
     def secant(self, start: Array, moved: Array, size: Array | float) -> tuple[Array, Array]:
         """∇̄q of a step, shape (..., 3, 3), and q₁ - q₀, shape (...).
 
-        Args:
-            start: The averages at the start of the step, shape (..., 3, 3).
-            moved: Their increments, likewise.
-            size: Size of each q that counts as large, shape (...).
+        Averages move from start by moved; q counts as large from `size` on.
         """
         slopes, z = self.slopes(start + 0.5 * moved), self.invariants(start)
         dz = _along(slopes, moved)
@@ -181,12 +178,7 @@ class Coordinates:
     """
 
     def __init__(self, of: Sequence[Coordinate], firsts: Sequence[int]) -> None:
-        """Sort them by their kinds.
-
-        Args:
-            of: Each of them.
-            firsts: Number of the first average of each one's joint.
-        """
+        """Sort them by their kinds; `firsts` are the numbers of the first average of each joint."""
         averages = [first + np.array(c.averages) for c, first in zip(of, firsts, strict=True)]
         self.at: Ints = np.reshape(averages, (-1, 3)).astype(np.int64)
         kinds: dict[type[Coordinate], list[int]] = {}
@@ -202,12 +194,7 @@ class Coordinates:
         return out
 
     def values(self, p: Array, before: Array) -> Array:
-        """Their values where averages are at p, shape (coordinates,) [rad, m].
-
-        Args:
-            p: Shape (averages, 3).
-            before: Earlier values, by which turns are counted.
-        """
+        """Their values where averages are at p, turns counted by earlier values [rad, m]."""
 
         def found(kind: Coordinate, own: Ints) -> Array:
             return kind.continued(kind.value(p[self.at[own]]), before[own])

@@ -224,10 +224,7 @@ class Drives:
     def begin(self, t: float, dt: float, q: Mapping[tuple[int, str], float]) -> None:
         """Evaluate functions of time for a step from t on, of length dt [s].
 
-        Args:
-            t: Its start.
-            dt: Its length.
-            q: Coordinates at its start, by joint and name.
+        Coordinates q at its start are by joint and name.
 
         Raises:
             SceneError: On this rank, if a function cannot be used.
@@ -261,12 +258,7 @@ class Drives:
         self._q0 = q
 
     def efforts(self, multipliers: Array, joint: int) -> dict[str, float]:
-        """Torque [N m] or force [N] of each that acts on a joint of a number, by its title.
-
-        Args:
-            multipliers: λ of each [N].
-            joint: The number.
-        """
+        """Torque [N m] or force [N] of each on a joint of this number, by title, of these λ [N]."""
         own = (drive for drive in self.each if drive.key[0] == joint)
         return {drive.title: float(multipliers[drive.number]) * drive.size for drive in own}
 

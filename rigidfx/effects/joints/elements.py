@@ -398,14 +398,7 @@ class Blow(NamedTuple):
 
 
 def end_rates(q0: Any, q1: Any, middle: Any, dt: float) -> tuple[Any, Any]:
-    """Rates of a path at both ends of a step, by the parabola through three of its values.
-
-    Args:
-        q0: Value at the start, a number or an array.
-        q1: Value at the end.
-        middle: Value in the middle.
-        dt: Length of the step [s].
-    """
+    """Rates of a path at both ends of a step, by the parabola through three of its values."""
     return (4 * middle - 3 * q0 - q1) / dt, (3 * q1 + q0 - 4 * middle) / dt
 
 
@@ -438,13 +431,7 @@ def efforts_of(scene: Any) -> dict[str, list[str]]:
 
 
 def coordinate_of(scene: Any, owner: str, name: str, along: str | None) -> tuple[Joint, str]:
-    """A joint by its name, and the coordinate meant.
-
-    Args:
-        scene: The problem.
-        owner: Who asks, for messages.
-        name: Name of the joint.
-        along: "angle" or "travel"; the only one that the joint leaves free if None.
+    """A joint by its name, and its coordinate along; the only one that it leaves free if None.
 
     Raises:
         SceneError: If there is no such joint, or it leaves that not free.

@@ -63,14 +63,9 @@ class JointReports(Mapping[str, JointReport]):
         later: Sequence[str] = (),
         blows: Mapping[str, Blow] = NO_BLOWS,
     ) -> None:
-        """Take their maker.
+        """Prepare reports, which `of` makes by the number of a joint.
 
-        Args:
-            titles: Titles of the joints.
-            of: Makes the report of a joint by its number.
-            total: Sum of the sizes of all multipliers [N].
-            later: Titles that are known from the first step on, at t = 0.
-            blows: How stops act in the step, by their titles.
+        The `later` titles are known from the first step on, at t = 0.
         """
         self._numbers, self._of = {title: k for k, title in enumerate(titles)}, of
         self._made: dict[str, JointReport] = {}

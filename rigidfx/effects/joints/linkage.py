@@ -51,13 +51,7 @@ class JointRows:
     """
 
     def __init__(self, joints: Sequence[Any], firsts: Sequence[int], vectors: int) -> None:
-        """Number the rows of joints.
-
-        Args:
-            joints: The joints, as the scene has placed them.
-            firsts: Number of each one's first vector.
-            vectors: Number of all vectors.
-        """
+        """Number the rows of placed joints, by the number of each one's first vector."""
         pieces = [joint.pieces for joint in joints]
         counts = [len(own.rows) for own in pieces]
         self.terms = Terms([own.rows for own in pieces], firsts, vectors)
@@ -217,11 +211,7 @@ class Linkage:
     # Where averages are ---------------------------------------------------------------------------
 
     def rates(self, v: Array) -> Array:
-        """Rates of rows by nodes in no body, at a step's start, shape (rows,) [m/s]. Collective.
-
-        Args:
-            v: Velocities of the division's rows, one number each [m/s].
-        """
+        """Rates of rows at a step's start by velocities of nodes in no body [m/s]. Collective."""
         of_nodes = v.reshape(-1, 3)[self.averages.rows]
         return np.asarray(self.test() @ self.averages.mean(of_nodes).ravel())
 
@@ -290,12 +280,7 @@ class Linkage:
         return out
 
     def across(self, share: float, moving: Array) -> Array:
-        """Velocities across rows at the start (0) or end (1) of the step, shape (rows,) [m/s].
-
-        Args:
-            share: Which of both.
-            moving: Velocities of averages there.
-        """
+        """Velocities across rows at the step's start (0) or end (1), by those of averages [m/s]."""
         along = partial(self.drives.along, share)
         return np.asarray(self._by_averages(share, along) @ moving.ravel())
 

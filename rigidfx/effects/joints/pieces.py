@@ -57,14 +57,7 @@ class Pieces:
     """
 
     def __init__(self, a: Sided, b: Sided, at: Array, axis: Array) -> None:
-        """Begin without rows.
-
-        Args:
-            a: First side.
-            b: Second side.
-            at: Place of the joint at the start, shape (3,) [m].
-            axis: Its axis there, of unit length.
-        """
+        """Begin without rows, at a place [m] and with an axis of unit length at the start."""
         self.size, self.mass = float(min(a.size, b.size)), float(min(a.mass, b.mass))
         self.averages: list[Vector] = []
         self.sides: list[int] = []
@@ -104,12 +97,7 @@ class Pieces:
         return self.direction(_perpendiculars(self._axis)[0], 0)
 
     def hold(self, shared: Iterable[str], left: Iterable[str] = ()) -> None:
-        """Add rows and free coordinates by their names.
-
-        Args:
-            shared: "point", "axis", "turn", "line", "plane".
-            left: "angle", "travel".
-        """
+        """Add rows: point, axis, turn, line, plane; and free coordinates: angle, travel."""
         for name in (*(f"hold_{name}" for name in shared), *(f"leave_{name}" for name in left)):
             getattr(self, name)()
 
@@ -172,13 +160,7 @@ class Terms:
     """
 
     def __init__(self, rows: Sequence[Sequence[Row]], firsts: Sequence[int], averages: int) -> None:
-        """Collect them.
-
-        Args:
-            rows: Rows of each joint.
-            firsts: Number of each joint's first average.
-            averages: Number of all averages.
-        """
+        """Collect the rows of each joint, by the number of its first average."""
         every = [(row, first) for own, first in zip(rows, firsts, strict=False) for row in own]
         one, products, linear = 3 * averages, list[Any](), list[Any]()
         for r, (row, first) in enumerate(every):
@@ -217,12 +199,7 @@ class Terms:
         return np.concatenate([self._f * x[self._n], self._f[own] * x[self._m[own]]])
 
     def gained(self, middle: Array, d: Array) -> Array:
-        """Exact gain of g where averages move by d, shape (rows,).
-
-        Args:
-            middle: Averages half-way.
-            d: Their increments.
-        """
+        """Exact gain of g where averages are at middle half-way and move by d, shape (rows,)."""
         return self._sums(self._entries(middle) * d.ravel()[self._columns])
 
     def gradient(self, p: Array) -> Matrix:
@@ -236,12 +213,7 @@ class Terms:
         return sums.astype(np.float64, copy=False).reshape(-1, 3)
 
     def curvature(self, multipliers: Array, share: float) -> csr_array:
-        """Derivative of Σ λ ∂g/∂p after a part of a step by p at its end, (3 · averages,) * 2.
-
-        Args:
-            multipliers: λ of each row.
-            share: That part: 0.5 for the middle of the step.
-        """
+        """Derivative of Σ λ ∂g/∂p after a part of a step by p at its end, (3 · averages,) * 2."""
         own = slice(self._both)
         return self._curvature.sparse(
             np.tile(share * multipliers[self._row[own]] * self._f[own], 2)

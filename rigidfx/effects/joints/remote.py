@@ -178,13 +178,7 @@ class BodyVector(Average):
 
 
 def tie(name: str, remote: RemotePoint, mass: float) -> Pieces:
-    """Averages and rows of the tie between a face and the body of a mass.
-
-    Args:
-        name: Name of the body.
-        remote: The point of the face.
-        mass: The mass [kg].
-    """
+    """Averages and rows of the tie between a face and the body of a mass, of this name."""
     body: Any = BodySide(name, mass)
     pieces = Pieces(remote.place.face, body, remote.place.start, np.eye(3)[0])
     pieces.hold(("point", "axis", "turn"))
@@ -194,14 +188,9 @@ def tie(name: str, remote: RemotePoint, mass: float) -> Pieces:
 def body_of(
     effect: Any, scene: Any, x: Array, v: Array, number: int
 ) -> tuple[RigidBody, BodyMotion]:
-    """Data and motion of the body of a carried mass, as the nodes of its face move. Collective.
+    """Data and motion of the body of a `PointMass`, as the nodes of its face move. Collective.
 
-    Args:
-        effect: The `PointMass`.
-        scene: The problem.
-        x: Places of owned nodes, shape (nodes, 3) [m].
-        v: Their velocities, likewise [m/s].
-        number: Number of the body.
+    Owned nodes are at x [m] and move with v [m/s], shape (nodes, 3) each.
     """
     remote, m = effect.remote, float(effect.mass)
     place = remote.place
@@ -258,13 +247,7 @@ class RemoteNodes:
     def __init__(
         self, structure: Structure, ends: Sequence[Vector], rest: Array | float = 0.0
     ) -> None:
-        """See some averages as nodes.
-
-        Args:
-            structure: The division.
-            ends: The averages.
-            rest: Where each is without displacement, shape (nodes, 3) [m].
-        """
+        """See some averages as nodes, which are at `rest` without displacement [m]."""
         self.ends, self._rest = tuple(ends), rest
         self.weights = np.ones(len(self.ends))
         self.share = 1.0 if structure.static else 0.5
@@ -319,12 +302,7 @@ class Points:
     """
 
     def __init__(self, actions: Sequence[Action], heed: Heed = getattr) -> None:
-        """Find their methods.
-
-        Args:
-            actions: The actions.
-            heed: Makes a function of a method of an action that keeps a user's exceptions.
-        """
+        """Find their methods, which `heed` makes functions that keep a user's exceptions."""
         self._actions = tuple(actions)
         self.rounding = sum(action.rounding for action in actions)
         self._resist, self._stiffen, self._taken, self._stored, self._accept = (

@@ -183,16 +183,9 @@ def check_sides(
 ) -> None:
     """Check the sides of a joint, or the face of a remote point, as far as possible. Collective.
 
-    Args:
-        scene: The problem.
-        owner: The joint or effect, for messages.
-        names: The sides as given.
-        sides: The same as averages.
-        at: Place of the joint at the start [m].
-
     Raises:
         SceneError: On every rank, if both are in one rigid part, if a support holds all of one, or
-            if a surface is far away from the joint.
+            if a surface is far away from the joint, which is `at` there [m].
     """
     for name, side in zip(names, sides, strict=True):
         if isinstance(side, Grounded):

@@ -44,16 +44,7 @@ class StiffRow:
 def stiff_rows(
     scene: Any, bodies: Sequence[RigidBody], vectors: Sequence[Any]
 ) -> dict[int, StiffRow]:
-    """How vectors of faces that a body holds, and of carried masses, follow it. Collective.
-
-    Args:
-        scene: The problem.
-        bodies: The bodies.
-        vectors: Averages and vectors of faces.
-
-    Returns:
-        By the number of the vector.
-    """
+    """How vectors of faces that a body holds, and of carried masses, follow it, by their number."""
     out: dict[int, StiffRow] = {}
     known: dict[int, tuple[int, Array, Array] | None] = {}
     for k, vector in enumerate(vectors):
@@ -78,13 +69,7 @@ class BoundAverages(Nodes):
     def __init__(
         self, averages: Sequence[Average], stiff: Mapping[int, StiffRow], structure: Structure
     ) -> None:
-        """Find whose nodes they are. Collective.
-
-        Args:
-            averages: The averages.
-            stiff: Rows of those that follow a body as a rigid face does, by their number.
-            structure: The division.
-        """
+        """Find whose nodes they are; `stiff` are rows of averages that follow bodies. Collective."""
         scene, own = structure.scene, [average.nodes for average in averages]
         number = np.repeat(np.arange(len(own)), [some.size for some in own])
         values = np.concatenate([np.empty(0), *(average.weights for average in averages)])
@@ -105,12 +90,7 @@ class BoundAverages(Nodes):
         self._constant = np.reshape(constant, (-1, 3))
 
     def mean(self, of_rows: Array, matrices: Array | None = None) -> Array:
-        """Averages of vectors at nodes and of matrices of bodies, shape (averages, 3). Collective.
-
-        Args:
-            of_rows: Of the nodes that are no body's, shape (nodes, 3).
-            matrices: Shape (bodies, n, 3); zero if None.
-        """
+        """Averages of vectors at nodes in no body, and of matrices of bodies if any. Collective."""
         out = np.asarray(self.own @ of_rows)
         if self._comm.size > 1:
             self._comm.Allreduce(MPI.IN_PLACE, out)
@@ -124,12 +104,7 @@ class BoundAverages(Nodes):
         return super().positions(at) + self._constant
 
     def add(self, force: Array, forces: Forces | ForcesOfNodes) -> None:
-        """Add forces on averages, shape (averages, 3) [N], which all ranks know.
-
-        Args:
-            force: The forces.
-            forces: `Forces`, or `ForcesOfNodes` of all nodes, in bodies or not.
-        """
+        """Add forces on averages, shape (averages, 3) [N], which all ranks know."""
         if isinstance(forces, ForcesOfNodes):
             forces.add(self, self._W.T @ force)
             return
@@ -148,12 +123,7 @@ class Vectors:
     """
 
     def __init__(self, vectors: Sequence[Vector], stiff: Mapping[int, StiffRow]) -> None:
-        """Collect the averages.
-
-        Args:
-            vectors: The vectors.
-            stiff: Rows of the vectors of faces that a body holds, by their number.
-        """
+        """Collect the averages; `stiff` are rows of vectors of faces that a body holds."""
         self.averages: list[Average] = []
         self.stiff: dict[int, StiffRow] = {}
         self.count = len(vectors)
@@ -247,8 +217,7 @@ class Vectors:
     def slopes(self, share: float) -> Matrix:
         """Derivatives of vectors by averages, shape (3 · vectors, 3 · averages).
 
-        Args:
-            share: 0.5 for J̄ of the step, 0 and 1 for derivatives at its start and end.
+        The share is 0.5 for J̄ of the step, 0 and 1 for derivatives at its start and end.
         """
         if share not in self._slopes:
             r, _, turns = self._part(share)
@@ -268,13 +237,7 @@ class Vectors:
         return np.asarray(self.slopes(share).T @ on_vectors.ravel()).reshape(-1, 3)
 
     def spread(self, on_vectors: Array, pose: Array, forces: ForcesOfNodes) -> None:
-        """Add forces on the nodes of faces, of vectors that a body holds.
-
-        Args:
-            on_vectors: Forces on vectors, shape (vectors, 3) [N].
-            pose: Matrices of the places of bodies, shape (bodies, n, 3).
-            forces: Forces on nodes.
-        """
+        """Add forces on the nodes of faces, of vectors that bodies of these poses hold [N]."""
         for n, vector, held in self._held:
             means = None
             if isinstance(vector, FaceVector):
@@ -298,16 +261,9 @@ class Vectors:
         return own + self.curvature(on_vectors, share)
 
     def curvature(self, on_vectors: Array, share: float) -> Matrix:
-        """Derivative of `forces` by the averages at the end, forces on vectors kept.
+        """Derivative of `forces` by the averages at the end, forces on vectors kept [N/m].
 
         By complex steps of each H_k, with which the axes at the end turn.
-
-        Args:
-            on_vectors: Forces on vectors, shape (vectors, 3) [N].
-            share: 0.5 for forces of the middle of a step, 1 for those of its end.
-
-        Returns:
-            Shape (3 · averages,) * 2 [N/m].
         """
         (r, H, _), (r_end, _, turns) = self._part(share), self._part(1.0)
         h = float(np.finfo(np.float64).eps)
