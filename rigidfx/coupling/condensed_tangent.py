@@ -20,8 +20,8 @@ from scipy.sparse import csr_array
 from rigidfx.base.compat import assemble_unrolled
 from rigidfx.base.types import Array, Indices
 from rigidfx.coupling.interface import Interface
+from rigidfx.coupling.moved_nodes import condensed_row_lengths
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.coupling.row_lengths import condensed_row_lengths
 
 __all__ = ["CondensedMatrix"]
 

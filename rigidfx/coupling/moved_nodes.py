@@ -1,4 +1,9 @@
-"""Motion of the nodes that a rank knows, its ghosts included: unknowns of their own, or a body."""
+"""Motion of the nodes that a rank knows, its ghosts included: unknowns of their own, or a body.
+
+So the entries that rows of a reduced matrix have are counted: exactly without bodies, and somewhat
+too many where interior cells and cells at the interface share nodes. Superfluous room is given back
+in the first assembly.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +11,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from dolfinx import la
+from dolfinx import fem, la
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.sparse import csr_array
 
 from rigidfx.base.types import Array, Ints
 from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.coupling.rows import Lengths, couplings, parted
 
-__all__ = ["MovedNodes", "moved_nodes"]
+__all__ = ["MovedNodes", "condensed_row_lengths", "moved_nodes"]
 
 
 @dataclass(frozen=True)
@@ -62,3 +71,71 @@ def moved_nodes(prolongation: Prolongation, known: Any) -> MovedNodes:
     found.scatter_forward()
     numbers: Ints = values[:, :4].astype(np.int64)
     return MovedNodes(numbers[:, :3], numbers[:, 3], values[:, 4:].copy())
+
+
+def condensed_row_lengths(
+    prolongation: Prolongation, interior: fem.Form, interface: fem.Form
+) -> Lengths:
+    """Of a reduced tangent, in its blocks where it has some, as PETSc takes them. Collective.
+
+    Args:
+        prolongation: Map between unknowns and dofs.
+        interior: The form over flexible cells that touch no body.
+        interface: The form over flexible cells that touch a body; of no meaning without bodies.
+    """
+    lengths = np.zeros((prolongation.owned, 2))
+    widths = prolongation.layout.ensemble.unknowns[prolongation.owned_bodies]
+    lengths[prolongation.own_free :, 0] = np.repeat(widths, widths)  # the bodies' own blocks
+    for form in (interior, interface) if prolongation.touched else (interior,):
+        _add_coupled(lengths, prolongation, form)
+    most = np.array([prolongation.owned, prolongation.size - prolongation.owned])
+    block = 3 if prolongation.nodal else 1
+    inside, outside = (np.minimum(lengths, most)[::block] // block).astype(PETSc.IntType).T
+    return inside, outside
+
+
+def _add_coupled(lengths: Array, prolongation: Prolongation, form: fem.Form) -> None:
+    """Add couplings of the cells of a form to the lengths of rows, shape (rows, 2). Collective."""
+    pattern, known = couplings(form)
+    nodes = moved_nodes(prolongation, known)
+    unknowns = np.count_nonzero(nodes.unknowns >= 0, axis=1)
+    rank_of_node = prolongation.rank_of(nodes.unknowns.max(axis=1, initial=-1))
+    rank_of_body = prolongation.rank_of(prolongation.body_columns.max(axis=1, initial=-1))
+    rank = prolongation.comm.rank
+    coupled = pattern @ parted(unknowns, rank_of_node == rank)
+    if prolongation.touched:
+        slaves = np.flatnonzero(nodes.body >= 0)
+        entries = np.ones(slaves.size), (slaves, nodes.body[slaves])
+        slave_of = csr_array(entries, shape=(nodes.body.size, rank_of_body.size))
+        bodies_at_nodes, widths = _ones(pattern @ slave_of), prolongation.layout.ensemble.unknowns
+        coupled += bodies_at_nodes @ parted(widths, rank_of_body == rank)
+        nodes_at_bodies = _ones(slave_of[: pattern.shape[0]].T.tocsr() @ pattern)
+        bodies_at_bodies = _ones(nodes_at_bodies @ slave_of)
+        of_bodies = _summed(nodes_at_bodies, unknowns, rank_of_node, rank_of_body)
+        of_bodies += _summed(bodies_at_bodies, widths, rank_of_body, rank_of_body)
+        prolongation.comm.Allreduce(MPI.IN_PLACE, of_bodies)
+        own = prolongation.owned_bodies
+        lengths[prolongation.own_free :] += np.repeat(of_bodies[own], widths[own], axis=0)
+    node, axis = np.nonzero(nodes.unknowns[: pattern.shape[0]] >= 0)
+    lengths[nodes.unknowns[node, axis] - prolongation.first_column] += coupled[node]
+
+
+def _summed(at_bodies: csr_array, widths: Any, ranks: Any, rank_of_body: Any) -> Array:
+    """Columns that each body's rows have, of its own rank and of others, shape (bodies, 2).
+
+    Args:
+        at_bodies: Partners of the rows: bodies by nodes, or bodies by bodies.
+        widths: Columns of each of these.
+        ranks: And their rank.
+        rank_of_body: Rank of each body's rows.
+    """
+    body, other = at_bodies.nonzero()
+    halves = parted(widths[other], ranks[other] == rank_of_body[body])
+    out = np.zeros((rank_of_body.size, 2))
+    np.add.at(out, body, halves)
+    return out
+
+
+def _ones(counts: csr_array) -> csr_array:
+    counts.data[:] = 1.0
+    return counts

@@ -10,8 +10,15 @@ so the residual is restricted by Lᵀ, equations (5) and (13); the derivative of
 inside a body has no row at all. So no rows of ones, no penalties and no empty rows ever reach the
 solver.
 
-Rows of a body's nodes follow 12 + 9 m numbers of that body, see `attached_rows`. A tangent passes L
-and P by a MatPtAP, see `interface`; a matrix that is condensed once per layout, such as a mass
+The body-fixed coordinates a = [1, V, Φ₁, ..., Φ_m] of a body's nodes never change; each node moves
+by them times a matrix of n = 4 + 3 m rows, see `Increments`, which is all that turns. So the
+increments of these rows are
+
+    N [3 n numbers of each body],    N constant and sparse,
+
+and moments of forces at them come by Nᵀ. PETSc multiplies, by vectors whose numbers are NumPy's: a
+product of SciPy's takes three times as long where bodies are small. A tangent passes L and P by a
+MatPtAP, see `interface`; a matrix that is condensed once per layout, such as a mass
 matrix, by a MatPtAP with P itself.
 """
 
@@ -26,18 +33,81 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from rigidfx.base.types import Array, Ints
-from rigidfx.coupling.attached_rows import AttachedRows
-from rigidfx.coupling.couplings import Lengths
 from rigidfx.coupling.dealt_rows import DealtRows
 from rigidfx.coupling.dof_layout import DofLayout
-from rigidfx.coupling.rows import mapped_matrix
+from rigidfx.coupling.rows import Lengths, mapped_matrix
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Step, prepare
 from rigidfx.mechanics.shaped_step import increments_of
 
-__all__ = ["Prolongation"]
+__all__ = ["AttachedRows", "Prolongation"]
 
 Int = PETSc.IntType
+
+
+class AttachedRows:
+    """The rows of this rank that bodies of a layout hold.
+
+    Attributes:
+        rows: These rows, sorted.
+        displacement: Displacement at the freeze, in their order [m].
+        entries: N, with a row for each row of the layout, shape (rows, 3 n · bodies) [1, m].
+    """
+
+    def __init__(self, layout: DofLayout) -> None:
+        """Find them.
+
+        Args:
+            layout: Division of the dofs.
+        """
+        rows, self._shape = layout.rows, layout.ensemble.frozen.shape
+        height, count = 3 * self._shape[1], layout.ensemble.frozen.size
+        parts: list[tuple[Ints, Ints, Array]] = []  # rows, columns, values
+        displacement = np.zeros(rows.dofs.size)
+        for k, (body, at) in enumerate(zip(layout.bodies, layout.attached, strict=True)):
+            coordinates = body.coordinates(at)
+            shape = at.size, 3, coordinates.shape[1]
+            node, axis, j = (i.reshape(-1) for i in np.indices(shape))
+            places = 3 * rows.positions(body.nodes[at])[node] + axis
+            displacement[places] = body.displacement[at][node, axis]
+            parts.append((places, height * k + 3 * j + axis, coordinates[node, j]))
+        none = np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
+        row, column, value = map(np.concatenate, zip(none, *parts, strict=True))
+        self.entries = csr_array((value, (row, column)), shape=(rows.dofs.size, count))
+        self.rows: Ints = np.unique(row)
+        self.displacement: Array = displacement[self.rows]
+        own = self.entries[self.rows]
+        self._numbers, self._at_rows = np.zeros(count), np.zeros(self.rows.size)
+        vectors = (self._numbers, self._at_rows)
+        self._of_bodies, self._of_rows = (
+            PETSc.Vec().createWithArray(values, comm=PETSc.COMM_SELF) for values in vectors
+        )
+        csr = own.indptr.astype(Int), own.indices.astype(Int), own.data
+        self._N = PETSc.Mat().createAIJ(own.shape, csr=csr, comm=PETSc.COMM_SELF)
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return self._at_rows.size
+
+    def moved(self, numbers: Array) -> Array:
+        """Their values, in their order; to be used before the next call.
+
+        Args:
+            numbers: Those of each body, shape (bodies, n, 3), or as many.
+        """
+        self._numbers[:] = numbers.reshape(-1)
+        self._N.mult(self._of_bodies, self._of_rows)
+        return self._at_rows
+
+    def moments(self, f: Array) -> Array:
+        """Sums over them, shape (bodies, n, 3).
+
+        Args:
+            f: One number per row of the layout.
+        """
+        self._at_rows[:] = f[self.rows]
+        self._N.multTranspose(self._of_rows, self._of_bodies)
+        return self._numbers.reshape(self._shape).copy()
 
 
 class Prolongation:

@@ -1,4 +1,6 @@
-"""Masses at points of faces: m JᵀJ, J the derivatives of the point's place by nodes.
+"""Matrices at vectors of nodes, Σ Jᵀ B J, and masses at points of faces: B = m.
+
+J are the derivatives of a vector by nodes, B is three by three.
 
 They take part where all of these nodes do. A reduced tangent gets nothing of them here: with steps
 they are a stiffness at ports, see `rigidfx.effects.attached.point_mass`.
@@ -11,17 +13,17 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_array, vstack
+from scipy.sparse import block_diag, csr_array, hstack, vstack
 
 from rigidfx.base.types import Array, Bools
-from rigidfx.coupling.averages import add_at_vectors, slopes_of
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import PointMass
+from rigidfx.effects.joints.averages import Vector
 from rigidfx.scene.scene import Scene
 
-__all__ = ["WithRemoteMasses", "with_remote_masses"]
+__all__ = ["WithRemoteMasses", "add_at_vectors", "slopes_of", "with_remote_masses"]
 
 
 class WithRemoteMasses:
@@ -86,3 +88,45 @@ def with_remote_masses(
     if not masses:
         return mass
     return WithRemoteMasses(mass, rows, np.array(masses), csr_array(vstack(slopes, format="csr")))
+
+
+def slopes_of(scene: Scene, vector: Vector, rows: Rows, counted: Bools) -> csr_array | None:
+    """Derivatives of a vector by nodes at the start; None if some do not count. Collective.
+
+    Args:
+        scene: The problem.
+        vector: The vector.
+        rows: The rows in question.
+        counted: For each node of the rows, whether it counts.
+
+    Returns:
+        Shape (3, 3 · nodes of the rows).
+    """
+    nodes, slopes = vector.nodes, vector.slopes()
+    at = np.searchsorted(rows.nodes, nodes)
+    at[at == rows.nodes.size] = 0
+    here = rows.nodes[at] == nodes if rows.nodes.size else np.zeros(at.size, dtype=bool)
+    here &= counted[at] if rows.nodes.size else False
+    if scene.sum(np.count_nonzero(~here)) > 0:
+        return None
+    columns = np.broadcast_to(3 * at[:, None, None] + np.arange(3), slopes.shape)
+    row = np.broadcast_to(np.arange(3)[:, None], slopes.shape)
+    return csr_array((slopes.ravel(), (row.ravel(), columns.ravel())), (3, 3 * rows.nodes.size))
+
+
+def add_at_vectors(A: PETSc.Mat, slopes: csr_array, blocks: Array, comm: MPI.Intracomm) -> None:
+    """Add Σ Jᵀ B J to a matrix, whose pattern grows. Collective.
+
+    Args:
+        A: The matrix of some rows.
+        slopes: J of each vector, shape (3 · vectors, 3 · nodes of the rows).
+        blocks: B of each, shape (vectors, 3, 3).
+        comm: The ranks.
+    """
+    every = hstack(comm.allgather(slopes), format="csr")
+    B, kind = block_diag([csr_array(block) for block in blocks]), PETSc.IntType
+    added = csr_array(slopes.T @ B @ every)
+    csr = added.indptr.astype(kind), added.indices.astype(kind), added.data
+    more = PETSc.Mat().createAIJ(A.getSizes(), csr=csr, comm=comm)
+    A.axpy(1.0, more, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    more.destroy()

@@ -9,7 +9,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array, vstack
 
 from rigidfx.base.types import Array
-from rigidfx.coupling.averages import add_at_vectors, slopes_of
+from rigidfx.coupling.remote_mass import add_at_vectors, slopes_of
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Spring
 from rigidfx.scene.scene import Scene

@@ -69,7 +69,7 @@ class BoundAverages(Nodes):
     def __init__(
         self, averages: Sequence[Average], stiff: Mapping[int, StiffRow], structure: Structure
     ) -> None:
-        """Find whose nodes they are; `stiff` are rows of averages that follow bodies. Collective."""
+        """Find whose nodes are; `stiff` are rows of averages that follow bodies. Collective."""
         scene, own = structure.scene, [average.nodes for average in averages]
         number = np.repeat(np.arange(len(own)), [some.size for some in own])
         values = np.concatenate([np.empty(0), *(average.weights for average in averages)])
