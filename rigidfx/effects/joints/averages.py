@@ -37,7 +37,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -59,8 +59,6 @@ __all__ = [
     "value_at",
 ]
 
-NONE = np.empty(0)
-
 
 @dataclass(frozen=True)
 class Average:
@@ -72,23 +70,18 @@ class Average:
         constant: Shape (3,).
         start: Its value at the start, shape (3,).
         is_place: Whether it is a place, not a direction.
+        holder: Finds the body that it may be fixed to, as `FaceSide` does; None without one.
+        face: The face that it turns with: none, as it is linear.
     """
 
+    face: ClassVar[Any] = None
+
     nodes: Ints = field(default_factory=lambda: np.empty(0, np.int64))
-    weights: Array = field(default_factory=lambda: NONE)
+    weights: Array = field(default_factory=lambda: np.empty(0))
     constant: Array = field(default_factory=lambda: np.zeros(3))
     start: Array = field(default_factory=lambda: np.zeros(3))
     is_place: bool = False
-
-    @property
-    def face(self) -> Any:
-        """The face that it turns with; None if it is but linear."""
-        return None
-
-    @property
-    def holder(self) -> Any:
-        """Finds the body that it may be fixed to, as `FaceSide` does; None if none is asked for."""
-        return None
+    holder: Any = None
 
     @property
     def averages(self) -> tuple[Average, ...]:

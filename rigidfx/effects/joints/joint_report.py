@@ -15,8 +15,6 @@ from rigidfx.effects.joints.sides import GROUND
 
 __all__ = ["JointReport", "JointReports", "told_of"]
 
-NO_BLOWS: Mapping[str, Blow] = {}
-
 
 @dataclass(frozen=True)
 class JointReport:
@@ -47,45 +45,40 @@ class JointReport:
     gap: float = 0.0
 
 
+@dataclass(eq=False, repr=False)
 class JointReports(Mapping[str, JointReport]):
     """Reports of joints by title, each made when it is first asked for.
 
     Attributes:
+        titles: Titles of the joints, in the order of the scene.
+        of: Makes the report of a joint by its number.
         total: Sum of the sizes of all multipliers [N].
+        later: Titles that are known from the first step on, at t = 0.
         blows: How stops act in the step, by their titles.
     """
 
-    def __init__(
-        self,
-        titles: Sequence[str] = (),
-        of: Callable[[int], JointReport] | None = None,
-        total: float = 0.0,
-        later: Sequence[str] = (),
-        blows: Mapping[str, Blow] = NO_BLOWS,
-    ) -> None:
-        """Prepare reports, which `of` makes by the number of a joint.
-
-        The `later` titles are known from the first step on, at t = 0.
-        """
-        self._numbers, self._of = {title: k for k, title in enumerate(titles)}, of
-        self._made: dict[str, JointReport] = {}
-        self.total, self._later, self.blows = total, later, blows
+    titles: Sequence[str] = ()
+    of: Callable[[int], JointReport] | None = None
+    total: float = 0.0
+    later: Sequence[str] = ()
+    blows: Mapping[str, Blow] = field(default_factory=dict)
+    _made: dict[str, JointReport] = field(default_factory=dict, init=False)
 
     def __getitem__(self, title: str) -> JointReport:
         """The report of a joint."""
         if title not in self._made:
-            if self._of is None or title not in self._numbers:
-                raise no_such("report.joints", title, self, self._later)
-            self._made[title] = self._of(self._numbers[title])
+            if self.of is None or title not in self.titles:
+                raise no_such("report.joints", title, self, self.later)
+            self._made[title] = self.of(self.titles.index(title))
         return self._made[title]
 
     def __iter__(self) -> Iterator[str]:
-        """Titles in the order of the scene."""
-        return iter(self._numbers)
+        """Their titles."""
+        return iter(self.titles)
 
     def __len__(self) -> int:
-        """Number of joints."""
-        return len(self._numbers)
+        """How many there are."""
+        return len(self.titles)
 
 
 def told_of(

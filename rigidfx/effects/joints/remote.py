@@ -166,11 +166,8 @@ class BodySide:
         return (numbers[0], np.zeros(3), np.eye(3)) if numbers else None
 
 
-@dataclass(frozen=True)
 class BodyVector(Average):
     """The origin or a direction of the body of a carried mass."""
-
-    holder: Any = None
 
     def in_body(self, centre: Array, products: Array) -> Array:
         """Its coefficients of [1, V], shape (4,)."""
