@@ -118,11 +118,16 @@ class Expanded:
         yield
         x.array[:] = before
 
-    def forces(self, d: Array) -> Array:
-        """Internal forces of its cells at d beside the state, shape (nodes, 3) [N]. Collective."""
+    def forces(self, d: Array, cells: Cells | None = None) -> Array:
+        """Internal forces of cells at d beside the state, shape (nodes, 3) [N]. Collective.
+
+        Args:
+            d: Displacement of its nodes, shape (nodes, 3) [m].
+            cells: Some of its cells; all if None.
+        """
         b = fem.Function(self._scene.space)
         with self._displaced(d):
-            add_vector(b.x.array, self._linear.force(self.cells))
+            add_vector(b.x.array, self._linear.force(self.cells if cells is None else cells))
         b.x.scatter_reverse(la.InsertMode.add)
         return np.array(b.x.array.reshape(-1, 3)[self.nodes])
 

@@ -253,6 +253,8 @@ class Switch:
         stepper = self._stepper
         state, scene, before = stepper.state, stepper.scene, stepper.measure()
         warn_of_jumps(scene, stepper.system.linkage, state.t, started)
+        if before.kinetic == 0.0 and not started:  # velocities that are zero keep joints closed
+            return impact
         state.rebuild()
         gained = self._joints.close(state, stepper.prescribed.mask)
         if gained == 0.0:
