@@ -36,6 +36,7 @@ class Structure:
         mass: Mass operator of these nodes; None in statics.
         u: Displacements of all local dofs at the start of a step [m], changed by each step.
         failures: Keeps exceptions of a user's functions until all ranks are told.
+        surface: The deformed boundary; None where no effect asks for it.
         notes: Memory of effects from step to step, by their identity; None where bodies are treated
             as if they were flexible.
         static: Whether forces are those at the end of a step, and nothing moves.
@@ -48,6 +49,7 @@ class Structure:
     mass: Any
     u: Array
     failures: Failures
+    surface: Any = None
     notes: dict[int, Any] | None = None
     static: bool = False
 
@@ -74,11 +76,13 @@ class Structure:
         Returns:
             This rank's part in the bodies' frames, shape (bodies, n, 3) [m², m³].
         """
-        raise NotImplementedError
+        out: Array = self.surface.outward_moments(where, owner, self.bodies)
+        return out
 
     def outward_slopes(self, where: str, owner: str) -> Array:
         """Its derivatives by the coordinates of shapes, shape (m, bodies, n, 3). Collective."""
-        raise NotImplementedError
+        out: Array = self.surface.outward_slopes(where, owner, self.bodies)
+        return out
 
 
 def _nothing() -> Array:

@@ -14,12 +14,11 @@ from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.remembered import ByObject, Remembered
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.coupling.rows import Rows
-from rigidfx.effects import Contact
+from rigidfx.effects import Contact, Structure
 from rigidfx.effects.action import Touch
 from rigidfx.effects.motion import Forces, Motion, Tangent
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.step.equations.actions import Actions
-from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
 
@@ -91,7 +90,7 @@ class BoundContacts:
         scene = stepper.scene
         self._stepper, self._rows, self.notes = stepper, rows, notes
         self._start: Array = np.zeros(3 * len(scene.start_places))
-        structure = BoundStructure(
+        structure = Structure(
             scene=scene,
             rows=rows,
             own=np.ones(rows.nodes.size, dtype=bool),

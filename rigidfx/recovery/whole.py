@@ -19,18 +19,13 @@ import numpy as np
 from petsc4py import PETSc
 
 from rigidfx.base.types import Array, Bools
-from rigidfx.coupling.dof_layout import dof_layout
-from rigidfx.coupling.mass import mass_operator
-from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.motion import Instant
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import RigidBody
-from rigidfx.step.equations.actions import Actions
-from rigidfx.step.equations.equations import Equilibrium
-from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.newton.factors import Factors
 from rigidfx.step.stepper import Stepper
+from rigidfx.step.system.equations import Equations
 from rigidfx.step.system.supports import PrescribedDofs
 
 __all__ = ["Whole", "small_enough"]
@@ -70,26 +65,14 @@ class Whole:
             mask[data.cells] = True
         flexible = forces.cells(np.flatnonzero(mask).astype(np.int32))
         driven, prescribed = _driven(stepper, parts)
-        self._layout = layout = dof_layout(scene, flexible, others.of, prescribed, driven)
-        own = layout.massive[layout.rows.nodes]
-        self._mass = mass_operator(scene, layout.rows, flexible, own, driven)
-        structure = BoundStructure(
-            scene=scene,
-            rows=layout.rows,
-            own=own,
-            bodies=others,
-            mass=self._mass,
-            u=state.u.x.array,
-            surface=forces.surface,
-            failures=stepper.failures,
-            notes=deepcopy(state.notes),  # they follow its iterates
-        )
-        self._actions = Actions(structure, scene.effects, stepper.system.acting)
-        bound = forces.bind(flexible, layout.interior, layout.interface, driven)
-        self._prolongation = p = Prolongation(layout, scene.comm)
-        self._equations = Equilibrium(scene, forces, bound, self._mass, p, self._actions)
-        self._still = layout.rows.vector()
-        self._y = p.unknowns()
+        of_division = state, stepper.failures, flexible, prescribed, driven
+        notes = deepcopy(state.notes)  # they follow its iterates
+        self._of = of = Equations("step", scene, forces, *of_division, bodies=others, notes=notes)
+        of.bind(scene.effects, stepper.system.acting, joined=None)
+        self._layout, self._prolongation, self._actions = of.layout, of.prolongation, of.actions
+        self._equations = of.equilibrium
+        self._still = self._layout.rows.vector()
+        self._y = of.prolongation.unknowns()
         self._rest = self._y.duplicate()  # what is out of balance as it is
         self._u = state.u.x.array
         self._kept = state.snapshot()  # the run's state, and its u₁, while iterates are there
@@ -221,8 +204,7 @@ class Whole:
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        own = self._factors, self._y, self._rest, self._still
-        for item in (*own, self._equations, self._actions, self._mass):
+        for item in (self._factors, self._y, self._rest, self._still, self._of):
             if item is not None:
                 item.destroy()
 

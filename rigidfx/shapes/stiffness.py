@@ -16,7 +16,7 @@ from rigidfx.coupling.dof_layout import dof_layout, nodes_of
 from rigidfx.coupling.mass import Mass, mass_operator
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.coupling.rows import product
-from rigidfx.effects import Windowed
+from rigidfx.effects import Structure, Windowed
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import add_vector
 from rigidfx.flexible.linear_forms import LinearForms
@@ -25,7 +25,6 @@ from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.orthonormal import columns
 from rigidfx.state import State
-from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 
 __all__ = ["Stiffness", "times"]
@@ -69,7 +68,7 @@ class Stiffness:
         layout = dof_layout(scene, self.cells, self.bodies.of, self.held)
         rows, own = layout.rows, np.ones(layout.rows.nodes.size, dtype=bool)
         self.mass: Mass = mass_operator(scene, rows, self.cells, own)
-        self.structure = BoundStructure(
+        self.structure = Structure(
             scene=scene,
             rows=rows,
             own=layout.massive[rows.nodes],

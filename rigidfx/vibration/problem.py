@@ -17,9 +17,6 @@ from petsc4py import PETSc
 from rigidfx.base.errors import together
 from rigidfx.base.failures import Failures
 from rigidfx.base.types import Array
-from rigidfx.coupling.dof_layout import dof_layout
-from rigidfx.coupling.mass import mass_operator
-from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import (
     Joint,
     PointMass,
@@ -30,17 +27,13 @@ from rigidfx.effects import (
     Windowed,
 )
 from rigidfx.flexible.internal_forces import InternalForces
-from rigidfx.flexible.static_forces import static_forces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.weights import inertial_masses
 from rigidfx.state import State
-from rigidfx.step.equations.actions import Actions
-from rigidfx.step.equations.equations import Equilibrium
-from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.system.division import Division
-from rigidfx.step.system.linked import linked
+from rigidfx.step.system.equations import Equations
 from rigidfx.step.system.rigid_motion import free_to_move
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 from rigidfx.switch.inventory import divide
@@ -90,32 +83,18 @@ class Problem:
         known = division.driven_nodes, None, division.nodes_of_held
         held = PrescribedDofs(scene, supports_of(acting), *known)
         cells, driven = division.flexible, division.driven_cells
-        layout = dof_layout(scene, cells, state.bodies.of, held.mask, driven)
-        own = layout.massive[layout.rows.nodes]
-        self._mass = mass_operator(scene, layout.rows, cells, own, driven)
-        self._structure = BoundStructure(
-            scene=scene,
-            rows=layout.rows,
-            own=own,
-            bodies=state.bodies,
-            mass=self._mass,
-            u=state.u.x.array,
-            surface=forces.surface,
-            failures=Failures(scene.comm),
-            static=True,
-        )
-        self._scene, self._layout = scene, layout
-        self._prolongation = Prolongation(layout, scene.comm)
+        of_division = state, Failures(scene.comm), cells, held.mask, driven
+        self._equations = of = Equations("linear", scene, forces, *of_division)
+        self._scene, self._layout, self._mass = scene, of.layout, of.mass
+        self._prolongation = of.prolongation
         self._prolongation.pose(state.bodies)
-        bound = static_forces(scene, forces, cells, layout.interior, layout.interface)
-        self._given = scene, forces, bound, None, self._prolongation
         masses, loose = self._masses(), bool(free_to_move(scene, held, acting=acting))
         # A reference is without stresses, but a mechanism may be in balance there.
         loaded = about is not None or (loose and bool(scene.named(Joint)))
         if self._bind(acting, t, loaded, masses) > BALANCED and about is None:
-            self._unbind()
+            self._equations.unbind()
             self._bind(acting, t, False, masses)
-        statics, self._free = self._statics, None
+        statics, self._free = self._equations.equilibrium, None
         if isinstance(statics, HeldState) and statics.held.shape[0]:
             self._free = FreeMotions(statics.held, self._prolongation)
         self.K, self.M = self._in_q(self._stiffness()), self._in_q(masses)
@@ -157,15 +136,11 @@ class Problem:
         dead = [e for e in acting if e.is_dead and loaded]
         lasting = [e for e in self._scene.effects if e.is_lasting and not e.is_windowed]
         effects = [*lasting, *dead, *self.spin.forces]
-        self._actions = actions = Actions(self._structure, effects, dead)
-        actions.set_time(t, 1.0)
         there = [e for e in acting if loaded or e.grows != "time"]
-        linkage = linked(self._structure, there)
-        self._statics = statics = (
-            Equilibrium(*self._given, actions)
-            if linkage is None
-            else HeldState(linkage, bodies, *self._given, actions)
-        )
+        self._equations.bind(effects, dead, along=there, joined=HeldState)
+        actions, linkage = self._equations.actions, self._equations.linkage
+        statics = self._equations.equilibrium
+        actions.set_time(t, 1.0)
         if linkage is not None:
             together(self._scene.comm, "A motor", partial(linkage.set_time, t, 0.0))
         statics.begin(1.0, None, np.zeros(p.prescribed.size), bodies)
@@ -186,11 +161,6 @@ class Problem:
         self.of_loads = (float(size) + efforts) / (mass * extent)
         return left / size if size > 0 else 0.0
 
-    def _unbind(self) -> None:
-        """Free the equations of the state. Collective."""
-        self._statics.destroy()
-        self._actions.destroy()
-
     @property
     def places(self) -> Array:
         """Places of the local nodes in the state, shape (nodes, 3) [m]."""
@@ -198,7 +168,7 @@ class Problem:
 
     def _stiffness(self) -> PETSc.Mat:
         """The tangent of statics at the state, by the unknowns, with joints. Collective."""
-        statics = self._statics
+        statics = self._equations.equilibrium
         statics.tangent()
         K = statics.tangent_matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
         more = []
@@ -332,8 +302,7 @@ class Problem:
             self._free.destroy()
         if self.shaping is not None:
             self.shaping.destroy()
-        self._unbind()
-        for item in (*self.motions, self.K, self.M, self._mass):
+        for item in (*self.motions, self.K, self.M, self._equations):
             item.destroy()
 
 

@@ -22,14 +22,13 @@ from mpi4py import MPI
 
 from rigidfx.base.types import Array
 from rigidfx.coupling.mass import Mass
-from rigidfx.effects import Windowed
+from rigidfx.effects import Structure, Windowed
 from rigidfx.effects.motion import Forces, Motion
 from rigidfx.error.forces.parts import Parts
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments, Step
 from rigidfx.step.equations.actions import Actions
-from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.stepper import Stepper
 
 __all__ = ["Withheld"]
@@ -79,7 +78,7 @@ class Withheld:
         self._frozen = self._b.x.array[parts.rows.dofs].reshape(-1, 3)
         self._loads = forces.bind_loads(parts.cells, self._u0, self._u1)
         self._none = none = Bodies.of_each(())
-        self._structure = BoundStructure(
+        self._structure = Structure(
             scene=scene,
             rows=parts.rows,
             own=np.ones(parts.rows.nodes.size, dtype=bool),

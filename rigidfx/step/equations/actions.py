@@ -28,10 +28,9 @@ from rigidfx.base.failures import Failures
 from rigidfx.base.inputs import number, shown
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import Action, ContactAction, Effect, Touch
+from rigidfx.effects import Action, ContactAction, Effect, Structure, Touch
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion, Tangent
 from rigidfx.step.equations.eased_forces import EasedForces
-from rigidfx.step.equations.structure import BoundStructure
 
 __all__ = ["Actions", "Heeded", "Jumping", "bound"]
 
@@ -200,7 +199,7 @@ class Actions:
 
     def __init__(
         self,
-        structure: BoundStructure,
+        structure: Structure,
         effects: Sequence[Effect],
         acting: Sequence[Effect],
         easing: Sequence[EasedForces] = (),
@@ -406,7 +405,7 @@ class Actions:
             action.destroy()
 
 
-def bound(effect: Effect, structure: BoundStructure, method: str) -> Action | None:
+def bound(effect: Effect, structure: Structure, method: str) -> Action | None:
     """The action of an effect; none if that fails, of which all ranks are told. Collective.
 
     Args:
@@ -415,7 +414,7 @@ def bound(effect: Effect, structure: BoundStructure, method: str) -> Action | No
         method: Its method, `bind` or `bind_points`.
     """
 
-    def bind(structure: BoundStructure) -> Action | None:
+    def bind(structure: Structure) -> Action | None:
         action = getattr(effect, method)(structure)
         if not isinstance(action, Action | None):
             raise TypeError(f"{shown(action)} is no Action")

@@ -65,11 +65,7 @@ class Momenta:
 
 
 class Energies:
-    """Measures states of a scene.
-
-    Attributes:
-        linkage: The joints, whose springs store energy; None if there are none.
-    """
+    """Measures states of a scene."""
 
     def __init__(
         self,
@@ -78,10 +74,10 @@ class Energies:
         mass: Mass,
         layout: DofLayout,
         actions: Actions,
+        linkage: Linkage | None,
     ) -> None:
         """Bind the stored energy to the flexible cells. Collective."""
-        self._actions = actions
-        self.linkage: Linkage | None = None
+        self._actions, self._linkage = actions, linkage
         self._scene, self._mass, self._rows = scene, mass, layout.rows
         self._energy = forces.bind_energy(layout.flexible)
         self._v, self._p = self._rows.vector(), self._rows.vector()
@@ -113,8 +109,8 @@ class Energies:
             total[2:5] += bodies.momentum.sum(axis=0)
             total[5:8] += axial(bodies.r.T @ bodies.momentum) + bodies.angular_momentum.sum(axis=0)
             total[8] += bodies.momentum_scale
-        if self.linkage is not None:
-            total[9] += self.linkage.stored(bodies)
+        if self._linkage is not None:
+            total[9] += self._linkage.stored(bodies)
         return Measures(
             kinetic=float(total[0]),
             strain=float(total[1]),

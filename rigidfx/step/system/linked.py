@@ -11,12 +11,12 @@ from rigidfx.effects import (
     Motor,
     PointMass,
     Stop,
+    Structure,
     Windowed,
 )
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.remote import Points
 from rigidfx.step.equations.actions import Heeded, bound
-from rigidfx.step.equations.structure import BoundStructure
 
 __all__ = ["elements_of", "linked"]
 
@@ -33,7 +33,7 @@ def elements_of(scene: Any, acting: Sequence[Windowed]) -> tuple[Motor | JointSp
     return (*motors, *scene.named(JointSpring), *scene.named(Stop))
 
 
-def linked(structure: BoundStructure, acting: Sequence[Windowed]) -> Linkage | None:
+def linked(structure: Structure, acting: Sequence[Windowed]) -> Linkage | None:
     """Joints, remote points and springs between points, bound; None without any. Collective.
 
     Args:
@@ -48,7 +48,7 @@ def linked(structure: BoundStructure, acting: Sequence[Windowed]) -> Linkage | N
     return Linkage(joints, elements_of(scene, acting), structure, points)
 
 
-def _points_of(structure: BoundStructure, acting: Sequence[Windowed]) -> Points:
+def _points_of(structure: Structure, acting: Sequence[Windowed]) -> Points:
     """Actions on points that depend on the motion. Collective."""
     here = {id(effect) for effect in acting}
     every = structure.scene.effects

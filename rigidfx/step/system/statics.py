@@ -21,38 +21,30 @@ from petsc4py import PETSc
 from rigidfx.base.errors import together
 from rigidfx.base.failures import Failures
 from rigidfx.base.types import Array
-from rigidfx.coupling.dof_layout import dof_layout
-from rigidfx.coupling.mass import mass_operator
-from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Effect, JointReports, SpringDamperReport, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
-from rigidfx.flexible.static_forces import static_forces
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.energies import Energies
-from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.equations.joined import DraggedEquilibrium, JoinedEquilibrium
-from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.linear.linear_solver import PREFIX, default_options
 from rigidfx.step.newton.first_guess import Guess
 from rigidfx.step.newton.newton import Newton
 from rigidfx.step.newton.solution import Solution
 from rigidfx.step.system.division import Division
+from rigidfx.step.system.equations import Equations
 from rigidfx.step.system.held_bodies import HeldBodies
-from rigidfx.step.system.linked import linked
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 
 __all__ = ["StaticSystem"]
 
 
-class StaticSystem:
+class StaticSystem(Equations):
     """The equations of statics of one division; `destroy` frees them.
 
     Attributes:
         acting: The effects with a time window that act.
         energies: Measures states.
-        actions: Actions on nodes and bodies.
         prescribed: Dofs that supports hold.
         unknowns: Number of unknowns.
         share: Part of the loads that acts in the present load step.
@@ -84,48 +76,23 @@ class StaticSystem:
                 the path, supports and obstacles rest. The time of the path if None.
             loose: Whether a `StepDrag` is among the effects.
         """
-        self._fixed, self.share = fixed, 1.0
-        self._scene, self._forces, self._state = scene, forces, state
+        self._fixed, self.share, self._state = fixed, 1.0, state
         self.acting = tuple(acting)
         state.group(division.bodies)
         state.clamp(division.clamped)
         known = division.driven_nodes, None, division.nodes_of_held
         self.prescribed = PrescribedDofs(scene, supports_of(acting), *known)
         cells, driven = division.flexible, division.driven_cells
-        layout = dof_layout(scene, cells, state.bodies.of, self.prescribed.mask, driven)
-        self._layout = layout
-        state.follow(layout.following)
+        of_division = state, failures, cells, self.prescribed.mask, driven
+        super().__init__("static", scene, forces, *of_division, notes=state.notes)
+        state.follow(self.layout.following)
         state.rebuild()
-        own = layout.massive[layout.rows.nodes]
-        self._mass = mass_operator(scene, layout.rows, cells, own, driven)
-        structure = BoundStructure(
-            scene=scene,
-            rows=layout.rows,
-            own=own,
-            bodies=state.bodies,
-            mass=self._mass,
-            u=state.u.x.array,
-            surface=forces.surface,
-            failures=failures,
-            notes=state.notes,
-            static=True,
-        )
         # A drag has no force where nothing moves.
-        self.actions = Actions(structure, [e for e in effects if not e.mass_damping], acting)
-        self.energies = Energies(scene, forces, self._mass, layout, self.actions)
-        self._prolongation = p = Prolongation(layout, scene.comm)
-        self.unknowns = p.size
-        interior, interface = layout.interior, layout.interface
-        bound = static_forces(scene, forces, cells, interior, interface, driven, acting)
-        given = scene, forces, bound, None, p, self.actions
-        self._linkage = self.energies.linkage = linked(structure, acting)
-        joined = DraggedEquilibrium if loose else JoinedEquilibrium
-        self._equations = (
-            Equilibrium(*given)
-            if self._linkage is None
-            else joined(self._linkage, state.bodies, *given)
-        )
-        self._newton = Newton(self._equations, scene)
+        taking_part = [e for e in effects if not e.mass_damping]
+        self.bind(taking_part, acting, joined=DraggedEquilibrium if loose else JoinedEquilibrium)
+        self.energies = Energies(scene, forces, self.mass, self.layout, self.actions, self.linkage)
+        self.unknowns = self.prolongation.size
+        self._newton = Newton(self.equilibrium, scene)
         self._searching: Newton | None = None
         self._held = HeldBodies(scene, division.frames(self.prescribed.active), state.bodies)
         self._last: tuple[Array, Array, float] | None = None  # increments and length of a step
@@ -145,17 +112,17 @@ class StaticSystem:
         """
         dt = t1 - t0
         self._set_loads(t1, dt)
-        if self._linkage is not None:
+        if self.linkage is not None:
             at = (t0, dt) if self._fixed is None else (self._fixed, 0.0)
-            together(self._scene.comm, "A motor", partial(self._linkage.set_time, *at))
+            together(self._scene.comm, "A motor", partial(self.linkage.set_time, *at))
         given = None
         if self._fixed is None:
             imposed = self.prescribed.increments(t0, t1, self._state.u.x.array)
             if len(self._held):
                 given = self._held.given(t0, t1, self._state.bodies)
         else:
-            imposed = np.zeros(self._prolongation.prescribed.size)
-        self._equations.begin(dt, None, imposed, self._state.bodies, given)
+            imposed = np.zeros(self.prolongation.prescribed.size)
+        self.equilibrium.begin(dt, None, imposed, self._state.bodies, given)
         rest, _ = self.at_rest
         guesses: tuple[Guess, ...] = (rest if first is None else first,)
         if self._last is not None and first is None:
@@ -182,8 +149,8 @@ class StaticSystem:
 
     def take_drag(self, drag: float) -> None:
         """Have joints know the drag per mass of a load step [1/s²]."""
-        if isinstance(self._equations, DraggedEquilibrium):
-            self._equations.drag = drag
+        if isinstance(self.equilibrium, DraggedEquilibrium):
+            self.equilibrium.drag = drag
 
     def load(self, t: float = 1.0, dt: float = 1.0) -> float:
         """Size of all dead loads at the end t of a load step of length dt [N]. Collective."""
@@ -196,7 +163,7 @@ class StaticSystem:
         """Newton's method with a line search, made when it is first needed. Collective."""
         if self._searching is None:
             with default_options(PREFIX, snes_linesearch_type="bt"):
-                self._searching = Newton(self._equations, self._scene)
+                self._searching = Newton(self.equilibrium, self._scene)
         return self._searching
 
     def _renew(self) -> None:
@@ -204,13 +171,13 @@ class StaticSystem:
         for newton in (self._newton, self._searching):
             if newton is not None:
                 newton.destroy()
-        self._newton, self._searching = Newton(self._equations, self._scene), None
+        self._newton, self._searching = Newton(self.equilibrium, self._scene), None
 
     @property
     def size(self) -> float:
         """Largest increment of a node in the last solution [m]. Collective."""
-        own = np.linalg.norm(self._equations.d.array_r.reshape(-1, 3), axis=1).max(initial=0.0)
-        bodies = self._prolongation.increments.unknowns
+        own = np.linalg.norm(self.equilibrium.d.array_r.reshape(-1, 3), axis=1).max(initial=0.0)
+        bodies = self.prolongation.increments.unknowns
         own = max(float(own), float(np.abs(bodies).max(initial=0.0)))
         return float(self._scene.comm.allreduce(own, op=MPI.MAX))
 
@@ -218,14 +185,14 @@ class StaticSystem:
     def at_rest(self) -> tuple[Guess, Array]:
         """No increments, and poses of bodies at the start, shape (bodies, 4, 3)."""
         bodies = self._state.bodies
-        none = np.zeros(self._layout.rows.dofs.size), self._prolongation.no_bodies
+        none = np.zeros(self.layout.rows.dofs.size), self.prolongation.no_bodies
         return Guess(*none), bodies.pose
 
     @property
     def found(self) -> tuple[Guess, Array]:
         """Increments of the last solution, and poses of bodies there, shape (bodies, 4, 3)."""
-        increments = self._prolongation.increments
-        return Guess(self._equations.d.array_r.copy(), increments.unknowns), increments.end.pose
+        increments = self.prolongation.increments
+        return Guess(self.equilibrium.d.array_r.copy(), increments.unknowns), increments.end.pose
 
     def distance(self, a: Guess, b: Guess) -> float:
         """Largest difference of two increments [m]. Collective."""
@@ -238,8 +205,8 @@ class StaticSystem:
 
         Where the time is fixed, that of the state stays.
         """
-        equations, p = self._equations, self._prolongation
-        d, dofs = equations.d.array_r, self._layout.rows.dofs
+        equations, p = self.equilibrium, self.prolongation
+        d, dofs = equations.d.array_r, self.layout.rows.dofs
         self._last = d.copy(), p.increments.unknowns, t1 - t0
         self._before = equations.forces_out_of_balance.array_r[p.prescribed]
         self._rows = equations.body_rows
@@ -248,15 +215,15 @@ class StaticSystem:
         t = t1 if self._fixed is None else self._state.t
         self._state.advance(t, dofs, d, np.zeros(d.size), bodies, dofs[p.attached], moved)
         self.actions.accept()
-        self._equations.accept()
+        self.equilibrium.accept()
 
     def joints(self) -> JointReports:
         """Force and motion of each joint in the last solution, by its title."""
-        return JointReports() if self._linkage is None else self._linkage.told()
+        return JointReports() if self.linkage is None else self.linkage.told()
 
     def spring_dampers(self) -> Mapping[str, SpringDamperReport]:
         """Force and length of each spring between two points there, by its title."""
-        return {} if self._linkage is None else self._linkage.points.told()
+        return {} if self.linkage is None else self.linkage.points.told()
 
     def reactions(self) -> tuple[Mapping[str, Array], Mapping[str, Array], float]:
         """Forces of supports in the last solution. Collective.
@@ -265,28 +232,22 @@ class StaticSystem:
             Force of each on the structure [N] and its moment about the origin [N m], by the names
             of their sets, and their work by the trapezoidal rule [J].
         """
+        held, d = self.prolongation.prescribed, self.equilibrium.d.array_r
+        f = self.equilibrium.forces_out_of_balance.array_r[held]
+        of_supports = self.of_supports(self.prescribed, f, 1.0)
         if not self.prescribed.active:
-            return {}, {}, 0.0
-        held, rows = self._prolongation.prescribed, self._layout.rows
-        at, f = held // 3, self._equations.forces_out_of_balance.array_r[held]
-        d = self._equations.d.array_r
-        u = self._equations.start + d
-        x = rows.X[at] + u.reshape(-1, 3)[at]
+            return *of_supports, 0.0
         before = np.zeros(held.size) if self._before is None else self._before
         work = float(self._scene.sum(0.5 * (before + f) @ d[held]))
-        forces, moments = map(dict, self.prescribed.reactions(f, x))
         if len(self._held):
-            increments, own = self._prolongation.increments, self._equations.body_rows
+            increments, own = self.prolongation.increments, self.equilibrium.body_rows
             work += increments.work_of_supports(0.5 * (self._rows + own))
-            ends = increments.end.r, self._state.bodies.of.length
-            for where, force, moment in self._held.reactions(own, *ends):
-                forces[where] = forces.get(where, 0.0) + force
-                moments[where] = moments.get(where, 0.0) + moment
-        return forces, moments, work
+            self.add_frames(self._held, increments.end.r, of_supports)
+        return *of_supports, work
 
     def dissipated(self) -> dict[str, float]:
         """Energy that friction takes in the last solution, by its kind [J]. Collective."""
-        by_kind = self.actions.dissipated(self._equations.motion)
+        by_kind = self.actions.dissipated(self.equilibrium.motion)
         lost = self._scene.sum([0.0, *(energy for _, energy in by_kind)])[1:]
         out: dict[str, float] = {}
         for (kind, _), energy in zip(by_kind, map(float, lost), strict=True):
@@ -296,6 +257,7 @@ class StaticSystem:
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
         newtons = (self._newton, self._searching)
-        for item in (*newtons, self._equations, self._mass, self.energies, self.actions):
+        for item in (*newtons, self.energies):
             if item is not None:
                 item.destroy()
+        super().destroy()

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -17,9 +16,6 @@ from rigidfx.base.errors import together
 from rigidfx.base.failures import Failures
 from rigidfx.base.types import Array, Indices
 from rigidfx.coupling.dealt_rows import Dealing
-from rigidfx.coupling.dof_layout import dof_layout
-from rigidfx.coupling.mass import mass_operator
-from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import (
     JointReports,
     ResolvedForces,
@@ -36,19 +32,16 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.eased_forces import EasedForces
 from rigidfx.step.equations.energies import Energies
-from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.equations.joined import JoinedEquilibrium
 from rigidfx.step.equations.shape_damping import ShapeDamping
-from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.newton.first_guess import predict
 from rigidfx.step.newton.newton import Newton
 from rigidfx.step.newton.solution import Solution
 from rigidfx.step.system.constraint_forces import HeldForces, JointForces, ReducedMass
+from rigidfx.step.system.equations import Equations
 from rigidfx.step.system.held_bodies import HeldBodies
-from rigidfx.step.system.linked import linked
 from rigidfx.step.system.resolved_forces import ResolvedConstraints
 from rigidfx.step.system.supports import PrescribedDofs
 
@@ -83,19 +76,13 @@ class Work:
     spring_dampers: Mapping[str, SpringDamperReport]
 
 
-class System:
+class System(Equations):
     """The equations of motion of one division.
 
     Attributes:
         acting: The effects with a time window that act.
-        layout: Division of cells and dofs.
-        mass: Mass operator of the flexible cells.
-        structure: The division as effects see it.
-        actions: Actions on nodes and bodies.
         energies: Measures states.
-        equilibrium: The equations of a step.
-        newton: Solves them.
-        linkage: The joints; None if there are none.
+        newton: Solves steps.
         held: Bodies whose frames supports hold.
     """
 
@@ -129,56 +116,23 @@ class System:
                 dofs prescribed, their mass counted.
             held: Number of the support that holds the frame of a body, by the body's name.
         """
-        self._scene, self._forces, self._prescribed = scene, forces, prescribed
-        self.acting = tuple(acting)
-        layout = self.layout = dof_layout(scene, flexible, state.bodies.of, prescribed.mask, driven)
-        rows, own = layout.rows, layout.massive[layout.rows.nodes]
-        state.follow(layout.following)
-        self.mass = mass_operator(scene, rows, flexible, own, driven)
         forces.select(acting)
+        of_division = state, failures, flexible, prescribed.mask, driven
+        super().__init__("step", scene, forces, *of_division, notes=state.notes, dealing=dealing)
+        self._prescribed = prescribed
+        self.acting = tuple(acting)
+        state.follow(self.layout.following)
         state.rebuild()  # effects may look at the displacement inside bodies
-        self.structure = BoundStructure(
-            scene=scene,
-            rows=rows,
-            own=own,
-            bodies=state.bodies,
-            mass=self.mass,
-            u=state.u.x.array,
-            surface=forces.surface,
-            failures=failures,
-            notes=state.notes,
-        )
-        easing = [
-            EasedForces(eased_stress, eased, rows, self.structure.u, flexible)
-            for eased in state.eased
-        ]
-        self.actions = Actions(self.structure, scene.effects, acting, easing)
-        self.energies = Energies(scene, forces, self.mass, layout, self.actions)
-        self._taken = forces.bind_taken(flexible, driven)
-        dealt = self._dealt = dealing.rows(layout, forces.loaded(flexible, driven or {}))
-        parts = layout.interior, layout.interface, driven, None if dealt is None else dealt.cells
+        rows, u = self.layout.rows, self.structure.u
+        easing = [EasedForces(eased_stress, eased, rows, u, flexible) for eased in state.eased]
         self._damping = ShapeDamping(scene, forces, state.bodies)
-        given = (
-            scene,
-            forces,
-            forces.bind(flexible, *parts),
-            self.mass,
-            Prolongation(layout, scene.comm, dealt),
-            self.actions,
-            self._damping,
-        )
-        self.linkage = self.energies.linkage = linked(self.structure, acting)
-        self.equilibrium = self._equilibrium(state.bodies, *given)
+        self.bind(scene.effects, acting, easing=easing, damping=self._damping)
+        self.energies = Energies(scene, forces, self.mass, self.layout, self.actions, self.linkage)
+        self._taken = forces.bind_taken(flexible, driven)
         self.newton = Newton(self.equilibrium, scene)
         self.held = HeldBodies(scene, self._frames(held or {}), state.bodies)
         self._v0 = rows.vector()
         self._bind_constraints(state.bodies)
-
-    def _equilibrium(self, bodies: Bodies, *given: Any) -> Equilibrium:
-        """The equations of a step, with rows of joints if there are any. Collective."""
-        if self.linkage is None:
-            return Equilibrium(*given)
-        return JoinedEquilibrium(self.linkage, bodies, *given)
 
     def _frames(self, held: Mapping[str, int]) -> dict[int, Support]:
         """The support of each body whose frame is held, by its place among the bodies."""
@@ -297,10 +251,10 @@ class System:
         d, forces = self.equilibrium.d.array_r, self.equilibrium.forces_out_of_balance.array_r
         prescribed = prolongation.prescribed
         held, added = self._constraint_forces(state, dt, d, forces[prescribed])
-        reactions, moments = map(dict, self._reactions(state, d, held))
+        of_supports = reactions, moments = self.of_supports(self._prescribed, held, 0.5)
         alternating = np.zeros((2, 3))
         if self._of_held is not None or self._resolved is not None:
-            rest = self._reactions(state, d, forces[prescribed] - held)
+            rest = self.of_supports(self._prescribed, forces[prescribed] - held, 0.5)
             alternating += dt * np.array([sum(of.values(), np.zeros(3)) for of in rest])
         touches = actions.touches()
         motion = self.equilibrium.motion
@@ -325,7 +279,9 @@ class System:
             dissipated[kind] = dissipated.get(kind, 0.0) + energy
         loads = dead + followed
         if len(self.held):
-            supports += self._hold(state, reactions, moments)
+            increments = self.increments
+            self.add_frames(self.held, state.bodies.r + 0.5 * increments.dr, of_supports)
+            supports += increments.work_of_supports(self.equilibrium.body_rows)
         supports += sum(touch.work for touch in touches.values())
         joints, springs = JointReports(), dict[str, SpringDamperReport]()
         if self.linkage is not None:
@@ -352,20 +308,6 @@ class System:
             state.kick(self.layout.rows.dofs[:0], np.empty(0), bodies)
         return changed
 
-    def _hold(
-        self,
-        state: State,
-        reactions: dict[str, Array],
-        moments: dict[str, Array],
-    ) -> float:
-        """Add what supports exert on frames of bodies to reactions; its work in the step [J]."""
-        rows, bodies, increments = self.equilibrium.body_rows, state.bodies, self.increments
-        middle = bodies.r + 0.5 * increments.dr
-        for where, force, moment in self.held.reactions(rows, middle, bodies.of.length):
-            reactions[where] = reactions.get(where, 0.0) + force
-            moments[where] = moments.get(where, 0.0) + moment
-        return increments.work_of_supports(rows)
-
     def _constraint_forces(
         self, state: State, dt: float, d: Array, held: Array
     ) -> tuple[Array, Callable[[], tuple[Array, Array]] | None]:
@@ -390,28 +332,13 @@ class System:
             held = held + self._of_joints.on_nodes(added()[1], self._of_held.w)[at]
         return held, added
 
-    def _reactions(
-        self, state: State, d: Array, held: Array
-    ) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
-        """Force and moment of each support on the structure, by the name of its set. Collective."""
-        if not self._prescribed.active:
-            return {}, {}
-        prescribed, rows = self.equilibrium.prolongation.prescribed, self.layout.rows
-        at = prescribed // 3
-        u = state.u.x.array.reshape(-1, 3)[rows.nodes[at]]
-        x = rows.X[at] + u + 0.5 * d.reshape(-1, 3)[at]
-        return self._prescribed.reactions(held, x)
-
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
-        solved = self.newton, self.equilibrium
-        for item in (*solved, self.mass, self.energies, self.actions, self._v0):
-            item.destroy()
-        for item in (self._reduced, self._of_held, self._resolved):
+        own = self.newton, self.energies, self._v0
+        for item in (*own, self._reduced, self._of_held, self._resolved):
             if item is not None:
                 item.destroy()
-        if self._dealt is not None:
-            self._dealt.destroy()
+        super().destroy()
 
 
 def _lasting(acting: Sequence[Windowed]) -> list[int]:

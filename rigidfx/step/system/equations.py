@@ -1,0 +1,193 @@
+"""The equations of one division of the cells, bound once: for steps, for statics, for vibrations.
+
+All three have the same unknowns, masses, effects and joints. They differ in the forms of cells and
+in whether masses resist. Effects and joints are bound apart from the division, as a state whose
+loads are not in balance takes others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+from rigidfx.base.failures import Failures
+from rigidfx.base.types import Array, Bools
+from rigidfx.coupling.dealt_rows import Dealing
+from rigidfx.coupling.dof_layout import dof_layout
+from rigidfx.coupling.mass import mass_operator
+from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.effects import Effect, Structure, Windowed
+from rigidfx.effects.joints.linkage import Linkage
+from rigidfx.flexible.bound_forces import BoundForces
+from rigidfx.flexible.internal_forces import Cells, InternalForces
+from rigidfx.flexible.static_forces import static_forces
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.scene.scene import Scene
+from rigidfx.state import State
+from rigidfx.step.equations.actions import Actions
+from rigidfx.step.equations.eased_forces import EasedForces
+from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.equations.joined import JoinedEquilibrium
+from rigidfx.step.equations.shape_damping import ShapeDamping
+from rigidfx.step.system.held_bodies import HeldBodies
+from rigidfx.step.system.linked import linked
+from rigidfx.step.system.supports import PrescribedDofs
+
+__all__ = ["Equations", "Kind"]
+
+Kind = Literal["step", "static", "linear"]
+OfSupports = tuple[dict[str, Array], dict[str, Array]]
+
+
+class Equations:
+    """The unknowns, masses, effects and joints of one division; `destroy` frees them.
+
+    Attributes:
+        layout: Division of cells and dofs.
+        mass: Mass operator of the flexible cells.
+        structure: The division as effects see it.
+        prolongation: Map between unknowns and dofs.
+        actions: Actions on nodes and bodies.
+        linkage: The joints; None if there are none.
+        equilibrium: The balance of forces.
+    """
+
+    actions: Actions
+    linkage: Linkage | None
+    equilibrium: Equilibrium
+
+    def __init__(
+        self,
+        kind: Kind,
+        scene: Scene,
+        forces: InternalForces,
+        state: State,
+        failures: Failures,
+        flexible: Cells,
+        held: Bools,
+        driven: Cells | None = None,
+        *,
+        bodies: Bodies | None = None,
+        notes: dict[int, Any] | None = None,
+        dealing: Dealing | None = None,
+    ) -> None:
+        """Number the unknowns and assemble the mass. Collective.
+
+        Args:
+            kind: Steps, statics, or small vibrations about a state.
+            scene: The problem.
+            forces: Compiled internal forces, which know the loads on facets that act.
+            state: Where the structure is.
+            failures: Keeps exceptions of a user's functions until all ranks are told.
+            flexible: Flexible owned cells by subdomain id.
+            held: Which dofs supports hold.
+            driven: Owned cells by subdomain id that move with a support: not flexible, all their
+                dofs held, their mass counted.
+            bodies: The bodies; those of the state if None.
+            notes: Memory of effects; see `Structure`.
+            dealing: Deals flexible cells out among the ranks where that pays.
+        """
+        self._kind, self._scene, self._forces, self._driven = kind, scene, forces, driven
+        bodies = state.bodies if bodies is None else bodies
+        self.layout = layout = dof_layout(scene, flexible, bodies.of, held, driven)
+        own = layout.massive[layout.rows.nodes]
+        self.mass = mass_operator(scene, layout.rows, flexible, own, driven)
+        self.structure = Structure(
+            scene=scene,
+            rows=layout.rows,
+            own=own,
+            bodies=bodies,
+            mass=self.mass,
+            u=state.u.x.array,
+            surface=forces.surface,
+            failures=failures,
+            notes=notes,
+            static=kind != "step",
+        )
+        self._dealt = (
+            None if dealing is None else dealing.rows(layout, forces.loaded(flexible, driven or {}))
+        )
+        self.prolongation = Prolongation(layout, scene.comm, self._dealt)
+
+    def bind(
+        self,
+        effects: Sequence[Effect],
+        acting: Sequence[Windowed],
+        *,
+        along: Sequence[Windowed] | None = None,
+        joined: type[JoinedEquilibrium] | None = JoinedEquilibrium,
+        easing: Sequence[EasedForces] = (),
+        damping: ShapeDamping | None = None,
+    ) -> None:
+        """Bind effects and joints. Collective.
+
+        Args:
+            effects: All effects that take part.
+            acting: Those with a time window that act.
+            along: Those of which motors of joints act; as `acting` if None.
+            joined: The balance of forces with joints; None leaves joints out.
+            easing: Stresses that releases have let down.
+            damping: That of the shapes of bodies.
+        """
+        self.actions = Actions(self.structure, effects, acting, easing)
+        acts = acting if along is None else along
+        self.linkage = None if joined is None else linked(self.structure, acts)
+        mass = self.mass if self._kind == "step" else None
+        cells, p = self._cells(acting), self.prolongation
+        given = self._scene, self._forces, cells, mass, p, self.actions, damping
+        if joined is None or self.linkage is None:
+            self.equilibrium = Equilibrium(*given)
+        else:
+            self.equilibrium = joined(self.linkage, self.structure.bodies, *given)
+
+    def _cells(self, acting: Sequence[Windowed]) -> BoundForces:
+        """The forces of flexible cells. Collective."""
+        layout = self.layout
+        parts = layout.flexible, layout.interior, layout.interface
+        if self._kind == "step":
+            dealt = None if self._dealt is None else self._dealt.cells
+            return self._forces.bind(*parts, self._driven, dealt)
+        if self._kind == "linear":
+            return static_forces(self._scene, self._forces, *parts)
+        return static_forces(self._scene, self._forces, *parts, self._driven, acting)
+
+    def of_supports(self, supports: PrescribedDofs, forces: Array, part: float) -> OfSupports:
+        """Force [N] and moment [N m] of each support on the structure, by its set. Collective.
+
+        Args:
+            supports: Dofs that they hold.
+            forces: Forces on these dofs [N].
+            part: Of the last increment, after which the structure is where they act.
+        """
+        if not supports.active:
+            return {}, {}
+        rows, d = self.layout.rows, self.equilibrium.d.array_r
+        at = self.prolongation.prescribed // 3
+        x = rows.X[at] + (self.equilibrium.start + part * d).reshape(-1, 3)[at]
+        found, moments = supports.reactions(forces, x)
+        return dict(found), dict(moments)
+
+    def add_frames(self, held: HeldBodies, places: Array, to: OfSupports) -> None:
+        """Add what supports exert on the frames of bodies.
+
+        Args:
+            held: These bodies.
+            places: Centres of all bodies, shape (bodies, 3) [m].
+            to: Forces and moments of supports, added to.
+        """
+        lengths = self.structure.bodies.of.length
+        for where, *both in held.reactions(self.equilibrium.body_rows, places, lengths):
+            for out, more in zip(to, both, strict=True):
+                out[where] = out.get(where, 0.0) + more
+
+    def unbind(self) -> None:
+        """Free what `bind` has made. Collective."""
+        self.equilibrium.destroy()
+        self.actions.destroy()
+
+    def destroy(self) -> None:
+        """Free all PETSc objects. Collective."""
+        self.unbind()
+        self.mass.destroy()
+        if self._dealt is not None:
+            self._dealt.destroy()
