@@ -13,7 +13,6 @@ from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.step.newton import chord, two_levels
-from rigidfx.step.newton.incomplete import motions_of_unknowns
 from rigidfx.step.newton.two_levels import CoarseGrid
 
 TWO_LEVELS = "kept fgmres+ilu+coarse"
@@ -80,23 +79,6 @@ def _prolongation(held=()):
     owned = np.arange(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
     layout = dof_layout(scene, {0: owned}, Bodies.of_each([]).of, mask)
     return layout, Prolongation(layout, scene.comm)
-
-
-def test_rigid_motions_are_orthonormal_and_span_what_strains_nothing():
-    layout, prolongation = _prolongation()
-    X = layout.rows.X
-    found = motions_of_unknowns(prolongation, X)
-    assert found.T @ found == pytest.approx(np.eye(6), abs=1e-14)
-    turning = np.cross([0.3, -0.2, 0.5], X).reshape(-1)
-    assert found @ (found.T @ turning) == pytest.approx(turning, abs=1e-14)
-
-
-def test_motions_that_supports_leave_none_of_are_left_out():
-    layout, prolongation = _prolongation(held=[*range(0, 36, 3), *range(1, 36, 3)])
-    found = motions_of_unknowns(prolongation, layout.rows.X)
-    # Of motions along z are left: the displacement, and rotations about x and y.
-    assert found.shape == (12, 3)
-    assert found.T @ found == pytest.approx(np.eye(3), abs=1e-14)
 
 
 @pytest.mark.parametrize("held", [(), range(1, 36, 3), [*range(0, 12), 17]])
