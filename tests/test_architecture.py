@@ -307,11 +307,11 @@ CEILINGS = {
     "step/equations": 4,
     "step/length": 33,
     "step/linear": 20,
-    "step/newton": 42,
+    "step/newton": 41,
     "step/system": 3,
     "step/watches": 29,
     "switch": 17,
-    "vibration": 14,
+    "vibration": 13,
 }
 
 
