@@ -150,64 +150,6 @@ def test_what_the_package_exports_is_offered_by_a_module():
     assert set(rigidfx.__all__) <= offered
 
 
-# What of a state can be written into. The displacement goes by other names too: forms read it as
-# u0, effects as the u of a structure.
-STATE = {"t", "u", "v", "bodies", "clamped", "X"}
-OTHER_NAMES = {"u0", "_u0", "structure.u"}
-VIEWS = {
-    "reshape",
-    "view",
-    "ravel",
-    "transpose",
-    "squeeze",
-    "swapaxes",
-    "asarray",
-    "zip",
-    "reversed",
-}
-
-
-def _names_state(node):
-    """Whether an attribute is one of a state, by whatever name."""
-    if not isinstance(node, ast.Attribute):
-        return False
-    owner = ast.unparse(node.value).split(".")[-1]
-    return (
-        (node.attr in STATE and owner.strip("_") == "state")
-        or node.attr in OTHER_NAMES
-        or f"{owner.strip('_')}.{node.attr}" in OTHER_NAMES
-    )
-
-
-def _views(node, aliases):
-    """Whether the value of an expression may share memory with a state."""
-    if isinstance(node, ast.Name):
-        return node.id in aliases
-    if isinstance(node, ast.Attribute):
-        return _names_state(node) or _views(node.value, aliases)
-    if isinstance(node, (ast.Subscript, ast.Starred)):
-        return _views(node.value, aliases)
-    if isinstance(node, (ast.Tuple, ast.List)):
-        return any(_views(item, aliases) for item in node.elts)
-    if isinstance(node, (ast.GeneratorExp, ast.ListComp)):
-        inner = set(aliases)
-        for loop in node.generators:
-            if _views(loop.iter, inner):
-                inner |= _bound(loop.target)
-        return _views(node.elt, inner)
-    if isinstance(node, ast.Call):
-        function = node.func
-        called = getattr(function, "attr", getattr(function, "id", ""))
-        inner = [function.value] if isinstance(function, ast.Attribute) else []
-        return called in VIEWS and any(_views(item, aliases) for item in [*inner, *node.args])
-    return False
-
-
-def _bound(target):
-    """Names that an assignment binds."""
-    return {n.id for n in ast.walk(target) if isinstance(n, ast.Name)} - {"_"}
-
-
 # Tests and demos use what is public ------------------------------------------------------------
 
 ROOT = Path(__file__).resolve().parent.parent
