@@ -16,7 +16,7 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.log import tell
-from rigidfx.base.remembered import ON_DOFS, ON_NODES, Remembered, same
+from rigidfx.base.remembered import ON_DOFS, ON_NODES, PART, Remembered
 from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
 from rigidfx.effects import Contact, PrescribedRotation, Reduced, Windowed
@@ -26,7 +26,6 @@ from rigidfx.mechanics.rigid_body import NOTHING, Body, RigidBody
 from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.mesh_order import mesh_order
 from rigidfx.scene.scene import Scene
-from rigidfx.shapes.excess import Excess
 from rigidfx.shapes.faces import of_faces
 from rigidfx.shapes.orthonormal import to_one
 from rigidfx.shapes.part import LACKING, MOST, Part, PartShapes
@@ -35,7 +34,7 @@ from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz, shapes_of
 from rigidfx.state import State
 from rigidfx.switch.inventory import about_start
-from rigidfx.switch.spun_joints import SpinLimits, off_by
+from rigidfx.switch.spent import Spent, whole_modes
 
 __all__ = ["Shaping"]
 
@@ -53,12 +52,12 @@ class Shaping:
         start: Displacement of the owned dofs at the start, about which the structure responds [m];
             None before a part has been given shapes.
         pressed: Which of the owned nodes contacts have pressed already.
-        looked: Strain energy of each part when ν was looked at [J], and ν, by its name.
     """
 
-    remembered: ClassVar[Remembered] = same("looked", "_large") | {
+    remembered: ClassVar[Remembered] = {
         "start": ON_DOFS,
         "pressed": ON_NODES,
+        "_spent": PART,
     }
 
     def __init__(
@@ -86,9 +85,7 @@ class Shaping:
         self._loads: Array | None = None  # patterns of forces from the start on
         self._parts: dict[str, Part] = {}
         self._full: set[str] = set()  # parts that have been warned of
-        self.looked: dict[str, tuple[float, float]] = {}
-        self._limits = SpinLimits(scene)
-        self._large: frozenset[str] = frozenset()  # parts of whose ν has been warned
+        self._spent = Spent(scene)
         touches = bool(scene.named(Contact))
         self._growing = {e.name for e in scene.named(Reduced) if touches and e.shapes is None}
 
@@ -301,7 +298,7 @@ class Shaping:
         if data.name not in self._growing:
             return body
         part = self._part(data)
-        old: Array = _whole(data).swapaxes(1, 2)
+        old: Array = whole_modes(data).swapaxes(1, 2)
         m = old.shape[2]
         stiffness: Array = np.zeros((0, 0))
         if data.shapes is not None:
@@ -347,7 +344,7 @@ class Shaping:
                 continue
             own, loads = body.data.shapes, self._loads
             part = self._part(body.data)
-            known = PartShapes(_whole(body.data).swapaxes(1, 2), own.stiffness, own.force)
+            known = PartShapes(whole_modes(body.data).swapaxes(1, 2), own.stiffness, own.force)
             assert loads is not None
             if count := part.unspanned(known, loads)[0].shape[2]:
                 warn(
@@ -381,58 +378,13 @@ class Shaping:
         gained = np.asarray(self._scene.sum(np.einsum("nak,nak->k", rho, responses.solve(rho))))
         return 0.5 * gained / squares
 
-    # Not small ------------------------------------------------------------------------------------
-
     def spent(self, state: State) -> dict[str, float]:
-        """ν of each part, looked at where its strain energy is ten times that of the last look.
+        """ν of each part: see `Spent`. Collective."""
 
-        As ν grows with that, it is not too large in between. Where it comes near, twice is enough.
-        Motions that rounding makes have none, and parts with less than `LACKING`² of the largest
-        strain energy do not count. Collective.
+        def part_of(body: Body) -> tuple[Responses, Part]:
+            return self._bind(state), self._part(body.data)
 
-        Args:
-            state: At the end of a step.
-
-        Raises:
-            SceneError: On every rank, if a part spins too fast between joints.
-        """
-        shapes = state.bodies.of.shapes
-        if shapes is None:
-            return {}
-        self._limits.check(state)
-        q, least = state.bodies.q, np.sqrt(np.finfo(np.float64).eps)
-        some, energies = q[shapes.some], np.zeros(len(q))
-        energies[shapes.some] = 0.5 * np.einsum("bk,bkl,bl->b", some, shapes.stiffness, some)
-        most = max([energies.max(), *(energy for energy, _ in self.looked.values())])
-        for body, own, energy in zip(state.bodies, q, energies, strict=True):
-            before, nu = self.looked.get(body.data.name, (0.0, 0.0))
-            grown = 2 if 10 * off_by(nu) > LACKING else 10
-            moves = body.data.named and np.abs(own).max() > least * body.data.length
-            if moves and energy > max(grown * before, LACKING**2 * most):
-                self._look(state, body)
-        return {name: nu for name, (_, nu) in self.looked.items()}
-
-    def _look(self, state: State, body: Body) -> None:
-        """Find ν of a part; warn once where it is not small. Collective."""
-        responses, name = self._bind(state), body.data.name
-        d = np.einsum("nka,k->na", _whole(body.data), body.motion.q)
-        found = Excess(responses, self._part(body.data), d)
-        self.looked[name] = found.energy, found.nu
-        if off_by(found.nu) <= LACKING or name in self._large:
-            return
-        self._large |= {name}
-        count, lower, upper = found.spent()
-        least = np.sqrt(np.finfo(np.float64).eps) * np.abs(upper - lower).max()
-        ends = [np.where(np.abs(end) < least, 0.0, end) for end in (lower, upper)]
-        box = " to ".join("(" + ", ".join(f"{x:.4g}" for x in end) + ")" for end in ends)
-        warn(
-            self._scene.comm,
-            f"Reduced '{name}': at t = {state.t:.4g} s it deforms too far for its shapes. The "
-            f"energy of its cells differs by ν = {found.nu:.2%} of the strain energy: amplitudes "
-            f"err by some {off_by(found.nu):.1%}, frequencies by a quarter of that. Most of it is "
-            f"in {count} cells, those within {box} m. Keep these flexible: take them out of the "
-            "set of the Reduced.",
-        )
+        return self._spent.follow(state, part_of)
 
     def destroy(self) -> None:
         """Free factor and matrices. Collective."""
@@ -441,10 +393,3 @@ class Shaping:
                 item.destroy()
         self._parts.clear()
         self._responses = None
-
-
-def _whole(data: RigidBody) -> Array:
-    """Shapes at the nodes of a body, with the drift of those that are held, shape (nodes, m, 3)."""
-    if data.shapes is None:
-        return np.zeros((data.nodes.size, 0, 3))
-    return data.shapes.modes if data.shapes.drift is None else data.shapes.modes + data.shapes.drift
