@@ -366,6 +366,16 @@ def test_small_systems_do_not_keep_tangents():
     assert all(r.tangents == r.iterations for r in reports)
 
 
+def test_a_body_beside_many_cells_keeps_tangents():
+    """81 unknowns, but each tangent condenses cells of 225 dofs."""
+    bar = rf.box((0, 0, 0), (0.8, 0.4, 0.4), (8, 4, 4))
+    bar = bar.with_cells("body", lambda x: x[0] >= 0.2 - 1e-9)
+    scene = rf.Scene(bar, STEEL, [rf.Fixed("x0"), PUSH, rf.Rigid("body")])
+    *_, last = rf.simulate(scene, DT, 4 * DT)
+    assert last.unknowns == 81
+    assert last.solver.startswith("kept")
+
+
 def test_systems_of_two_hundred_unknowns_keep_tangents_however_stiff():
     """Where the fastest wave passes 11 cells in Δt, and where it passes 110."""
     for dt in (DT, 10 * DT):

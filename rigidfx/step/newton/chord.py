@@ -66,6 +66,8 @@ __all__ = ["Chord", "Control", "pays"]
 
 # Unknowns from which one rank keeps tangents: of 20 systems of 189 to 486 steps took .34 to .79 of
 # those by Newton's method, in one soft system 1.07; of 132 unknowns 1.1, of 6 and 36 1.2 to 1.3.
+# It keeps them from more dofs of flexible cells on, too, as each tangent condenses bodies: a rigid
+# one took 1.24 beside 150 dofs, .87 beside 225, .93 beside 294, where one of 23 shapes took .44.
 SMALLEST = 150
 # Unknowns up to which several ranks, whose factors MUMPS makes, keep none, and one rank keeps full
 # ones, as GMRES is no faster.
@@ -411,5 +413,7 @@ def pays(equilibrium: Equilibrium) -> bool:
     given = PETSc.Options(PREFIX).getAll()
     told = any(name.startswith(OF_SOLVERS) for name in given)
     p = equilibrium.prolongation
-    least = SMALLEST if p.comm.size == 1 else FULL_UP_TO
-    return equilibrium.inertial and p.size >= least and not told
+    alone = p.comm.size == 1
+    large = p.size >= (SMALLEST if alone else FULL_UP_TO)
+    large |= alone and p.layout.rows.dofs.size > SMALLEST
+    return equilibrium.inertial and large and not told
