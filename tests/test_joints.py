@@ -16,7 +16,7 @@ from scipy.special import ellipk
 from test_contact_pairs import boxes
 
 import rigidfx as rf
-from rigidfx.effects.joints.coordinates import Angle, Travel
+from rigidfx.effects.joints.pieces import Angle, Travel
 from rigidfx.effects.motion import ForcesOfNodes
 from rigidfx.step.equations.equations import Equilibrium
 

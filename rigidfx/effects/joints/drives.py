@@ -22,7 +22,6 @@ from scipy.sparse import csr_array
 
 from rigidfx.base.matrices import Matrix, Pattern
 from rigidfx.base.types import Array, Ints
-from rigidfx.effects.joints.coordinates import Coordinate, Coordinates
 from rigidfx.effects.joints.elements import (
     Blow,
     JointSpring,
@@ -33,6 +32,7 @@ from rigidfx.effects.joints.elements import (
     titles_of,
 )
 from rigidfx.effects.joints.joint import Joint
+from rigidfx.effects.joints.pieces import Coordinate, Coordinates
 
 __all__ = ["Drives", "Element"]
 
@@ -159,19 +159,11 @@ class Drives:
         return [drive.effect.owner for drive in self.each if drive.effect.prescribes]
 
     def speeds(self, t: float, dt: float) -> Array:
-        """Rates of change of F that motors prescribe just after t, shape (drives,) [m/s].
-
-        Raises:
-            SceneError: On this rank, if a function cannot be used: see `Motor.speed_at`.
-        """
+        """Rates of F [m/s] that motors prescribe just after t; raise `SceneError` as `Motor.at`."""
         return np.array([-drive.size * drive.effect.speed_at(t, dt) for drive in self._motors])
 
     def apart(self, t: float, motors: Sequence[Motor]) -> list[str]:
-        """Motors among some whose angle or travel at t [s] is not that of their joint, in words.
-
-        Raises:
-            SceneError: On this rank, if a function cannot be used.
-        """
+        """Motors among some that are not where their joint is at t [s]; raise as `Motor.at`."""
         out = []
         for drive in self._motors:
             motor, q, unit = drive.effect, self._q0[drive.key], drive.unit
@@ -222,13 +214,7 @@ class Drives:
     # In a step ------------------------------------------------------------------------------------
 
     def begin(self, t: float, dt: float, q: Mapping[tuple[int, str], float]) -> None:
-        """Evaluate functions of time for a step from t on, of length dt [s].
-
-        Coordinates q at its start are by joint and name.
-
-        Raises:
-            SceneError: On this rank, if a function cannot be used.
-        """
+        """Evaluate functions for a step from t on, at coordinates q; raise as `Motor.at`."""
         self._dt, self._q0 = dt, q
         for drive in self._motors:
             motor = drive.effect

@@ -258,11 +258,7 @@ class Motor(OfJoint, Windowed):
         return self.speed_at(t, dt) if self.prescribes else self.at(t)
 
     def at(self, t: float) -> float:
-        """Its value at t [s].
-
-        Raises:
-            SceneError: If its function fails, or gives no finite number.
-        """
+        """Its value at t [s]; raise `SceneError` if its function gives no finite number."""
         given: float | Callable[[float], float] = getattr(self, self.by)
         if not callable(given):
             return float(given)
@@ -433,8 +429,7 @@ def efforts_of(scene: Any) -> dict[str, list[str]]:
 def coordinate_of(scene: Any, owner: str, name: str, along: str | None) -> tuple[Joint, str]:
     """A joint by its name, and its coordinate along; the only one that it leaves free if None.
 
-    Raises:
-        SceneError: If there is no such joint, or it leaves that not free.
+    Raise `SceneError` if there is no such joint, or it leaves that not free.
     """
     joints = {joint.title: joint for joint in scene.named(Joint)}
     if name not in joints:

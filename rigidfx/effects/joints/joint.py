@@ -187,11 +187,7 @@ class Joint(Between):
         return () if self.at is not None else ("at",)
 
     def _found(self, scene: Any, missing: tuple[str, ...]) -> Joint:
-        """The joint with the place and axis that the surface of a side tells. Collective.
-
-        Raises:
-            SceneError: If no side is a surface, or it is no cylinder.
-        """
+        """The joint with what a surface of a side tells; raise `SceneError` without. Collective."""
         surfaces = [side.where for side in self.sides if isinstance(side, Surface)]
         if not surfaces:
             raise SceneError(
@@ -375,11 +371,7 @@ def cut_by_symmetry(scene: Any, supports: Supports) -> tuple[tuple[Joint, ...], 
 
 
 def axis_of(joint: Joint, axis: Any) -> Array:
-    """A unit vector along a joint's axis, shape (3,).
-
-    Raises:
-        SceneError: If the axis has no length.
-    """
+    """A unit vector along an axis, shape (3,); raise `SceneError` if the axis has no length."""
     given = vector(joint, "axis", axis)
     length = float(np.linalg.norm(given))
     if not length > 0:

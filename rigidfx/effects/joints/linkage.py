@@ -25,11 +25,10 @@ from scipy.sparse import csr_array
 from rigidfx.base.matrices import Matrix, stacked
 from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import Structure
-from rigidfx.effects.joints.coordinates import Coordinates
 from rigidfx.effects.joints.drives import Drives, Element
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.joint_report import JointReport, JointReports, told_of
-from rigidfx.effects.joints.pieces import Terms
+from rigidfx.effects.joints.pieces import Coordinates, Terms
 from rigidfx.effects.joints.remote import Points
 from rigidfx.effects.joints.vectors import BoundAverages, Vectors, stiff_rows
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion
@@ -221,11 +220,7 @@ class Linkage:
         return dict(zip(self._q, map(float, self._free.values(p, before)), strict=True))
 
     def set_time(self, t: float, dt: float) -> None:
-        """Evaluate functions of time for a step from t on, of length dt [s].
-
-        Raises:
-            SceneError: On this rank, if a function cannot be used.
-        """
+        """Evaluate functions of time for a step from t on, of dt [s]; raise as `Motor.at`."""
         self._dt = dt
         self.drives.begin(t, dt, self._q)
         self.points.set_time(t + (dt if self._share == 1.0 else 0.5 * dt), dt)

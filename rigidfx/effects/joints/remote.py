@@ -115,11 +115,7 @@ class OnFace(Effect):
         return self._remote  # type: ignore[attr-defined]
 
     def placed(self, scene: Any) -> Self:
-        """The effect with its point on the mesh. Collective.
-
-        Raises:
-            SceneError: On every rank, if the point is far from the face.
-        """
+        """The effect with its point on the mesh; raise `SceneError` if it is far. Collective."""
         if (face := self.face) is None:
             return self
         side = side_of(scene, self.owner, face)

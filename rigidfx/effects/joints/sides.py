@@ -96,11 +96,7 @@ Side = str | Surface
 
 
 def check_side(owner: str, name: str, side: Any, named: str) -> None:
-    """See whether a given value can be a side, or the name of what `named` says.
-
-    Raises:
-        SceneError: If it cannot.
-    """
+    """Refuse a given value that is no side, and not the name of what `named` says."""
     if not isinstance(side, Surface) and not (isinstance(side, str) and side):
         raise SceneError(
             f"{owner}: {name} must be '{GROUND}', {named}, a MeanFace or a RigidFace, got "
@@ -120,11 +116,7 @@ def rigid_faces(effects: Iterable[Any]) -> tuple[RigidFace, ...]:
 
 
 def side_of(scene: Any, owner: str, side: Side) -> Sided:
-    """A side as averages over nodes. Collective.
-
-    Raises:
-        SceneError: On every rank, if there is no such part or surface.
-    """
+    """A side as averages over nodes; raise `SceneError` if there is none such. Collective."""
     title, n = f"{owner}, {side_name(side)}", scene.owned_nodes
     if isinstance(side, Surface):
         weights = np.asarray(scene.facet_weights(side.where, owner)[:n])
@@ -211,11 +203,7 @@ def check_sides(
 
 
 def _check_near(owner: str, name: Side, side: Any, at: Array, apart: str = "") -> None:
-    """Refuse a point that is very far away from its surface.
-
-    Raises:
-        SceneError: If it is.
-    """
+    """Refuse a point that is very far away from its surface."""
     away = float(np.linalg.norm(at - side.centre))
     if isinstance(name, Surface) and round(away / side.size, 6) > FAR:
         raise SceneError(
@@ -258,11 +246,7 @@ def _place(x: Array) -> str:
 
 
 def cylinder_of(scene: Any, owner: str, where: str) -> tuple[Array, Array]:
-    """Middle and unit axis of a cylindrical surface, shapes (3,). Collective.
-
-    Raises:
-        SceneError: On every rank, if the surface is no cylinder.
-    """
+    """Middle and unit axis of a surface, which is refused if it is no cylinder. Collective."""
     x, middle, n = _facets(scene, owner, where)
     area = np.linalg.norm(n, axis=1)
     n /= np.where(area > 0, area, 1.0)[:, None]
