@@ -85,6 +85,24 @@ def test_motion_starts_from_the_equilibrium_of_reduced_parts():
         assert off(r.probes["tip"], found.probes["tip"]) < 2e-3
 
 
+@pytest.mark.parametrize("first", [[], [rf.Reduced("half")]], ids=["flexible", "reduced"])
+def test_a_run_starts_from_what_another_has_deformed(first):
+    """It begins at rest, and swings as its flexible twin does."""
+    domain = bar().domain
+
+    def ends(steps, *effects, **start):
+        probes = {"tip": (1.0, 0.05, 0.05)}
+        scene = rf.Scene(domain, SOFT, [CLAMP, *effects], probes=probes, element="enhanced")
+        return list(rf.simulate(scene, 2e-3, 2e-3 * steps, **start))
+
+    bent = ends(10, rf.Gravity((0, 0, -1.0)), *first)[-1]
+    own, twin = (
+        [r.probes["tip"] for r in ends(20, *parts, start=bent)]
+        for parts in ([rf.Reduced("half")], [])
+    )
+    assert off(own, twin) < 1e-3
+
+
 PULLED = rf.Traction("x1", (0, 0, 300.0), time=lambda t: np.sin(50 * t))
 FORCES = {
     "a force at a face": [rf.Resultant(rf.MeanFace("x1"), force=(0, 0, 3.0))],

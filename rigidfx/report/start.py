@@ -71,7 +71,8 @@ def start_of(scene: Scene, given: Any) -> Start | None:
             )
     state = given.state
     state.rebuild()
-    named = {effect.name for effect in scene.named(Rigid)}
+    # A reduced part deforms from the report's places on, which have its strains.
+    named = {effect.name for effect in scene.named(Rigid) if not effect.deforms}
     bodies = tuple(body for body in state.bodies if body.data.name in named)
     notes = deepcopy(state.notes) | _turns(scene, given)
     return Start(state.u.x.array.copy(), bodies, notes)
