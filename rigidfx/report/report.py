@@ -17,7 +17,6 @@ from rigidfx.base.in_notebook import as_table, in_short
 from rigidfx.base.named import Named
 from rigidfx.base.taken import read_only
 from rigidfx.base.types import Array
-from rigidfx.effects import JointReports, SpringDamperReport, Touch
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.stress import Added, Recovered
@@ -29,13 +28,15 @@ from rigidfx.report.ledger import Ledger
 from rigidfx.report.probe_stress import Probes, StressAt
 from rigidfx.report.writers import Writers
 from rigidfx.state import State
+from rigidfx.step.equations.energies import Measures
 from rigidfx.step.system.supports import Impact
+from rigidfx.step.system.system import Work
 
 __all__ = ["Look", "Report"]
 
 
-@dataclass(frozen=True)
-class Report:
+@dataclass(frozen=True, kw_only=True)
+class Report(Work, Measures):
     """One accepted step, a value that may be kept; numbers are equal on all ranks.
 
     The first report of a run is that of the initial state, t = 0. A wrong name, as in
@@ -114,24 +115,7 @@ class Report:
     solver: str
     cuts: int
     unknowns: int
-    kinetic: float
-    strain: float
-    stored: float
-    springs: float
-    contact: float
-    linear_momentum: Array
-    angular_momentum: Array
-    momentum_scale: float
-    work_of_loads: float
-    work_of_supports: float
-    dissipated: Mapping[str, float]
-    reactions: Mapping[str, Array]
-    reaction_moments: Mapping[str, Array]
-    touches: Mapping[str, Touch]
-    joints: JointReports
-    spring_dampers: Mapping[str, SpringDamperReport]
     impact: Impact | None
-    alternating_impulse: Array
     rigid: Bodies
     clamped: tuple[str, ...]
     events: tuple[Event, ...]
@@ -172,11 +156,6 @@ class Report:
         rows |= {f"u of {name} [m]": in_short(u) for name, u in self.probes.items()}
         rows |= {f"reaction of {name} [N]": in_short(f) for name, f in self.reactions.items()}
         return as_table(f"step {self.step}, t = {self.t:.6g} s", rows)
-
-    @property
-    def energy(self) -> float:
-        """H = kinetic + strain + stored + springs + contact [J]."""
-        return self.kinetic + self.strain + self.stored + self.springs + self.contact
 
     @property
     def impulse(self) -> Array:

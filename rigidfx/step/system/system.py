@@ -53,8 +53,8 @@ class Work:
     """Effect of external forces in a step.
 
     Attributes:
-        loads: Work of the loads [J].
-        supports: Work of the reactions, and of obstacles that move [J].
+        work_of_loads: Work of the loads [J].
+        work_of_supports: Work of the reactions, and of obstacles that move [J].
         dissipated: Energy taken by each kind of damping [J].
         reactions: Force of each support on the structure, by the name of its set, shape (3,) [N].
         reaction_moments: Its moment about the origin, at the midpoint, shape (3,) [N m].
@@ -65,8 +65,8 @@ class Work:
         spring_dampers: Force and length of each spring between two points, by its title.
     """
 
-    loads: float
-    supports: float
+    work_of_loads: float
+    work_of_supports: float
     dissipated: Mapping[str, float]
     reactions: Mapping[str, Array]
     reaction_moments: Mapping[str, Array]
