@@ -299,6 +299,13 @@ PUSHES = (
 )
 
 
+def test_rows_have_the_mass_of_nodes_outside_bodies():
+    """Of ρ = 2 kg/m³; with a lumped mass a body has half a cell more than its own two."""
+    with prepared(scene_with(ONE, "hexahedron")) as run:
+        masses = run.stepper.system.layout.masses
+    assert masses.sum() == pytest.approx(2.0 * (5 - 2.5) * 9, rel=1e-14)
+
+
 @MASSES
 @pytest.mark.parametrize("bodies", [ONE, TWO], ids=["one body", "two bodies"])
 @pytest.mark.parametrize("size", [0.05, 1.0])
