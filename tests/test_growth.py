@@ -12,7 +12,8 @@ from parallel import check_the_same, report
 
 import rigidfx as rf
 import rigidfx.switch.growth
-from rigidfx.switch.resonance import PERIODS, Resonance
+from rigidfx.switch.growth_control import GrowthControl
+from rigidfx.switch.resonance import Resonance
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
 
@@ -136,7 +137,7 @@ def test_only_forces_that_go_on_may_be_in_resonance():
     dt, at = 0.01, {1: np.array([0])}
 
     def built_up(force, lacking):
-        found, most = Resonance(scene, 20), []
+        found, most = Resonance(scene, GrowthControl()), []
         for k in range(200):
             found.advance(np.array([[force(k * dt), 0, 0]]), at, {1: lacking}, dt)
             most.append(np.abs(found.momenta).max())
@@ -144,7 +145,7 @@ def test_only_forces_that_go_on_may_be_in_resonance():
 
     omega = 20.0
     sine = lambda t: np.sin(omega * t)  # noqa: E731
-    tau = 2 * np.pi * PERIODS / omega
+    tau = 2 * np.pi * GrowthControl().periods / omega
     grown = 0.5 * tau * (1 - np.exp(-200 * dt / tau))
     assert built_up(sine, 0.5 * omega) == pytest.approx(grown, rel=0.05)
     assert built_up(sine, 2 * omega) == 0.0

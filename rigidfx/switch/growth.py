@@ -32,43 +32,15 @@ from rigidfx.shapes.found import Found
 from rigidfx.shapes.linear import Linear
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt, Watch
+from rigidfx.switch.growth_control import GrowthControl
 from rigidfx.switch.inventory import about_start
 from rigidfx.switch.resonance import Resonance
 
-__all__ = ["Growth", "GrowthControl", "Looked"]
+__all__ = ["Growth", "Looked"]
 
 
 # Part of a body's length below which ν of its motion is that of rounding.
 ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))
-
-
-@dataclass(frozen=True)
-class GrowthControl:
-    """Numbers of the loop, from runs of demos/benchmarks/waking.py beside flexible twins.
-
-    Attributes:
-        gate: Part of the tolerance up to which no response is solved for, by the last ratio of
-            response to forces.
-        every: Steps after which one is solved for in any case.
-        wakes: Tolerances above which a second shape in one step does not suffice, and cells wake.
-        grown: Shapes beside the modes with which a body is full.
-        woken: Tolerances above which a cell wakes then.
-        nonlinear: Part of ½ q·Ωq by which the energy of a body may differ from its expansion. A
-            frequency is off by ¾ of it: 0.003 is one swing of an arm at 1 %.
-        doubled: Factor of ½ q·Ωq after which that is looked at again.
-        least: Part of the largest ½ q·Ωq so far below which it is not.
-        share: Part of the largest miss of any node, by mass, above which cells wake.
-    """
-
-    gate: float = 0.5
-    every: int = 20
-    wakes: float = 3.0
-    grown: int = 24
-    woken: float = 0.5
-    nonlinear: float = 0.003
-    doubled: float = 2.0
-    least: float = 1e-6
-    share: float = 0.3
 
 
 @dataclass(frozen=True)
@@ -130,7 +102,7 @@ class Growth(Watch):
         self._cut = np.inf  # the lowest ω that modes of the whole lack [1/s]
         self._lacking: dict[int, float] = {}  # that which each body lacks
         self._begun: dict[int, int] = {}  # modes that each has
-        self._resonance, self._swing = Resonance(scene, self.control.every), np.inf
+        self._resonance, self._swing = Resonance(scene, self.control), np.inf
         self._vectors: Array = np.zeros((scene.owned_nodes, 3, 0))  # modes, and what has grown
         self._before: Array = np.zeros((scene.owned_nodes, 3))  # ρ⊥ of the last step, at the start
         self._now: Array = self._before
@@ -184,6 +156,7 @@ class Growth(Watch):
             return body
         found, Q = self._of(body.data)
         number, vectors = body.data.number, self._vectors[body.data.nodes]
+        self._energies.pop(number, None)  # q begins at zero
         vectors = np.einsum("ab,nbk->nak", Q, vectors)
         self._begun[number], self._lacking[number] = self._modes, np.inf
         if np.isfinite(self._cut):

@@ -20,12 +20,11 @@ import numpy as np
 from rigidfx.base.remembered import ON_NODES, Remembered, same
 from rigidfx.base.types import Array, Indices
 from rigidfx.scene.scene import Scene
+from rigidfx.switch.growth_control import GrowthControl
 
-__all__ = ["PERIODS", "Resonance"]
+__all__ = ["Resonance"]
 
 
-# Periods in which an oscillator falls to 1/e, as with 1.6 % of critical damping.
-PERIODS = 10.0
 # ΩΔt that rounding may make of none.
 LEAST = float(np.sqrt(np.finfo(np.float64).eps))
 
@@ -41,14 +40,15 @@ class Resonance:
         ("momenta", "_impulse", "_last", "_change", "_before"), ON_NODES
     )
 
-    def __init__(self, scene: Scene, steps: int) -> None:
+    def __init__(self, scene: Scene, control: GrowthControl) -> None:
         """Nothing has built up.
 
         Args:
             scene: The problem.
-            steps: Over which the frequency of forces is a mean.
+            control: Over how many steps the frequency of forces is a mean, and in how many periods
+                oscillators fall to 1/e.
         """
-        self._scene, self._steps = scene, steps
+        self._scene, self._control = scene, control
         self.momenta, self._impulse, self._last, self._change, self._before = np.zeros(
             (5, scene.owned_nodes, 3)
         )
@@ -88,7 +88,7 @@ class Resonance:
         sums = self._scene.sum(np.reshape(local, (-1, 2)))
         for (number, at), new in zip(nodes.items(), sums, strict=True):
             *before, steps = self._products.get(number, (0.0, 0.0, 0))
-            square, product = np.array(before) * (1 - 1 / self._steps) + new * (steps > 2)
+            square, product = np.array(before) * (1 - 1 / self._control.every) + new * (steps > 2)
             self._products[number] = float(square), float(product), steps + 1
             if not square > 0:
                 continue
@@ -97,6 +97,6 @@ class Resonance:
             p, s = self._impulse[at], self.momenta[at]
             middle = force[at] * (dt / angle) ** 2 * (angle > lacking[number] * dt)
             c, sine = np.cos(angle), np.sin(angle)
-            left = np.exp(-angle / 2 / np.pi / PERIODS)
+            left = np.exp(-angle / 2 / np.pi / self._control.periods)
             self._impulse[at] = left * (middle + c * (p - middle) + sine * dt / angle * s)
             self.momenta[at] = left * (c * s - sine * angle / dt * (p - middle))
