@@ -59,11 +59,7 @@ class Structure:
         return float(self.scene.comm.rank == 0)
 
     def moments(self, values: Array) -> Array:
-        """Σ a v of numbers of this rank's nodes over each body, shape (bodies, n, k).
-
-        Args:
-            values: Of owned nodes, shape (nodes, k).
-        """
+        """Σ a v of numbers of owned nodes, shape (nodes, k), over each body, (bodies, n, k)."""
         body, a, _ = self.bodies.of.holding(self.u.size // 3)
         held = np.flatnonzero(body[: len(values)] >= 0)
         out = np.zeros((*self.bodies.pose.shape[:2], values.shape[1]))

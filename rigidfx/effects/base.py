@@ -199,11 +199,7 @@ class Effect:
         return None
 
     def bind_points(self, structure: Structure) -> Action | None:
-        """Its action on points of faces and mean places of sets, if it has one. Collective.
-
-        Args:
-            structure: The division; the action's `nodes` are `RemoteNodes`.
-        """
+        """Its action on points of faces and mean places, `RemoteNodes`; or None. Collective."""
         return None
 
     def term(self, mesh: Any) -> FormTerm | None:

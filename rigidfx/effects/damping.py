@@ -28,7 +28,7 @@ class ViscousTerm(FormTerm):
     law: Literal["elastic", "viscous"] = "viscous"  # what the modulus multiplies: see `Portion`
 
     def __init__(self, modulus: float, rate: Any) -> None:
-        """Take the modulus over, and the constant of the forms that is modulus/Δt."""
+        """Store the modulus, and the constant of the forms that is modulus/Δt."""
         self._modulus, self._rate = modulus, rate
 
     def set_time(self, t: float, dt: float) -> None:
@@ -84,7 +84,7 @@ class ViscousStress(ViscousTerm):
     kind = KelvinVoigt.__name__
 
     def __init__(self, effect: KelvinVoigt, mesh: Any) -> None:
-        """Take the viscosity η [Pa s] over."""
+        """Store the viscosity η [Pa s]."""
         super().__init__(float(effect.eta), fem.Constant(mesh, float(effect.eta)))
 
     def stress(self, element: Element, u0: Any, u1: Any) -> Any:
@@ -156,7 +156,7 @@ class ProportionalStress(ViscousTerm):
     kind, law = StiffnessDamping.__name__, "elastic"
 
     def __init__(self, beta: float, rate: Any, law: Law | None = None) -> None:
-        """Take β [s] over, and the constant of the forms that is β/Δt."""
+        """Store β [s], and the constant of the forms that is β/Δt."""
         super().__init__(beta, rate)
         self._law = law
 

@@ -79,12 +79,7 @@ def check_values(owner: str, t: float, X: Array, values: Array) -> Array:
 def values_of(owner: str, function: Callable[[Array], npt.ArrayLike], scene: Any) -> Array:
     """Vectors of a function of place at all local nodes, ghosts included, shape (nodes, 3).
 
-    Collective.
-
-    Args:
-        owner: Whose function it is, for the message.
-        function: x of shape (3, n) [m] → (3, n), or an array that can be broadcast to that.
-        scene: The scene.
+    Collective. The function maps (3, n) [m] to (3, n), or to an array of which that can be made.
 
     Raises:
         SceneError: On every rank, if it gives anything but finite vectors.

@@ -163,12 +163,7 @@ class StepDragForces(MassForces):
         self._centre: Array = np.zeros(self._field.local_size)
 
     def draw_to(self, d: Array, pose: Array) -> None:
-        """Set x*.
-
-        Args:
-            d: Increments of the nodes of the rows since the start of the step [m].
-            pose: Matrices of the places of bodies, shape (bodies, n, 3) [m, 1].
-        """
+        """Set x*: increments of the rows in the step [m], and matrices of the places of bodies."""
         self._centre, self._pose = d, pose
 
     def factor(self, motion: Motion) -> float:

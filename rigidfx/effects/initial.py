@@ -123,11 +123,7 @@ class InitialVelocity(Effect):
 
 
 def given_velocity(scene: Any, x: Array) -> Array:
-    """Sum of all initial velocities of a scene, shape (nodes, 3) [m/s]. Collective.
-
-    Args:
-        scene: The scene, whose masses are known already.
-        x: Places of all local nodes at the start, shape (nodes, 3) [m].
+    """Sum of all initial velocities at places x of the local nodes, (nodes, 3) [m/s]. Collective.
 
     Raises:
         SceneError: On every rank, if a function gives anything but finite vectors.
@@ -161,7 +157,7 @@ def _refuse_shared_nodes(scene: Any) -> None:
 def agree_with_support(
     scene: Any, velocity: Array, support: Any, nodes: Indices, wanted: Array
 ) -> None:
-    """Refuse a velocity at the start that contradicts a support. Collective.
+    """Refuse a velocity at the start that contradicts a support, on any rank. Collective.
 
     Args:
         scene: The scene.
@@ -169,9 +165,6 @@ def agree_with_support(
         support: The support.
         nodes: Its nodes.
         wanted: Its velocities of these, shape (3,) or (its nodes, 3) [m/s].
-
-    Raises:
-        SceneError: If they differ, on any rank.
     """
     scale = scene.comm.allreduce(float(np.abs(velocity).max(initial=0.0)), op=MPI.MAX)
     error = np.abs((velocity[nodes] - wanted)[:, list(support.axes)]).max(initial=0.0)

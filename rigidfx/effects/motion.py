@@ -86,12 +86,7 @@ class Forces:
 
     @classmethod
     def none(cls, vector: Any, pose: Array | None = None) -> Forces:
-        """Forces on a vector as it is, and no forces on bodies.
-
-        Args:
-            vector: On the nodes of the rows.
-            pose: Matrices of the places of the bodies, shape (bodies, n, 3); no bodies if None.
-        """
+        """Forces on a vector as it is, and none on bodies with places `pose`, (bodies, n, 3)."""
         pose = np.empty((0, 1, 3)) if pose is None else pose
         return cls(vector, np.zeros(pose.shape), np.zeros((len(pose), 3)))
 
@@ -176,12 +171,7 @@ class Tangent:
             self.moments += at.gather(forces).reshape(self.moments.shape)
 
     def add_spread(self, spread: Array, K: Array) -> None:
-        """Add stiffness of bodies whose nodes have w K each.
-
-        Args:
-            spread: Σ w a aᵀ of each body, shape (bodies, n, n).
-            K: Shape (3, 3) [N/m].
-        """
+        """Add K, shape (3, 3) [N/m], on nodes of bodies, Σ w a aᵀ being (bodies, n, n)."""
         if len(spread):
             rows = (K @ self._moves).reshape(*spread.shape[:2], -1)
             self.moments += (spread @ rows).reshape(self.moments.shape)

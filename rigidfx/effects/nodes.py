@@ -67,7 +67,7 @@ class Nodes:
         self._hold(of, coordinates[nodes[held]], u[nodes[held]])
 
     def _hold(self, of: Ints, coordinates: Array, displacement: Array) -> None:
-        """Have nodes in bodies: the body, a and the displacement of each."""
+        """Store body, a and displacement of nodes in bodies."""
         self._of, self._a, self._held = of, coordinates, displacement
         n = self._pose.shape[1]
         columns = (n * of[:, None] + np.arange(n)).ravel()
@@ -113,12 +113,7 @@ class Nodes:
         return self._all(motion.nodes[self.rows], motion.increments.displacement)
 
     def velocities(self, v: Array, bodies: Bodies) -> Array:
-        """Velocities, likewise [m/s].
-
-        Args:
-            v: Those of the rows, one number each [m/s].
-            bodies: The bodies then.
-        """
+        """Velocities, likewise, by those of the rows, one number each, and of the bodies [m/s]."""
         return self._all(v.reshape(-1, 3)[self.rows], bodies.pose_rate)
 
     # Forces on them -----------------------------------------------------------------------------
@@ -139,13 +134,7 @@ class Nodes:
         return self.nodes[some].astype(np.int64), ways[some]
 
     def stiffen(self, blocks: Array, tangent: Tangent, which: Ints | None = None) -> None:
-        """Add the stiffness of each by itself. Collective.
-
-        Args:
-            blocks: Shape (nodes, 3, 3) [N/m].
-            tangent: The tangent.
-            which: Those of the nodes that have blocks, sorted; all if None.
-        """
+        """Add the stiffness of each, or of some, by itself: see `Tangent.add`. Collective."""
         tangent.add(self, blocks, which)
 
 

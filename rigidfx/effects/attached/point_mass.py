@@ -77,7 +77,7 @@ class PointMass(OnFace):
         return self._title  # type: ignore[attr-defined]
 
     def placed(self, scene: Any) -> Self:
-        """See `OnFace`."""
+        """The mass with its place; beside the middle of a face, with its body and the tie to it."""
         out = super().placed(scene)
         if out.face is not None and out.is_carried:
             number = 1 + next(k for k, e in enumerate(scene.named(PointMass)) if e is self)
@@ -120,5 +120,5 @@ class PointInertia(Action):
         self._mass, self.nodes = float(mass.mass), RemoteNodes(structure, (mass.remote.place,))
 
     def stiffen(self, motion: Any, tangent: Any) -> None:
-        """See `Action`: of M (2 Δp/Δt - 2 v₀)/Δt."""
+        """Add the derivative of M (2 Δp/Δt - 2 v₀)/Δt."""
         self.nodes.stiffen(2 * self._mass / motion.dt**2 * np.eye(3)[None], tangent)

@@ -186,13 +186,13 @@ class Tension(Action):
         return -force, -slope
 
     def resist(self, motion: Any, forces: Any) -> None:
-        """See `Action`."""
+        """Add N n̄ to the ends."""
         q0, q1, n, _ = self._step(motion)
         force = self._tension(q0, q1, motion.dt)[0] * n
         self.nodes.add(np.stack([-force, force]), forces)
 
     def stiffen(self, motion: Any, tangent: Any) -> None:
-        """See `Action`: n̄ ⊗ N' n₁ + N (1 - n̄ ⊗ n₁)/(L₀ + L₁)."""
+        """Add n̄ ⊗ N' n₁ + N (1 - n̄ ⊗ n₁)/(L₀ + L₁)."""
         q0, q1, n, n1 = self._step(motion)
         force, slope = self._tension(q0, q1, motion.dt)
         size = q1 if self._static else q0 + q1
@@ -203,19 +203,19 @@ class Tension(Action):
         self.nodes.couple(np.array([[K, -K], [-K, K]]).swapaxes(1, 2), tangent)
 
     def taken(self, motion: Any) -> float:
-        """See `Action`."""
+        """Energy that the damper takes in a step [J]."""
         if self._static:
             return 0.0
         q0, q1, *_ = self._step(motion)
         return self._spring.taken(q0, q1, motion.dt)
 
     def stored(self, at: Any) -> float:
-        """See `Action`."""
+        """Energy of the law at its length [J]."""
         a, b = self.nodes.positions(at)
         return self._spring.stored(float(np.linalg.norm(b - a)))
 
     def told(self, motion: Any) -> SpringDamperReport:
-        """See `Action`."""
+        """Tension, length and rate of a step."""
         q0, q1, *_ = self._step(motion)
         rate = 0.0 if self._static else (q1 - q0) / motion.dt
         return SpringDamperReport(self._tension(q0, q1, motion.dt)[0], q1, rate)

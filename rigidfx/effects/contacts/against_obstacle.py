@@ -171,11 +171,7 @@ class Points:
         self._before = np.zeros_like(y0), np.zeros_like(y0), np.full(len(y0), np.inf)
 
     def press(self, moved: Array) -> Pressed:
-        """The forces at an iterate.
-
-        Args:
-            moved: Δy of all points, shape (n, 3) [m].
-        """
+        """The forces at an iterate, at which points have moved by Δy, shape (n, 3) [m]."""
         y1 = self.y0 + moved
         y0, g0, g1 = self.y0, self.g0, self._obstacle.gap(y1)
         if self._static:  # both ends are the last one; what rounds to closed is stiff at once

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.types import Array
-from rigidfx.effects.contacts.surface import modulus_of, surface_of, triangles_of
+from rigidfx.effects.contacts.surface import area_vectors, modulus_of, surface_of, triangles_of
 from rigidfx.effects.rigid import Rigid
 
 __all__ = ["own_time", "resolved_time"]
@@ -82,7 +82,7 @@ def _layer(scene: Any, contact: Any, where: str) -> tuple[Array, Array]:
         modulus[scene.owned_cells(rigid.where, rigid.kind)] = np.nan
     known = np.isfinite(modulus[cells])
     cells, corners = cells[known], X[nodes[known]]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = area_vectors(corners)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     from_it = X[dofs[cells]] - corners.mean(axis=1)[:, None]
     s = np.abs(np.einsum("nij,nj->ni", from_it, normal)).max(axis=1, initial=0.0) / scene.order

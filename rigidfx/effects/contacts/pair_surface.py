@@ -27,7 +27,7 @@ from scipy.spatial import cKDTree
 from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.types import Array, Bools, Ints
-from rigidfx.effects.contacts.surface import surface_of, triangles_of
+from rigidfx.effects.contacts.surface import area_vectors, surface_of, triangles_of
 
 __all__ = ["PairSurface", "pair_of", "projected", "refuse_overlap"]
 
@@ -135,8 +135,7 @@ class PairSurface:
 
         All count alike at a node: by areas, the rim of a thin plate would look as its sides do.
         """
-        a, b, c = x[self.triangles].swapaxes(0, 1)
-        normals, at_nodes = _unit(np.cross(b - a, c - a)), np.zeros((self.size, 3))
+        normals, at_nodes = _unit(area_vectors(x[self.triangles])), np.zeros((self.size, 3))
         np.add.at(at_nodes, self.triangles, normals[:, None])
         return normals, _unit(at_nodes)
 
@@ -189,15 +188,7 @@ def pair_of(
 ) -> PairSurface:
     """The surfaces of two sets of facets; found once for a scene. Collective.
 
-    Args:
-        scene: The problem.
-        where: Name of the set whose nodes are kept out.
-        against: Name of the set that they may meet.
-        stiffness: Stiffness of an area [N/m³]; by the material if None.
-        owner: Who asks, for messages.
-
-    Raises:
-        SceneError: As of `surface_of`.
+    Nodes of `where` are kept out of `against`; stiffness and errors are those of `surface_of`.
     """
     known = _known.setdefault(scene, {})
     key = where, against, stiffness
@@ -212,7 +203,7 @@ def _found(
     comm, n = scene.comm, scene.owned_nodes
     k = surface_of(scene, where, stiffness, owner).stiffness[:n]
     surface_of(scene, against, stiffness, owner)
-    cells, triangles = triangles_of(scene, against, owner)
+    _, triangles = triangles_of(scene, against, owner)
     mark = fem.Function(scene.space)
     mark.x.array[3 * triangles.reshape(-1)] = 1.0
     mark.x.array[3 * np.flatnonzero(k > 0)] = 1.0
@@ -225,9 +216,10 @@ def _found(
     mark.x.scatter_forward()
     known = mark.x.array[::3].astype(np.int64)
     X = scene.space.tabulate_dof_coordinates()
-    turned = _outwards(scene, X, cells, triangles)
     slaves = np.flatnonzero(k[nodes] > 0)
-    parts = comm.allgather((numbers[slaves], k[nodes[slaves]], known[turned], _longest(X[turned])))
+    parts = comm.allgather(
+        (numbers[slaves], k[nodes[slaves]], known[triangles], _longest(X[triangles]))
+    )
     spacing = surface_of(scene, where, stiffness, owner).size
     all_slaves, all_k, all_triangles = (
         np.concatenate([part[j] for part in parts]) for j in range(3)
@@ -247,17 +239,6 @@ def _found(
         X=every,
         itself=where == against,
     )
-
-
-def _outwards(scene: Any, X: Array, cells: Ints, triangles: Ints) -> Ints:
-    """Triangles with their corners in such an order that normals point out of the cells."""
-    middles = X[scene.space.dofmap.list[cells]].mean(axis=1)
-    P = X[triangles]
-    normals = np.cross(P[:, 1] - P[:, 0], P[:, 2] - P[:, 0])
-    inwards = ((P.mean(axis=1) - middles) * normals).sum(axis=1) < 0
-    out = triangles.copy()
-    out[inwards] = out[inwards][:, [0, 2, 1]]
-    return out
 
 
 def _longest(corners: Array) -> float:

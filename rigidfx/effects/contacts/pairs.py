@@ -96,12 +96,7 @@ class PairForces(PenaltyForces):
         self._nodes.add(force, forces)
 
     def _meet(self, x0: Array, x: Array) -> None:
-        """Find which triangle each node may meet in this step.
-
-        Args:
-            x0: Positions that gaps are taken at, shape (size, 3) [m].
-            x: Positions at which triangles are looked for, likewise.
-        """
+        """Find the triangle of each node at places x, and gaps at places x0, both (size, 3) [m]."""
         surface, memory = self._surface, self._memory
         with _SEARCH:
             mate = surface.mates(x, self._nodes.rigid)

@@ -35,7 +35,14 @@ from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
 from rigidfx.mechanics.materials import Material
 
-__all__ = ["ContactSurface", "modulus_of", "surface_of", "triangles_of", "warn_of_facets"]
+__all__ = [
+    "ContactSurface",
+    "area_vectors",
+    "modulus_of",
+    "surface_of",
+    "triangles_of",
+    "warn_of_facets",
+]
 
 
 LAYERS = 5.0  # default stiffness in those of a layer of cells
@@ -102,7 +109,7 @@ def _weights(scene: Any, where: str, owner: str, density: fem.Function | None = 
     out = fem.Function(scene.space)
     nodal, X = out.x.array.reshape(-1, 3)[:, 0], scene.space.tabulate_dof_coordinates()
     cells, nodes = triangles_of(scene, where, owner)
-    share = _triangle_areas(X[nodes]) / 3
+    share = np.linalg.norm(area_vectors(X[nodes]), axis=1) / 3
     if density is not None:
         share *= density.x.array[density.function_space.dofmap.list[cells, 0]]
     np.add.at(nodal, nodes, share[:, None])
@@ -115,7 +122,8 @@ def triangles_of(scene: Any, where: str, owner: str) -> tuple[Ints, Ints]:
     """Flat triangles between the nodes of a named set's owned boundary facets. Collective.
 
     Returns:
-        The cell behind each, shape (n,), and its three local nodes, shape (n, 3).
+        The cell behind each, shape (n,), and its three local nodes, in such an order that normals
+        point out of the cell, shape (n, 3).
     """
     facets, dofs = scene.boundary(where, owner), scene.space.dofmap.list
     cells, nodes = [np.empty(0, np.int64)], [np.empty((0, 3), np.int64)]
@@ -123,7 +131,12 @@ def triangles_of(scene: Any, where: str, owner: str) -> tuple[Ints, Ints]:
         mine = facets[facets[:, 1] == number, 0]
         cells.append(np.repeat(mine, len(triangles)))
         nodes.append(dofs[mine][:, triangles].reshape(-1, 3))
-    return np.concatenate(cells), np.concatenate(nodes)
+    every, out = np.concatenate(cells), np.concatenate(nodes)
+    X = scene.space.tabulate_dof_coordinates()
+    outwards = X[out].mean(axis=1) - X[dofs[every]].mean(axis=1)
+    inwards = (outwards * area_vectors(X[out])).sum(axis=1) < 0
+    out[inwards] = out[inwards][:, [0, 2, 1]]
+    return every, out
 
 
 def _reference_triangles(scene: Any) -> list[Ints]:
@@ -156,10 +169,10 @@ def _reference_triangles(scene: Any) -> list[Ints]:
     return [np.asarray(triangles, dtype=np.int64) for triangles in out]
 
 
-def _triangle_areas(corners: Array) -> Array:
-    """Areas of triangles, shape (n, 3, 3) [m²]."""
+def area_vectors(corners: Array) -> Array:
+    """Normals of triangles, shape (n, 3, 3) [m], as long as their areas, shape (n, 3) [m²]."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    return np.asarray(0.5 * np.linalg.norm(np.cross(a, b), axis=1))
+    return np.asarray(0.5 * np.cross(a, b))
 
 
 def _layers(scene: Any, where: str, owner: str) -> fem.Function:
@@ -216,11 +229,7 @@ def modulus_of(comm: MPI.Intracomm, material: Material) -> float:
 def warn_of_facets(scene: Any, where: str, owner: str, hollow: float = np.inf) -> None:
     """Warn of a round surface of flat facets that an obstacle with friction meets. Collective.
 
-    Args:
-        scene: The problem.
-        where: Name of a set of boundary facets.
-        owner: Who asks, for messages.
-        hollow: Radius of an obstacle that is round inside [m]; inf of any other.
+    An obstacle that is round inside has the radius `hollow` [m].
     """
     angle, radius = _round(scene, where, owner)
     half = 0.5 * angle
@@ -247,28 +256,23 @@ def _round(scene: Any, where: str, owner: str) -> tuple[float, float]:
     X = scene.space.tabulate_dof_coordinates()
     parts = scene.parts
     centre = 0.5 * (parts.lower + parts.upper)[parts.of_cell[cells]]
-    inside = X[scene.space.dofmap.list[cells]].mean(axis=1)
     numbers = scene.space.dofmap.index_map.local_to_global(nodes.reshape(-1).astype(np.int32))
-    mine = numbers.reshape(-1, 3), X[nodes], centre, inside
+    mine = numbers.reshape(-1, 3), X[nodes], centre
     every = [np.concatenate(of) for of in zip(*scene.comm.allgather(mine), strict=True)]
     return _of_triangles(*every)
 
 
-def _of_triangles(
-    numbers: Ints, corners: Array, centre: Array, inside: Array
-) -> tuple[float, float]:
+def _of_triangles(numbers: Ints, corners: Array, centre: Array) -> tuple[float, float]:
     """The same of triangles by the numbers and positions of their corners [rad, m]; 0 if none is.
 
     Args:
         numbers: Shape (n, 3).
         corners: Shape (n, 3, 3) [m].
         centre: Middles of the parts that they bound, shape (n, 3) [m].
-        inside: Middles of the cells behind, shape (n, 3) [m].
     """
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    double = np.linalg.norm(normal, axis=1)
-    middle = corners.mean(axis=1)
-    normal *= (np.sign(((middle - inside) * normal).sum(axis=1)) / double)[:, None]
+    normal, middle = area_vectors(corners), corners.mean(axis=1)
+    area = np.linalg.norm(normal, axis=1)
+    normal /= area[:, None]
     ends = np.concatenate([numbers[:, [0, 1]], numbers[:, [1, 2]], numbers[:, [2, 0]]])
     ends.sort(axis=1)
     order = np.lexsort(ends.T)
@@ -280,7 +284,7 @@ def _of_triangles(
     a, b = a % n, b % n
     angle = np.arccos(np.clip((normal[a] * normal[b]).sum(axis=1), -1.0, 1.0))
     convex = ((middle[b] - middle[a]) * normal[a]).sum(axis=1) < 0
-    radius = _widths(a, b, angle, along, 0.5 * double) / np.maximum(angle, FLAT)
+    radius = _widths(a, b, angle, along, area) / np.maximum(angle, FLAT)
     rolls = radius >= ROLLS * np.linalg.norm(edge - centre[a], axis=1)
     found = convex & rolls & (angle > FLAT) & (angle < SHARP)
     if not found.any():
@@ -294,12 +298,7 @@ def _of_triangles(
 def _widths(a: Ints, b: Ints, angle: Array, along: Array, area: Array) -> Array:
     """Width of the narrower one of the two facets at each side, across it [m].
 
-    Args:
-        a: A triangle of each side.
-        b: The other one.
-        angle: Between both [rad].
-        along: Length of the side [m].
-        area: Of each triangle [m²].
+    A side lies along the triangles a and b, which meet at an angle [rad] over its length [m].
     """
     flat = angle <= FLAT
     graph = coo_array((np.ones(int(flat.sum())), (a[flat], b[flat])), (area.size, area.size))

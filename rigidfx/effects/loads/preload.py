@@ -99,11 +99,7 @@ class Preload(Effect):
         return float(x), float(y), float(z)
 
     def _hinges(self, scene: Any) -> list[Array]:
-        """Places of the joints on the ground that leave a turn along the spin.
-
-        Raises:
-            SceneError: If they do not lie on one axis.
-        """
+        """Places of joints on the ground that leave a turn along the spin; they lie on one axis."""
         spin, found = np.asarray(self.spin) / np.linalg.norm(self.spin), list[Array]()
         for joint in scene.named(Axial):
             if joint.holds and "angle" in joint.pieces.coordinates:

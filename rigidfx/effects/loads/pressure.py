@@ -103,7 +103,7 @@ class PressureTerm(FormTerm):
     dissipates = False
 
     def __init__(self, effect: Pressure, mesh: Any) -> None:
-        """Take the pressure over."""
+        """Store the pressure."""
         self._effect, self._mesh = effect, mesh
         self._p = fem.Constant(mesh, 0.0)
 

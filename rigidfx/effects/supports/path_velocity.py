@@ -44,13 +44,9 @@ class PathAndVelocity:
     unit: str = "m"
 
     def contradiction_at(self, t: float, end: float) -> str:
-        """Contradiction of the velocity and the path just after t; "" if none.
+        """Contradiction of the velocity and the path just after t, before an end [s]; "" if none.
 
         It is right if a one-sided quotient over any of several spans comes near it.
-
-        Args:
-            t: Time [s].
-            end: When the path changes to another one [s].
         """
         v, u = self._of(self.velocity, t), self._of(self.path, t)
         found = []
@@ -71,14 +67,10 @@ class PathAndVelocity:
         return self._words(t, v, told[int(np.argmin(apart)) if len(apart) else 0])
 
     def contradiction_within(self, start: float, end: float, kinks: Sequence[float]) -> str:
-        """Contradiction of the velocity and the path at several instants; "" if none.
+        """Contradiction at several instants between start and end [s]; "" if none.
 
-        At one instant alone an unnamed kink may be the cause, so that takes two of them.
-
-        Args:
-            start: Time from which on both are used [s].
-            end: Time up to which they are used [s].
-            kinks: Instants that no quotient may straddle [s].
+        No quotient straddles a kink. At one instant alone an unnamed kink may be the cause, so that
+        takes two of them.
         """
         shares = np.append(
             (0.5 + GOLDEN * np.arange(EVENLY)) % 1, GOLDEN * 10.0 ** -np.arange(EARLY)

@@ -60,13 +60,9 @@ class Support(Windowed):
         return tuple("xyz".index(c) for c in self.components)
 
     def displacements_at(self, t: float, X: Array) -> Array:
-        """Prescribed displacements of some points, up to a constant of no consequence.
+        """Prescribed displacements of points X at t [s], up to a constant of no consequence.
 
         Shape (3,), or (points, 3) where they are not `uniform` [m].
-
-        Args:
-            t: Time [s].
-            X: Reference positions, shape (points, 3) [m].
         """
         raise NotImplementedError
 
@@ -82,13 +78,9 @@ class Support(Windowed):
         return self.displacements_at(t1, X) - self.displacements_at(t0, X)
 
     def velocities_at(self, t: float, dt: float, X: Array, x: Array) -> Array:
-        """Prescribed velocities of some points just after t, likewise [m/s].
+        """Prescribed velocities of points just after t [s], likewise [m/s].
 
-        Args:
-            t: Time [s].
-            dt: Time step [s], the scale of the difference quotient where one is needed.
-            X: Reference positions, shape (points, 3) [m].
-            x: Their places at t, likewise.
+        Reference positions are X, places at t are x; dt scales a difference quotient [s].
         """
         raise NotImplementedError
 
