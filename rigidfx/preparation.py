@@ -118,7 +118,7 @@ def _growing(
         SceneError: On every rank, if something acts that does not act on shapes yet.
     """
     scene = stepper.scene
-    refused = [e for e in scene.effects if e.keeps_apart or isinstance(e, (Joint, Resultant))]
+    refused = [e for e in scene.effects if isinstance(e, (Joint, Resultant))]
     if refused or rigid_faces(scene.effects):
         what = refused[0].owner if refused else "A RigidFace"
         raise SceneError(

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from joints import PIN, bars
+from joints import PIN, bars, boxes
 from mpi4py import MPI
 from parallel import check_the_same, report
 
@@ -173,6 +173,23 @@ def test_a_restart_goes_on_as_the_run(tmp_path):
     assert unknowns(more) == unknowns(whole)[-len(more) :]
     size = np.abs(tips(whole)).max()
     assert np.abs(tips(more) - tips(whole)[-len(more) :]).max() < EXACT * size
+
+
+def test_bars_that_meet_may_grow():
+    """A block flies against a bar that is held; both are reduced before, and wake in time."""
+    places = ((0, 0, 0), (1, 0.1, 0.1), (12, 2, 2)), ((0.7, 0, 0.102), (1, 0.1, 0.2), (4, 2, 1))
+    domain = boxes(*places)
+    domain = domain.with_facets("root", lambda x: x[0] < 1e-9)
+    domain = domain.with_facets("low", lambda x: (abs(x[2] - 0.1) < 1e-6) & (x[0] > 0.6))
+    domain = domain.with_facets("up", lambda x: abs(x[2] - 0.102) < 1e-6)
+    flies = rf.InitialVelocity(function=lambda x: np.outer([0, 0, -0.05], x[2] > 0.101))
+    effects = rf.Fixed("root"), flies, rf.Contact("up", against="low")
+    scene = rf.Scene(domain, SOFT, effects, probes={"tip": (1, 0.05, 0.05)})
+    twin, own = (run(scene, rigidify=r) for r in (False, rule(TOL)))
+    assert min(unknowns(own)) < 60
+    energy = np.array([r.energy for r in own])
+    assert np.ptp(energy) < EXACT * energy[0]
+    assert np.abs(tips(own) - tips(twin)).max() < 0.001 * np.abs(tips(twin) - tips(twin)[0]).max()
 
 
 PIN_JOINT = rf.Spherical("A", "B", at=PIN)
