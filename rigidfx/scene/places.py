@@ -15,8 +15,6 @@ from rigidfx.base.types import Array
 
 __all__ = ["cells_of"]
 
-ROUNDING = 1e-14  # of places, over the largest coordinate
-
 
 def cells_of(mesh: dmesh.Mesh, points: Mapping[str, Array]) -> dict[str, tuple[int, int]]:
     """Rank and local number of the cell that holds each point, the same on all ranks. Collective.
@@ -35,7 +33,8 @@ def cells_of(mesh: dmesh.Mesh, points: Mapping[str, Array]) -> dict[str, tuple[i
     X = np.stack([*points.values()])
     owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
     # A corner of a mesh may be a rounding away from where its name says.
-    room = ROUNDING * max(np.abs(X).max(), np.abs(mesh.geometry.x).max(initial=0.0))
+    largest = max(np.abs(X).max(), np.abs(mesh.geometry.x).max(initial=0.0))
+    room = 10 * np.finfo(float).eps * largest
     tree = geometry.bb_tree(mesh, 3, entities=owned, padding=room)
     candidates = geometry.compute_collisions_points(tree, X)
     hits = geometry.compute_colliding_cells(mesh, candidates, X)
