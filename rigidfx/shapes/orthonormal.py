@@ -60,9 +60,10 @@ class Basis:
             parts = self._total(MY[:, :n].T @ more)
             more -= Y[:, :n] @ parts
             of_more -= MY[:, :n] @ parts
-        for y, image, size in zip(more.T, of_more.T, sizes, strict=True):
+        for k, size in enumerate(sizes):
             if n == room:
                 break
+            y, image = more[:, k], of_more[:, k]
             for _ in range(2):
                 parts = self._total(MY[:, m:n].T @ y)
                 y -= Y[:, m:n] @ parts

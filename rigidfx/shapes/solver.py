@@ -153,7 +153,7 @@ class Solver:
 def size_of_factors(scene: Scene, unknowns: int) -> float:
     """Bytes that Cholesky's factors take in the order of nested dissection, to a factor of two.
 
-    Of a box of a ≥ b ≥ c nodes and n = 3abc unknowns they have n c (36 + 9 log₂(b/c)) entries,
+    Of a box of a ≥ b ≥ c nodes and n = 3abc unknowns they have 9 n c (4 + log₂(b/c)) entries,
     fitted to bars, plates and blocks of 25 000 to 400 000. A structure counts as a box of its
     nodes with the two largest extents of its own. Collective.
 
@@ -169,7 +169,7 @@ def size_of_factors(scene: Scene, unknowns: int) -> float:
     spacing = scene.mean_cell_size * np.cbrt(cells / nodes)
     b, a = extent[1:] / spacing
     c = max(nodes / (a * b), 1.0)
-    return float(8 * unknowns * c * (36 + 9 * np.log2(max(b / c, 1.0))))
+    return float(8 * unknowns * 9 * c * (4 + np.log2(max(b / c, 1.0))))
 
 
 def _definite(ksp: PETSc.KSP) -> bool:

@@ -224,7 +224,9 @@ class Coordinates:
         """
         h = float(np.finfo(np.float64).eps)
         x = p[self.at][:, None] + 1j * h * np.eye(9).reshape(9, 3, 3)
-        by_averages = self._each((9, 3, 3), lambda kind, own: kind.gradient(x[own]).imag / h)
+        by_averages = self._each(
+            (9, 3, 3), lambda kind, own: np.asarray(kind.gradient(x[own]).imag / h)
+        )
         return by_averages.reshape(-1, 9, 9)
 
     def secants(self, start: Array, moved: Array, sizes: Array) -> tuple[Array, Array]:
