@@ -202,7 +202,7 @@ class State:
         attached: Ints,
         displacement: Array,
     ) -> None:
-        """Take over the result of a step. Collective.
+        """Keep the result of a step. Collective.
 
         Args:
             t: Time at its end [s].
@@ -237,13 +237,13 @@ class State:
         self._scatter()
 
     def _wrote(self) -> None:
-        """Take note of a write."""
+        """Count a write."""
         self.changes = next(self._writes)
 
     # What the start of a run, supports and switches write ----------------------------------------
 
     def place(self, u: Array) -> None:
-        """Take over the displacement of a static preload at all local dofs [m]."""
+        """Set the displacement of a static preload at all local dofs [m]."""
         self._wrote()
         self.u.x.array[:] = u
 
@@ -264,7 +264,7 @@ class State:
         self.u.x.scatter_forward()
 
     def move(self, v: Array) -> None:
-        """Take over a velocity at all local dofs, or at the owned ones [m/s]. Collective."""
+        """Set a velocity at all local dofs, or at the owned ones [m/s]. Collective."""
         self._wrote()
         self.v.x.array[: v.size] = v
         self.v.x.scatter_forward()
@@ -291,7 +291,7 @@ class State:
         self.v.x.scatter_forward()
 
     def group(self, bodies: Bodies) -> None:
-        """Have these bodies from now on, or the same with other velocities.
+        """Set the bodies, or give the same ones other velocities.
 
         The caller decides on their nodes.
         """
@@ -303,7 +303,7 @@ class State:
         self.clamped = clamped
 
     def take_out(self, numbers: Set[int]) -> list[Body]:
-        """Take bodies out; their nodes get their displacement. Collective.
+        """Remove bodies; their nodes get their displacement. Collective.
 
         Args:
             numbers: Numbers of bodies.
@@ -323,7 +323,7 @@ class State:
         return gone
 
     def ease(self, eased: Eased | None) -> None:
-        """Have a release let down, if it is to be; what has faded, or is rigid now, is gone."""
+        """Begin to let a release down, if it is to be; drop what has faded or is rigid now."""
         own = [np.empty(0, np.int32), *(body.cells for body in self.bodies.of.records)]
         rigid = np.concatenate(own)
         left = (before.without(rigid) for before in self.eased if not before.over(self.t))

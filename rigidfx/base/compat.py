@@ -121,7 +121,7 @@ def model_to_mesh(model: Any, comm: MPI.Intracomm) -> tuple[Any, Any, Any]:
 
 @contextmanager
 def _numbered(model: Any) -> Iterator[None]:
-    """Have no names of groups: DOLFINx 0.10 and 0.11 ask for them, and fail beyond UTF-8."""
+    """Remove the names of groups: DOLFINx 0.10 and 0.11 ask for them, and fail beyond UTF-8."""
     name_of = getattr(model, "getPhysicalName", None)  # other ranks have no model
     if name_of is None:
         yield

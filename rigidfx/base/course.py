@@ -28,7 +28,7 @@ class Course:
         self._times, self._sizes = [0.0], [0.0]
 
     def add(self, value: float, start: float, t: float) -> None:
-        """Take note of a value, reached between two times [s]."""
+        """Record a value, reached between two times [s]."""
         if self.largest == value == 0:
             self._times[0] = t
         if value <= self.largest:

@@ -53,7 +53,7 @@ class StepError(RigidfxError, RuntimeError):
     """
 
     def __init__(self, found: str, advice: str = "", halvings: int = 1) -> None:
-        """Take both parts of the message.
+        """Keep both parts of the message.
 
         Args:
             found: The event and its place.

@@ -12,7 +12,7 @@ __all__ = ["uninterrupted"]
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Have a SIGINT act at the end, and not meanwhile. Other threads get none in any case."""
+    """Delay a SIGINT to the end. Other threads get none in any case."""
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or before is None:
         yield

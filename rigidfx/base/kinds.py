@@ -233,7 +233,7 @@ class Maybe(Kind):
     """A value of a kind, or None, alike on all ranks."""
 
     def __init__(self, kind: Kind) -> None:
-        """Take the kind of the value."""
+        """Keep the kind of the value."""
         self._kind = kind
 
     def part(self, value: Any, order: MeshOrder) -> Any:

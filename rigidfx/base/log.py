@@ -118,7 +118,7 @@ def _files() -> list[logging.FileHandler]:
 
 @contextmanager
 def hearing(handler: Any, least: int = logging.INFO) -> Iterator[None]:
-    """Have a handler hear messages meanwhile; it is closed at the end.
+    """Let a handler hear messages meanwhile; it is closed at the end.
 
     Args:
         handler: A `logging.Handler`.

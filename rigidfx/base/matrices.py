@@ -52,7 +52,7 @@ class Pattern:
     """Places in a matrix, which is filled again and again."""
 
     def __init__(self, rows: Ints, columns: Ints, shape: tuple[int, int]) -> None:
-        """Take the places, some of them more than once, shape (places,) each."""
+        """Keep the places, some of them more than once, shape (places,) each."""
         self._places, self._shape = rows * shape[1] + columns, shape
         self._small = is_small(*shape)
 

@@ -102,7 +102,7 @@ def _items(value: Any) -> Any:
 
 
 def take_fields(record: Any) -> None:
-    """Have a frozen dataclass keep its fields as they are now.
+    """Freeze the fields of a dataclass as they are now.
 
     Args:
         record: The record, while it is made.
@@ -112,7 +112,7 @@ def take_fields(record: Any) -> None:
 
 
 def seal(record: Any) -> None:
-    """Have an object show its arrays read-only, without a copy.
+    """Make the arrays of an object read-only, without a copy.
 
     Args:
         record: The object, while it is made of arrays that nobody changes any more.

@@ -30,7 +30,7 @@ _wordings: list[Callable[[str], str]] = []  # under way
 
 @contextmanager
 def worded(wording: Callable[[str], str]) -> Iterator[None]:
-    """Have warnings in other words in log.txt meanwhile; Python's filters see them as they are.
+    """Reword warnings in log.txt meanwhile; Python's filters see them as they are.
 
     Args:
         wording: The words for a message.
@@ -62,7 +62,7 @@ def warn(comm: MPI.Intracomm, message: str) -> None:
 
 
 def _show() -> None:
-    """Take warnings back from `logging`, unless it has a handler that does something with them."""
+    """Show warnings in place of `logging`, unless it has a handler that uses them."""
     loggers = logging.getLogger("py.warnings"), logging.getLogger()
     handlers = [handler for logger in loggers for handler in logger.handlers]
     if all(isinstance(handler, logging.NullHandler) for handler in handlers):

@@ -244,7 +244,7 @@ def _listed(folder: Path) -> Iterator[tuple[int, Path]]:
 
 
 def _sync(folder: Path) -> None:
-    """Have the folder on the disk."""
+    """Sync the folder to the disk."""
     try:
         number = os.open(folder, os.O_RDONLY)
     except OSError:  # a file system that opens no folders

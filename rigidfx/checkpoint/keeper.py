@@ -53,7 +53,7 @@ class Signals:
         return Signals._heard or 0
 
     def served(self) -> None:
-        """Take note that it ends this run."""
+        """Record that it ends this run."""
         Signals._heard = None
 
     def begin(self, tells: bool) -> None:
@@ -90,7 +90,7 @@ class Signals:
 
 
 def _hear(number: int, frame: Any) -> None:
-    """Have a run end after its step; at once if it was told before."""
+    """Tell a run to end after its step; at once if it was told before."""
     if Signals._heard:
         Signals._heard = None
         raise KeyboardInterrupt
@@ -226,7 +226,7 @@ class Keeper:
         self._on_disk(self._have)
 
     def _have(self, folder: Path) -> None:
-        """Have the folder, on rank 0."""
+        """Make the folder, on rank 0."""
         before = self._before
         goes_on = before is not None and folder.exists() and before.samefile(folder)
         self._claim = Claim(folder, goes_on=goes_on)
@@ -335,7 +335,7 @@ def _problem(folder: Path, error: OSError, begun: bool) -> str:
 
 
 def bring_back(kept: Kept, state: State, switch: Switch) -> None:
-    """Have a state and its division that a checkpoint keeps. Collective.
+    """Restore a state and its division from a checkpoint. Collective.
 
     Args:
         kept: The checkpoint.
@@ -350,7 +350,7 @@ def bring_back(kept: Kept, state: State, switch: Switch) -> None:
 
 
 def remember(kept: Kept, run: Run, looks: Sequence[Any]) -> None:
-    """Have all else remembered that a checkpoint keeps. Collective.
+    """Restore all else that a checkpoint keeps. Collective.
 
     Args:
         kept: The checkpoint.

@@ -42,7 +42,7 @@ class Largest:
         self._energy = self._damped = 0.0  # largest and dissipated [J]
 
     def add(self, report: Report) -> None:
-        """Take note of a report. Collective."""
+        """Record a report. Collective."""
         scene, t = self._scene, report.t
         moved = report.shown()[0].x.array.reshape(-1, 3)[: scene.owned_nodes]
         size, place = self._peaks.largest(np.linalg.norm(moved, axis=1)[None])

@@ -207,7 +207,7 @@ def _length(text: str) -> float | str:
 
 
 def _complete(options: Namespace, example: Example) -> None:
-    """Take missing options from the example: a block on a thin arm at a wall, pushed down."""
+    """Fill missing options from the example: a block on a thin arm at a wall, pushed down."""
     if options.short:
         options.order = options.order or 1
     if not options.example:

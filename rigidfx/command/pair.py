@@ -116,7 +116,7 @@ class KeptRun(Iterator[Report]):
         agree(self._comm, problem, OutputError)
 
     def _read(self) -> None:
-        """Have the reports of before the checkpoint, and cut off what came later. Collective."""
+        """Read the reports of before the checkpoint, and cut off what came later. Collective."""
         first, records, problem = self._first, list[bytes](), None
         if self._comm.rank == 0 and self._path is not None:
             try:

@@ -17,7 +17,7 @@ class AtNodes:
     """Passes numbers at nodes between ranks."""
 
     def __init__(self, scene: Scene) -> None:
-        """Have a field for them. Collective.
+        """Make a field for them. Collective.
 
         Args:
             scene: The problem.

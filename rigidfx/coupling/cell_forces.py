@@ -60,7 +60,7 @@ class CellForces:
             self._copies[1][:] = self._dealt.give_nodes(u.reshape(-1, 3)).reshape(-1)
 
     def settle(self) -> None:
-        """Have all ranks know the last u₁ in the scene's mesh, as forms over that read it, too."""
+        """Share the last u₁ in the scene's mesh among ranks, as forms over that read it, too."""
         if self._dealt is not None:
             self._forces.u1.x.scatter_forward()
 

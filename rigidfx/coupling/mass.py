@@ -50,7 +50,7 @@ class LumpedMass:
     """Diagonal mass: one number per node, three times; none at nodes that bodies hold."""
 
     def __init__(self, rows: Rows, masses: Array) -> None:
-        """Take nodal masses.
+        """Keep nodal masses.
 
         Args:
             rows: Those of the nodes that count here.

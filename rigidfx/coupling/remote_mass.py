@@ -30,7 +30,7 @@ class WithRemoteMasses:
     """A mass operator with masses at points of faces."""
 
     def __init__(self, within: Any, rows: Rows, masses: Array, slopes: csr_array) -> None:
-        """Take them.
+        """Keep them.
 
         Args:
             within: The mass operator of cells and nodes.

@@ -16,7 +16,7 @@ class Advice:
     """Warns on rank 0, of each thing once."""
 
     def __init__(self, comm: MPI.Intracomm, criterion: Criterion, said: set[str]) -> None:
-        """Take over the warnings given so far.
+        """Keep the warnings given so far.
 
         Args:
             comm: Communicator of the mesh.

@@ -27,7 +27,7 @@ class Paying:
     """Knows for how long cells have been quiet."""
 
     def __init__(self, graph: CellGraph, criterion: Criterion, memory: Memory) -> None:
-        """Take the memory over.
+        """Keep the memory.
 
         Args:
             graph: Neighbours of the cells.

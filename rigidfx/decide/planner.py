@@ -20,7 +20,7 @@ class Planner:
     """Makes decisions of cells; it remembers nothing."""
 
     def __init__(self, graph: CellGraph, named: NamedParts, least: int) -> None:
-        """Take the cells over.
+        """Keep the cells.
 
         Args:
             graph: Neighbours of the cells.

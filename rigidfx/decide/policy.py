@@ -291,7 +291,7 @@ class Policy:
     # Memory -------------------------------------------------------------------------------------
 
     def observe(self, seen: Observation) -> None:
-        """Take notice of a step that was accepted. Collective."""
+        """Record a step that was accepted. Collective."""
         memory, t, cells = self.memory, seen.t, seen.indicator.cells
         if t <= self._criterion.since + self._timeline.resolution:
             return
@@ -304,7 +304,7 @@ class Policy:
             self.rule.window_ends(seen, seen.flexible & memory.window.whole)
 
     def applied(self, decision: Decision, seen: Observation, changed: bool) -> None:
-        """Take notice of the outcome of a decision. Collective.
+        """Record the outcome of a decision. Collective.
 
         Args:
             decision: The decision.

@@ -35,7 +35,7 @@ _names: list[Callable[[int], str]] = []  # of cells that are read now
 
 @contextmanager
 def naming(cell: Callable[[int], str]) -> Iterator[None]:
-    """Have messages name cells as their file does meanwhile.
+    """Make messages name cells as their file does meanwhile.
 
     Args:
         cell: The name of a cell by its number in the input, known on all ranks.

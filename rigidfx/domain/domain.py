@@ -55,7 +55,7 @@ ALONE = _references([object()], 0)  # of what only a list refers to, however Pyt
 
 
 def keep(mesh: Any) -> None:
-    """Have a mesh outlive what is made on it; let others go whose time has come.
+    """Keep a mesh until all that is made on it has gone; drop others whose time has come.
 
     Args:
         mesh: A DOLFINx mesh.
@@ -99,7 +99,7 @@ class EntitySet:
     entities: Indices
 
     def __post_init__(self) -> None:
-        """Take the numbers over."""
+        """Keep the numbers."""
         take_fields(self)
 
 

@@ -61,7 +61,7 @@ def thickness_axes(domain: Domain, name: str) -> Axes:
 
 
 def _share(marks: la.Vector) -> None:
-    """Have a facet marked on all ranks that know it. Collective."""
+    """Mark a facet on all ranks that know it. Collective."""
     marks.scatter_reverse(la.InsertMode.add)
     marks.array[:] = marks.array > 0
     marks.scatter_forward()

@@ -110,7 +110,7 @@ class Drag(MassForces):
     kind = MassDamping.__name__
 
     def __init__(self, alpha: float, structure: Structure) -> None:
-        """Take α [1/s] over. Collective."""
+        """Keep α [1/s]. Collective."""
         super().__init__(structure)
         self._alpha = alpha
 

@@ -143,7 +143,7 @@ class BoundContacts:
         return self._actions.touches()
 
     def have(self, notes: Mapping[int, Any]) -> None:
-        """Have the memory that others have; of contacts that are over there is none."""
+        """Copy the memory that others have; of contacts that are over there is none."""
         for key in self.notes.keys() & notes.keys():
             vars(self.notes[key]).update(vars(copy(notes[key])))
 

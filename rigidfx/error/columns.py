@@ -24,7 +24,7 @@ class Columns:
     """
 
     def __init__(self, scene: Scene, wanted: Ints) -> None:
-        """Have no columns.
+        """Begin without columns.
 
         Args:
             scene: The problem.
@@ -37,7 +37,7 @@ class Columns:
         self._at: Array = np.empty((3 * wanted.size, 0))
 
     def have(self, nodes: Ints, step: Callable[[Array], Array]) -> None:
-        """Have columns of some nodes. Collective.
+        """Make columns of some nodes. Collective.
 
         Args:
             nodes: Equal on all ranks, sorted.

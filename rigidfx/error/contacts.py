@@ -86,7 +86,7 @@ class Contacts:
         self._columns = None, self._columns[1]
 
     def follow(self, attempt: Attempt) -> None:
-        """Have the forces of the run in a step that has been solved. Collective."""
+        """Record the forces of the run in a step that has been solved. Collective."""
         self._attempt = attempt
         state = self._stepper.state
         self._own.have(state.notes)
@@ -95,7 +95,7 @@ class Contacts:
         self._force = self._own.force(attempt, self._start, self._moved)
 
     def solved(self, start: Array, step: Step, kind: object, Q: Array) -> None:
-        """Take a step of e with λ. Collective.
+        """Advance e by a step with λ. Collective.
 
         Args:
             start: e at its start, in the frame of the shape, shape (nodes, 3) [m].
@@ -139,11 +139,11 @@ class Contacts:
         return self._twin.stiffness(self._attempt)
 
     def rest(self) -> None:
-        """Take note that e is zero all through a step: the twin is the run."""
+        """Record that e is zero all through a step: the twin is the run."""
         self._lambda, self._as_run = np.zeros_like(self._lambda), True
 
     def accept(self) -> None:
-        """Take note that the last step of e holds. Collective."""
+        """Accept the last step of e. Collective."""
         self.apart = {}
         if not self._as_run:
             own, twin = self._own.touches(), self._twin.touches()
@@ -170,7 +170,7 @@ class _Trial:
     def __init__(
         self, contacts: Contacts, columns: Columns, step: Step, start: Array, Q: Array
     ) -> None:
-        """Take the step without λ; arguments as of `Contacts.solved`. Collective."""
+        """Keep the step without λ; arguments as of `Contacts.solved`. Collective."""
         self._contacts, self._columns, self._step, self._Q = contacts, columns, step, Q
         self._start = to_space(start, Q)
         self._alone = step(np.zeros_like(start))

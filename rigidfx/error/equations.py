@@ -77,7 +77,7 @@ class Equations:
         self.shape = self._forms.shape
 
     def have(self, dt: float, frames: Frames, kick: Array) -> Array:
-        """Have the solution for the supports and viscosities that act. Collective.
+        """Bind the solution for the supports and viscosities that act. Collective.
 
         A support that begins holds the twin's nodes where they are: e stays as it is there. Where
         parts turn supports or springs of few directions, the frames get another shape.
@@ -119,7 +119,7 @@ class Equations:
         return kick
 
     def _make(self, frames: Frames, e: Array, rate: Array) -> None:
-        """Have the solution for what holds and is viscous, from e and its rate on. Collective."""
+        """Bind the solution for what holds and is viscous, from e and its rate on. Collective."""
         scene, forces = self._stepper.scene, self._stepper.forces
         with PREPARING:
             forces.set_rate(1.0)
@@ -164,7 +164,7 @@ class Equations:
             self.joints.follow(attempt)
 
     def step(self, force: Array, given: Given) -> None:
-        """Take a step of e, and have joints hold it. Collective.
+        """Advance e by a step that joints hold. Collective.
 
         Args:
             force: Mean force, shape (nodes, 3) [N].
@@ -181,7 +181,7 @@ class Equations:
             response.step(force, *given)
 
     def press(self, contacts: Contacts, force: Array, given: Given, Q: Array, number: int) -> None:
-        """Take a step of e while contacts are closed, joints or not. Collective.
+        """Advance e by a step while contacts are closed, joints or not. Collective.
 
         Args:
             contacts: Contacts of the twin.
@@ -202,7 +202,7 @@ class Equations:
         contacts.solved(start, step, (response, *given, self.joints and number), Q)
 
     def struck(self, lost: Array) -> None:
-        """Take note of an impact, in which the twin's parts named rigid do as those of the run.
+        """Record an impact, in which the twin's parts named rigid do as those of the run.
 
         Args:
             lost: Velocities that it takes out, shape (nodes, 3) [m/s]; set to zero at such parts.
@@ -215,7 +215,7 @@ class Equations:
             self.joints.struck()
 
     def scale(self, part: float) -> None:
-        """Have a part of e left, none in free parts without bodies and let-down. Collective."""
+        """Scale e, to zero in free parts without bodies and let-down. Collective."""
         assert self.response is not None
         left: Array = np.full(self._stepper.scene.owned_nodes, part)
         eased = self._stepper.system.actions.easing
@@ -227,7 +227,7 @@ class Equations:
             self._held.values = left[:, None] * self._held.values
 
     def resume(self, frames: Frames, known: Mapping[str, Any], order: MeshOrder) -> None:
-        """Have the solution that a checkpoint knows. Collective.
+        """Bind the solution that a checkpoint knows. Collective.
 
         Args:
             frames: The shape.

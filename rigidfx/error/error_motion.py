@@ -316,7 +316,7 @@ class ErrorMotion(Watch):
             self._equations.scale(self.ending.part(attempt.dt, self._response, self._frames.part))
 
     def _take(self, attempt: Attempt, frames: Frames) -> None:
-        """Take a step of the run; none at rest. Collective."""
+        """Follow a step of the run; none at rest. Collective."""
         assert self._response is not None
         dt, impulse = attempt.dt, self._impulse
         force, contacts = impulse.force(dt, frames), self._contacts

@@ -33,7 +33,7 @@ class Frames:
     """
 
     def __init__(self, scene: Scene, shape: Array) -> None:
-        """Take the shape over.
+        """Keep the shape.
 
         Args:
             scene: The problem.
@@ -45,7 +45,7 @@ class Frames:
         self._rotations: tuple[int, Array] | None = None  # changes of a state, and rotations then
 
     def begin_at(self, x: Array) -> None:
-        """Have another shape: places of the owned nodes, shape (nodes, 3) [m]."""
+        """Set another shape: places of the owned nodes, shape (nodes, 3) [m]."""
         self.shape, self._rotations = x.copy(), None
 
     def of_sets(self, sets: Sequence[Nodes], x: Array) -> Array:

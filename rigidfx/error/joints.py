@@ -74,7 +74,7 @@ class Joints:
     def __init__(
         self, stepper: Stepper, frames: Frames, loose: Loose, begun: dict[int, float]
     ) -> None:
-        """Take the averages. Collective.
+        """Keep the averages. Collective.
 
         Args:
             stepper: Solves the steps.
@@ -126,7 +126,7 @@ class Joints:
         self._step = self._frames.of_parts(x)[self._part], self._vectors.begin(means)
 
     def struck(self) -> None:
-        """Take note that ė has changed by an impact at the start of the next step."""
+        """Record that ė has changed by an impact at the start of the next step."""
         self._impact = self._stepper.state.t
 
     def close(
@@ -135,7 +135,7 @@ class Joints:
         start: tuple[Array, Array],
         given: tuple[float, float, float],
     ) -> None:
-        """Have e at the end of a step that it has taken without joints held by these. Collective.
+        """Correct e at the end of a step without joints by theirs. Collective.
 
         Args:
             response: Has e.
@@ -181,7 +181,7 @@ class Joints:
         return np.asarray(self._scene.sum(self._E @ e.reshape(-1)))
 
     def _have_columns(self, response: AllUnknowns, given: tuple[float, float, float]) -> None:
-        """Have the response at all nodes to unit forces at ports. Collective."""
+        """Compute the response at all nodes to unit forces at ports. Collective."""
         if self._kind == given:
             return
         self._kind = given

@@ -37,7 +37,7 @@ class Reactions:
     def __init__(
         self, scene: Scene, held: PrescribedDofs, motion: LinearMotion, frames: Frames
     ) -> None:
-        """Take the rows. Collective.
+        """Keep the rows. Collective.
 
         Args:
             scene: The problem.

@@ -73,7 +73,7 @@ class Response(Protocol):
         ...
 
     def scale(self, part: Array) -> None:
-        """Have a part of e and ė left, shape (nodes,); by modes the largest of all. Collective."""
+        """Scale e and ė by a factor of shape (nodes,); by modes the largest of all. Collective."""
         ...
 
     def kept(self) -> object:
@@ -109,7 +109,7 @@ class AllUnknowns:
     valid, hurried = True, False
 
     def __init__(self, motion: LinearMotion, e: Array, rate: Array) -> None:
-        """Take the equations over.
+        """Keep the equations.
 
         Args:
             motion: The equations of all rows; owned from now on.
@@ -162,7 +162,7 @@ class AllUnknowns:
         return self._change
 
     def shift(self, more: Array, dt: float) -> None:
-        """Have more of e at the end of the last step.
+        """Add to e at the end of the last step.
 
         Args:
             more: Shape (nodes, 3) [m].
@@ -176,7 +176,7 @@ class AllUnknowns:
         return self._motion.by_impulses(momenta)
 
     def rest(self) -> None:
-        """Have no e and no ė."""
+        """Set e and ė to zero."""
         self._e = self._rate = np.zeros_like(self._e)
 
     def scale(self, part: Array) -> None:

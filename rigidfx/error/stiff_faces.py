@@ -26,7 +26,7 @@ Int = PETSc.IntType
 
 
 def stiff_faces(scene: Scene, rows: Rows, places: Array, K: PETSc.Mat, times: float) -> None:
-    """Have the nodes of each rigid face resist all but rigid motions. Collective.
+    """Make the nodes of each rigid face resist all but rigid motions. Collective.
 
     Args:
         scene: The problem.

@@ -110,7 +110,7 @@ class DealtCells:
         return self._copies[function]
 
     def refresh(self, known: Sequence[fem.Function]) -> None:
-        """Have copies hold the values of the coefficients. Collective.
+        """Update copies to the values of the coefficients. Collective.
 
         Args:
             known: Those whose copies need nothing.

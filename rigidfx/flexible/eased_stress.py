@@ -28,7 +28,7 @@ class EasedStress:
     """The form of G; compiled once, when anything is eased."""
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
-        """Take the problem over.
+        """Keep the problem.
 
         Args:
             scene: The problem.

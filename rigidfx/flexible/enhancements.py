@@ -22,7 +22,7 @@ class Enhancements:
     """The enhancement of a displacement as a function that expressions can read."""
 
     def __init__(self, u: fem.Function) -> None:
-        """Take the displacement over."""
+        """Keep the displacement."""
         self._u = u
         self._eta: fem.Function | None = None
 

@@ -92,7 +92,7 @@ class InternalForces:
     # Which terms act ----------------------------------------------------------------------------
 
     def select(self, acting: Sequence[Effect]) -> None:
-        """Have the forms bound from now on hold the terms of these effects only. Collective.
+        """Limit the forms bound from now on to the terms of these effects. Collective.
 
         Args:
             acting: The effects that act.
@@ -105,7 +105,7 @@ class InternalForces:
             self._variants[self._acting] = self._compile(*self._acting)
 
     def select_static(self, acting: Sequence[Effect]) -> list[tuple[int, FormTerm]]:
-        """Have the loads on facets be those of these effects; damping has no part in statics.
+        """Limit the loads on facets to those of these effects; damping has no part in statics.
 
         Args:
             acting: The effects that act.
@@ -290,7 +290,7 @@ class InternalForces:
 
     @contextmanager
     def undamped(self) -> Iterator[list[tuple[str, bool, Callable[[bool], None]]]]:
-        """Have no damping in the forms, but those that are switched on.
+        """Switch damping off in the forms, but for those that are switched on.
 
         Yields:
             Of each that acts its kind, whether it grows with 1/Δt, and a function that switches it

@@ -133,7 +133,7 @@ class PointStress:
             self._class[of.cells] = k
 
     def take(self, u: fem.Function, recovered: Recovered | None = None) -> None:
-        """Take displacements over; arguments as the attributes."""
+        """Set displacements; arguments as the attributes."""
         self.u.x.array[:] = u.x.array
         self.recovered = recovered
 

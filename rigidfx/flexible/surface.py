@@ -21,7 +21,7 @@ class Surface:
     """The deformed boundary of a scene. Its forms are compiled at first use."""
 
     def __init__(self, scene: Scene, u: fem.Function) -> None:
-        """Take the displacement over.
+        """Keep the displacement.
 
         Args:
             scene: The problem.

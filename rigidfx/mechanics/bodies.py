@@ -137,7 +137,7 @@ class Bodies:
         q: Array | None = None,
         q_rate: Array | None = None,
     ) -> None:
-        """Take arrays over, from then on not to be changed.
+        """Keep arrays, which nobody changes from then on.
 
         Args:
             of: Constant data.

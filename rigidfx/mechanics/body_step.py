@@ -61,7 +61,7 @@ _compiled: list[Any] = []  # the C code, once it is there
 
 
 def prepare(comm: MPI.Intracomm) -> None:
-    """Have the C code ready, for whom trials of bodies come next. Collective.
+    """Compile the C code before trials of bodies come. Collective.
 
     Args:
         comm: Its rank 0 compiles code that no process has yet.

@@ -152,7 +152,7 @@ class EnhancedElement:
     buckles: ClassVar[bool] = True
 
     def __init__(self, elastic: Any, viscous: Any, linear: bool = True) -> None:
-        """Take over the data of the elimination of modes.
+        """Keep the data of the elimination of modes.
 
         Args:
             elastic: Function on the integration points with six components, whose first two values

@@ -51,7 +51,7 @@ class Material:
     quadratic: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Take all values, and check the density.
+        """Copy all values, and check the density.
 
         Raises:
             SceneError: If ρ0 is not a finite number above zero.

@@ -79,7 +79,7 @@ class JointFields:
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Take their places.
+        """Keep their places.
 
         Args:
             scene: The problem that is run.

@@ -84,7 +84,7 @@ class _Chunks:
         self._place = self._data.id.get_chunk_info_by_coord(first).byte_offset
 
     def resize(self, rows: int) -> None:
-        """Have as many rows."""
+        """Set the number of rows."""
         self._data.id.set_extent((rows, *self.rest))
 
 
@@ -120,7 +120,7 @@ class _Table:
             self._chunks.put(row, np.array([value], self._kind))
 
     def more(self, row: int) -> None:
-        """Have a last row."""
+        """Add rows up to a last one."""
         self.rows = row + 1
         if row % self._at_once == 0:
             self._chunks.resize(row + self._at_once)
@@ -237,7 +237,7 @@ class HdfSeries:
         former.unlink(missing_ok=True)
 
     def _copy(self, root: Any, count: int) -> None:
-        """Take times of a former file over."""
+        """Copy times of a former file."""
         sizes = {"Point": len(root["Points"]), "Cell": len(root["Types"])}
         for k in range(count):
             both = []

@@ -195,7 +195,7 @@ class Curve:
     broken: bool = False
 
     def __post_init__(self) -> None:
-        """Take the points, and check them.
+        """Copy the points, and check them.
 
         Raises:
             SceneError: If there are none, or as many abscissae as ordinates are not.

@@ -29,7 +29,7 @@ class HeldParts(Watch):
     """The parts named rigid that supports hold, in the shape and at the place that they have."""
 
     def __init__(self, stepper: Stepper, in_pieces: frozenset[str]) -> None:
-        """Take them from the stepper's state.
+        """Read them from the stepper's state.
 
         Args:
             stepper: Solves the steps.
@@ -146,12 +146,12 @@ class HeldParts(Watch):
         return [(data, self._borne[data.number]) for data in records]
 
     def remember(self) -> None:
-        """Have the forces of the last step outlast its equations. Collective."""
+        """Keep the forces of the last step beyond its equations. Collective."""
         if self._borne is None and self._stepped is self._stepper.system:
             self._borne = {data.number: self.borne(data) for data in self.records()}
 
     def forget(self) -> None:
-        """Have no forces known: an error has left the equations as it found them."""
+        """Forget forces: an error has left the equations as it found them."""
         self._stepped = None
 
     def accept(self, attempt: Attempt) -> None:

@@ -224,12 +224,12 @@ class Recovery:
         return np.concatenate([data.cells for data in parts])
 
     def remember(self) -> None:
-        """Have findings of the last step outlast its equations. Collective."""
+        """Keep findings of the last step beyond its equations. Collective."""
         if self._held is not None:
             self._held.remember()
 
     def forget(self) -> None:
-        """Have nothing known of the last step of held parts, which an error has ended."""
+        """Forget the last step of held parts, which an error has ended."""
         if self._held is not None:
             self._held.forget()
 

@@ -87,7 +87,7 @@ class Whole:
         return Bodies.of_each(body for body in every if id(body.data) not in which)
 
     def take(self, dt: float) -> None:
-        """Take the present state over; the first one's tangent is factored. Collective.
+        """Bind the present state; the first one's tangent is factored. Collective.
 
         The coefficients u₀ and u₁ of the forms are its own until `leave`.
 
@@ -117,7 +117,7 @@ class Whole:
         self._y.set(0.0)
 
     def leave(self) -> None:
-        """Have u₀ and u₁ be those of the run again."""
+        """Bring u₀ and u₁ of the run back."""
         self._stepper.state.restore(self._kept)
         self._forces.u1.x.array[:] = self._end
         self._forces.set_rate(1 / self._dt)

@@ -40,7 +40,7 @@ class Whereabouts:
         self._first: float | None = None  # time of the first report [s]
 
     def follow(self, report: Report) -> None:
-        """Take note of a report."""
+        """Record a report."""
         if self._first is None:
             self._first = report.t
         now = perf_counter()
@@ -88,7 +88,7 @@ class Pay:
         self._compiled = len(SPENT)
 
     def follow(self, report: Report) -> None:
-        """Take note of a report."""
+        """Record a report."""
         wall = report.wall - sum(SPENT[self._compiled :])
         self._compiled = len(SPENT)
         self._most = max(self._most, report.unknowns)
@@ -168,7 +168,7 @@ class Account:
         self._pay = Pay()
 
     def follow(self, report: Report) -> None:
-        """Take note of a report."""
+        """Record a report."""
         self._last = report
         self._whereabouts.follow(report)
         self._pay.follow(report)

@@ -56,7 +56,7 @@ class EnergyBalance(Look):
         self._lost = ""  # when, and how much of it, once it is lost
 
     def follow(self, report: Report) -> None:
-        """Take the next report into account.
+        """Add the next report.
 
         Args:
             report: Of the initial state first, then of every step.

@@ -36,7 +36,7 @@ class Peak:
     place: Array
 
     def __post_init__(self) -> None:
-        """Have arrays read only."""
+        """Make arrays read-only."""
         seal(self)
 
 

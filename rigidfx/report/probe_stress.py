@@ -63,7 +63,7 @@ class StressAt:
     recovered: bool = False
 
     def __post_init__(self) -> None:
-        """Have arrays read only."""
+        """Make arrays read-only."""
         seal(self)
 
     @property

@@ -353,4 +353,4 @@ class Look:
         raise NotImplementedError
 
     def end(self) -> None:
-        """Take note that the run has reached its end. Collective."""
+        """End with the run. Collective."""

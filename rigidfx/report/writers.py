@@ -57,7 +57,7 @@ class Writers:
         self._was: str | None = None
 
     def join(self, writer: Writer) -> None:
-        """Have a writer among them."""
+        """Add a writer."""
         if writer not in self._joined:
             self._joined.append(writer)
 

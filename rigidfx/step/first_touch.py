@@ -26,7 +26,7 @@ class FirstTouch:
     remembered: ClassVar[Remembered] = same("_open")
 
     def __init__(self, stepper: Stepper) -> None:
-        """Take over the stepper."""
+        """Keep the stepper."""
         self._stepper = stepper
         self._any = bool(stepper.scene.named(Contact))
         self._open: dict[str, int] = {}  # steps that each contact has been open

@@ -320,7 +320,7 @@ class LoadPath:
     def _accept(
         self, solution: Solution, t0: float, t1: float, cuts: int, before: Measures, size: float
     ) -> StepResult:
-        """Take the last solution over. Collective."""
+        """Accept the last solution. Collective."""
         system = self.system
         reactions, moments, work = system.reactions()
         joints, springs = system.joints(), system.spring_dampers()

@@ -102,7 +102,7 @@ class Stepper:
     # What it is bound to ------------------------------------------------------------------------
 
     def bind(self, division: Division, acting: Sequence[Windowed]) -> None:
-        """Take over a division of the cells and the effects that act from now on. Collective."""
+        """Bind a division of the cells and the effects that act from now on. Collective."""
         before = self.system if self._bound else None
         if before is not None:
             before.destroy()
@@ -148,7 +148,7 @@ class Stepper:
         self.forces.u1.x.array[:] = self.state.u.x.array  # what rounding is estimated by
 
     def show(self) -> None:
-        """Have watches look at the present division, those too that came after it. Collective."""
+        """Show watches the present division, those too that came after it. Collective."""
         for watch in self.watches:
             watch.bind(self._division.flexible)
 

@@ -60,7 +60,7 @@ class ConsistentExchange:
     """
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
-        """Take the problem over.
+        """Keep the problem.
 
         Args:
             scene: The problem.
@@ -183,7 +183,7 @@ class ConsistentExchange:
         named: bool = False,
         faces: Set[int] = frozenset(),
     ) -> Works:
-        """Have one more body, which keeps the part removed from the motion. Collective.
+        """Add a body, which keeps the part removed from the motion. Collective.
 
         Args:
             state: Gains the body.
@@ -226,7 +226,7 @@ class ConsistentExchange:
         return work
 
     def close(self, state: State, prescribed: Bools) -> float:
-        """Have velocities keep the joints closed, by impulses of these. Collective.
+        """Make velocities keep the joints closed, by impulses of these. Collective.
 
         Args:
             state: Its velocities are changed.

@@ -91,7 +91,7 @@ class Exchange(Protocol):
         ...
 
     def settle(self, state: State, division: Division, prescribed: Bools) -> None:
-        """Have the bodies of a division, momenta and energy kept. Collective.
+        """Settle the bodies of a division, momenta and energy kept. Collective.
 
         Args:
             state: Gets these bodies. Those of them that it has not had, parts that are named
@@ -173,7 +173,7 @@ class LumpedExchange:
     """The exchange where each node has its own mass: nodes outside a body are not concerned."""
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
-        """Take the problem over.
+        """Keep the problem.
 
         Args:
             scene: The problem.

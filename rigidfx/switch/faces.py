@@ -80,7 +80,7 @@ def has_bodies(scene: Scene) -> bool:
 
 
 def with_faces(scene: Scene, forces: InternalForces, state: State) -> set[int]:
-    """Have as bodies of a state, last, all rigid faces that no other one holds. Collective.
+    """Add as bodies of a state, last, all rigid faces that no other one holds. Collective.
 
     Args:
         scene: The problem.

@@ -66,7 +66,7 @@ class Switch:
     }
 
     def __init__(self, stepper: Stepper, timeline: Timeline, start: Start | None = None) -> None:
-        """Take a stepper over.
+        """Keep a stepper.
 
         Args:
             stepper: It is not bound to any division yet.
@@ -108,7 +108,7 @@ class Switch:
             warn(scene.comm, implied_rows(tuple(linkage.rows.redundant)))
 
     def _started(self, known: Set[int] = frozenset()) -> tuple[Motor, ...]:
-        """Have velocities follow motors that prescribe a motion; those that start to do so.
+        """Make velocities follow motors that prescribe a motion; the motors that start to do so.
 
         Args:
             known: Identities of the effects that act already.
@@ -298,12 +298,12 @@ class Switch:
         return True
 
     def regroup(self, bodies: Bodies) -> None:
-        """Have bodies with more shapes in place of those that there are. Collective."""
+        """Replace the bodies by those with more shapes. Collective."""
         self._stepper.state.group(bodies)
         self._bind(list(bodies))
 
     def shape_found(self, shape: Callable[[Body], Body]) -> None:
-        """Have bodies that are found get shapes."""
+        """Give shapes to bodies that are found."""
         self._exchange.shape = shape
 
     def apply(self, decision: Decision, eased: Eased | None = None) -> Event | None:

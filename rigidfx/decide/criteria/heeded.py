@@ -84,7 +84,7 @@ class _Heeded:
     """Something of a criterion's, whose failures are kept."""
 
     def __init__(self, given: Any, owner: str, failures: Failures, owned: int) -> None:
-        """Take it over.
+        """Keep it.
 
         Args:
             given: The rule, or the indicator.
@@ -134,7 +134,7 @@ class _Rule(_Heeded):
     remembered: ClassVar[Remembered] = {"_given": PART}
 
     def __init__(self, rule: Rule, owner: str, failures: Failures, owned: int) -> None:
-        """Take it over; arguments as of the base."""
+        """Keep it; arguments as of the base."""
         super().__init__(rule, owner, failures, owned)
         self._no_cells = np.zeros(owned, dtype=bool)
 

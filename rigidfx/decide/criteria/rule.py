@@ -37,11 +37,11 @@ class Rule(Protocol):
         ...
 
     def observe(self, seen: Observation) -> None:
-        """Take notice of a step that was accepted, once observation has begun. Collective."""
+        """Record a step that was accepted, once observation has begun. Collective."""
         ...
 
     def window_ends(self, seen: Observation, flexible: Bools) -> None:
-        """Take notice of the end of a window, before `tol` is asked. Collective.
+        """Record the end of a window, before `tol` is asked. Collective.
 
         Args:
             seen: The state at that time.

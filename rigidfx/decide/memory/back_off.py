@@ -72,7 +72,7 @@ class BackOff:
         return able & ~longer(self.needed(), self.windows + 1)
 
     def window_ended(self, able: Bools, length: float) -> None:
-        """Take notice of the end of a window.
+        """Record the end of a window.
 
         Args:
             able: Cells that have qualified.
@@ -84,7 +84,7 @@ class BackOff:
         self.windows[failed], self.observed[failed] = 0, 0.0
 
     def switched(self, rigid: Bools, t: float, counts: bool) -> bool:
-        """Take notice of which cells are rigid after an event.
+        """Record which cells are rigid after an event.
 
         Args:
             rigid: Cells in bodies.

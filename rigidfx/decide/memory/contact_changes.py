@@ -55,13 +55,13 @@ class ContactChanges:
         return [k for k, change in changes.items() if _size(change) > least[k]]
 
     def follow(self, touches: Mapping[str, Touch]) -> None:
-        """Take note of a step that was accepted."""
+        """Record a step that was accepted."""
         self._last = {title: _of(touch) for title, touch in touches.items()}
         for title, forces in self._last.items():
             self._largest[title] = max(_size(forces), self._largest.get(title, 0.0))
 
     def remember(self) -> None:
-        """Take the last forces as those of the present bodies."""
+        """Record the last forces as those of the present bodies."""
         self._reference = dict(self._last)
 
 

@@ -64,7 +64,7 @@ class LoadChanges:
         return any(self._timeline.same(t, end) for end in self._supports)
 
     def remember(self, t: float) -> None:
-        """Take the loads at t [s] as those of the present bodies. Collective."""
+        """Record the loads at t [s] as those of the present bodies. Collective."""
         self.reference = self._signals(t)
 
     def ahead(self, t: float) -> str:

@@ -66,7 +66,7 @@ class Signals:
         self._added += 1
 
     def rest_since(self, t: float) -> None:
-        """Take note of the time from which on loads have rested [s].
+        """Record the time from which on loads have rested [s].
 
         Once loads have rested for half of the record, its older half is forgotten. A load that has
         risen and stays is no oscillation, but looks like the beginning of a slow one.

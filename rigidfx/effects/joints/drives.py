@@ -198,7 +198,7 @@ class Drives:
         return out
 
     def remember(self, notes: dict[int, Any]) -> None:
-        """Take over the memory of earlier divisions."""
+        """Keep the memory of earlier divisions."""
         for drive in self.each:
             if (known := notes.get(id(drive.effect))) is not None:
                 self.multipliers[drive.number], wanted, drive.known = known
@@ -240,7 +240,7 @@ class Drives:
         return min(drive.wanted, key=lambda wanted: abs(wanted - q))
 
     def begin_at(self, q: Mapping[tuple[int, str], float]) -> None:
-        """Take coordinates at the start of a step, by joint and name."""
+        """Set coordinates at the start of a step, by joint and name."""
         self._q0 = q
 
     def efforts(self, multipliers: Array, joint: int) -> dict[str, float]:

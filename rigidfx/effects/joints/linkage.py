@@ -164,7 +164,7 @@ class Linkage:
         self._pose = bodies.pose
 
     def _remember(self) -> None:
-        """Take over the memory of earlier divisions."""
+        """Keep the memory of earlier divisions."""
         for k, (joint, own) in enumerate(zip(self._joints, self.rows.of_joints, strict=True)):
             if (before := self._notes.get(id(joint))) is not None:
                 self.rows.multipliers[own] = before[0]

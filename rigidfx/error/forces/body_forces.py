@@ -64,7 +64,7 @@ class BodyForces(Watch):
                 self.borne = self._parts, self._force.force(t, dt)
 
     def _follow(self) -> None:
-        """Have the present bodies. Collective."""
+        """Bind the present bodies. Collective."""
         if self._stepper.system is self._system:
             return
         self._system = self._stepper.system

@@ -116,7 +116,7 @@ class Parts:
         return out
 
     def balance(self, force: Array) -> None:
-        """Take forces that move the bodies as a whole out, in place: by masses. Collective.
+        """Remove forces that move the bodies as a whole, in place: by masses. Collective.
 
         Args:
             force: On the nodes of the rows, in the bodies' frames, shape (nodes, 3) [N].

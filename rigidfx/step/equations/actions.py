@@ -51,7 +51,7 @@ class Heeded:
     """Functions of those actions that do something of their own by a method."""
 
     def __init__(self, owners: Mapping[int, str], failures: Failures) -> None:
-        """Take over who is who.
+        """Keep who is who.
 
         Args:
             owners: Names of actions in messages, by their identities.
@@ -254,7 +254,7 @@ class Actions:
         self.dead = not doing(own, "resist")
 
     def creep_for(self, time: float, began: Instant) -> None:
-        """Have friction be that of a longer motion; see `ContactAction`."""
+        """Compute friction for a longer motion; see `ContactAction`."""
         for creep in self._calls["creep_for"]:
             creep(time, began)
 
@@ -330,7 +330,7 @@ class Actions:
         return energies[0], energies[1]
 
     def accept(self) -> None:
-        """Take note that the last iterate has become a step. Collective where something fades."""
+        """Accept the last iterate as a step. Collective where something fades."""
         for accept in self._calls["accept"]:
             accept()
         if over := [e for e in self.easing if e.over]:  # an attempt may be cut, a step is not

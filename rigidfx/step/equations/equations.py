@@ -203,7 +203,7 @@ class Equilibrium:
         return float(y.norm(PETSc.NormType.INFINITY))
 
     def accept(self) -> None:
-        """Take note that the last iterate has become a step."""
+        """Accept the last iterate as a step."""
 
     @property
     def dt(self) -> float:
@@ -223,7 +223,7 @@ class Equilibrium:
         self._cells.displace(self.start + self.d.array_r)
 
     def return_to(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
-        """Have d, u₁ and forces belong to these unknowns, as a rule the last ones. Collective.
+        """Bring d, u₁ and forces back to these unknowns, as a rule the last ones. Collective.
 
         A solver of the user's, chosen by PETSc's options, may have looked elsewhere last.
 

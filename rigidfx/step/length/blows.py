@@ -107,7 +107,7 @@ class Blows:
         return size * dt / 12 * off
 
     def accept(self) -> None:
-        """Take note that the step that was looked at last is one."""
+        """Accept the step that was looked at last."""
         self._known, self._fastest = (*self._known[-1:], self._next), self._speed
         for title, force in self._next.of.items():
             # A step that ends at a touch may press by rounding, on some ranks and not on others.

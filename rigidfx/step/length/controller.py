@@ -336,7 +336,7 @@ class Controller:
     def accept(
         self, error: float, t: float, dt: float, now: Moves, young: bool, unknowns: int = 0
     ) -> None:
-        """Take note of a step, and choose the next.
+        """Record a step, and choose the next.
 
         Args:
             error: Its estimated error [m]; NaN if there is none.

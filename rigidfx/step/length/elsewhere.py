@@ -55,5 +55,5 @@ class Elsewhere:
         return lengths[:, :n].max(axis=1), others
 
     def accept(self) -> None:
-        """Take note that the step that was looked at last is one."""
+        """Accept the step that was looked at last."""
         self._moved = self._next

@@ -68,7 +68,7 @@ class Breakpoints:
         self._event = self._stop = self._step = self._for = nan
 
     def expect(self, event: float) -> None:
-        """Take a time [s] for a breakpoint."""
+        """Add a time [s] as a breakpoint."""
         self._event = event
 
     def meets(self, t: float) -> bool:

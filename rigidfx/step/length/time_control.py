@@ -75,7 +75,7 @@ class TimeControl(WarnsOnce):
         return self.length.tol
 
     def follow(self, system: System, state: State) -> None:
-        """Take over the equations of a division. Collective."""
+        """Follow the equations of a division. Collective."""
         first, self._system, self._state = self._system is None, system, state
         if self._tracked.bind(system, state.bodies):
             self._error.switched()
@@ -92,7 +92,7 @@ class TimeControl(WarnsOnce):
         self.length.tol = tol
 
     def expect(self, event: float) -> None:
-        """Take a time [s] for a breakpoint, as of the first touch of a contact."""
+        """Add a time [s] as a breakpoint, as of the first touch of a contact."""
         self._breakpoints.expect(event)
 
     def target(self, t: float) -> float:
@@ -152,7 +152,7 @@ class TimeControl(WarnsOnce):
         )
 
     def accept(self, attempt: Attempt) -> None:
-        """Take note that the step that was looked at last is one. Collective."""
+        """Accept the step that was looked at last. Collective."""
         young = self._error.young
         self._error.accept()
         self._elsewhere.accept()

@@ -112,7 +112,7 @@ class TimeError:
         return dt**3 / 12 * self.swinging
 
     def accept(self) -> None:
-        """Take note that the step that was looked at last is one."""
+        """Accept the step that was looked at last."""
         self._times, self._a, self._squares = self._next
 
 

@@ -115,7 +115,7 @@ def configure(
 
 
 def forget_failed(ksp: PETSc.KSP) -> None:
-    """Have factors that have failed made anew: MUMPS would raise an error of its own. Collective.
+    """Renew factors that have failed: MUMPS would raise an error of its own. Collective.
 
     Args:
         ksp: A linear solver.

@@ -161,7 +161,7 @@ _monitor: ContextVar[Monitor | None] = ContextVar("monitor", default=None)
 
 
 def monitor_solves(snes: PETSc.SNES) -> None:
-    """Have the monitor of the run at work see the iterates of a solver."""
+    """Show the iterates of a solver to the monitor of the run at work."""
     if _monitor.get() is None:
         return
 

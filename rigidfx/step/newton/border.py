@@ -118,7 +118,7 @@ class Border:
     """
 
     def __init__(self, equilibrium: JoinedEquilibrium) -> None:
-        """Take the equations.
+        """Keep the equations.
 
         Args:
             equilibrium: The equations, with joints.
@@ -150,7 +150,7 @@ class Border:
         return values
 
     def renew(self, solve: Solve, ksp: PETSc.KSP | None = None) -> None:
-        """Take note of a new tangent. Collective.
+        """Follow a new tangent. Collective.
 
         Args:
             solve: Solves with it, A z = r.
@@ -261,7 +261,7 @@ class BorderedFactors:
         self._equilibrium, self._border = equilibrium, Border(equilibrium)
 
     def within(self, ksp: PETSc.KSP) -> PETSc.KSP:
-        """Have a solver of SNES's solve by this; the one within, which is to be configured."""
+        """Make a solver of SNES's solve by this; the one within, which is to be configured."""
         ksp.setType(PETSc.KSP.Type.PREONLY)
         ksp.getPC().setType(PETSc.PC.Type.PYTHON)
         ksp.getPC().setPythonContext(self)
@@ -277,7 +277,7 @@ class BorderedFactors:
         return empty
 
     def renew(self) -> None:
-        """Take note of a new tangent. Collective."""
+        """Follow a new tangent. Collective."""
         self.inner.setOperators(self._equilibrium.tangent_matrix)
         self._border.renew(self.inner.solve, self.inner)
 

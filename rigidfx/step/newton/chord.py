@@ -138,7 +138,7 @@ class Control:
         self._from = self._made = 0
 
     def lose(self) -> None:
-        """Take note that the tangent serves no longer."""
+        """Drop the tangent, which serves no longer."""
         self.missing = True
 
     def exhausted(self, iterations: int) -> bool:
@@ -170,13 +170,13 @@ class Control:
         return left > self.price + self._numbers.own or taken + left > limit
 
     def renewed(self, history: Sequence[float]) -> None:
-        """Take note of a new tangent at the last iterate."""
+        """Record a new tangent at the last iterate."""
         self.missing = False
         self._made += 1
         self._from = len(history) - 1
 
     def followed(self, history: Sequence[float]) -> None:
-        """Take note that the tangent follows a jump of contacts since the last iterate.
+        """Record that the tangent follows a jump of contacts since the last iterate.
 
         Args:
             history: ‖R‖ at each iterate of this step.
@@ -184,7 +184,7 @@ class Control:
         self._from = len(history) - 1
 
     def accepted(self, iterations: int, tangents: int) -> None:
-        """Take note of a step with kept tangents.
+        """Record a step with kept tangents.
 
         Args:
             iterations: How many it took.
@@ -194,7 +194,7 @@ class Control:
         self._whole += self._of_newton
 
     def failed(self, iterations: int, tangents: int) -> None:
-        """Take note of an attempt by kept tangents that has failed.
+        """Record an attempt by kept tangents that has failed.
 
         Args:
             iterations: How many it took.
@@ -205,7 +205,7 @@ class Control:
         self._pay(iterations, tangents)
 
     def passed(self, iterations: int, whole: bool = True) -> None:
-        """Take note of a step by Newton's method.
+        """Record a step by Newton's method.
 
         Args:
             iterations: How many it took.
@@ -218,7 +218,7 @@ class Control:
         self._whole += self._of_newton
 
     def _pay(self, iterations: int, tangents: int) -> None:
-        """Take note of the cost of kept tangents in place of a step by Newton's method."""
+        """Record the cost of kept tangents in place of a step by Newton's method."""
         cost = iterations + self.price * tangents
         self._debt = max(-self._lent, self._debt + cost - self._of_newton)
 
@@ -321,7 +321,7 @@ class Chord:
         return TwoLevels if self._once_stiff else IncompleteFactors
 
     def go_on(self, before: Chord) -> None:
-        """Take over findings of the division before, which may have been freed."""
+        """Keep findings of the division before, which may have been freed."""
         self._once_stiff = before._once_stiff
 
     @cached_property
@@ -346,7 +346,7 @@ class Chord:
         self.tangents = 0
 
     def look(self) -> None:
-        """Take note of the last iterate: its rounding tells nothing of the tangent."""
+        """Record the last iterate: its rounding tells nothing of the tangent."""
         self._kept.learning = self.stop.history[-1] > CLEAR * self.stop.target
 
     def renew(self) -> None:
@@ -359,7 +359,7 @@ class Chord:
             self.make()
 
     def _follow(self) -> bool:
-        """Have contacts as they are now in the kept tangent, if that is worth it. Collective."""
+        """Update contacts in the kept tangent, if that is worth it. Collective."""
         entries = self._equilibrium.jumping()
         if self._control.missing or entries is None:
             return False
@@ -388,15 +388,15 @@ class Chord:
         return self._control.exhausted(len(self.stop.history) - 1)
 
     def fail(self) -> None:
-        """Take note that Newton's method takes over, and makes tangents of its own."""
+        """Record that Newton's method goes on, with tangents of its own."""
         self._control.failed(len(self.stop.history) - 1, self.tangents)
 
     def accept(self) -> None:
-        """Take note that the last solve has become a step."""
+        """Accept the last solve as a step."""
         self._control.accepted(len(self.stop.history) - 1, self.tangents)
 
     def accept_newton(self, stop: StoppingTest) -> None:
-        """Take note that a solve by Newton's method, with this test, has become a step."""
+        """Accept a solve by Newton's method, with this test, as a step."""
         self._control.passed(len(stop.history) - 1, not stop.continued)
 
     def serves(self, dt: float) -> bool:

@@ -61,7 +61,7 @@ class IncompleteFactors:
         return int(self._ksp.getIterationNumber())
 
     def renew(self) -> None:
-        """Take note of a new tangent. Collective."""
+        """Follow a new tangent. Collective."""
         with default_options(OWN, **self._defaults):  # blocks are told when they are made
             self._ksp.setUp()
 

@@ -89,7 +89,7 @@ class Secants:
         self._last = given, z.copy()
 
     def _learn(self, given: Array) -> None:
-        """Take the pair of the last two iterates."""
+        """Add the pair of the last two iterates."""
         assert self._last is not None
         before, taken = self._last
         k = self._next
@@ -138,7 +138,7 @@ class KeptTangent:
         y: PETSc.Vec,
         border: Border | None = None,
     ) -> None:
-        """Take over the solver of a matrix that others fill.
+        """Keep the solver of a matrix that others fill.
 
         Args:
             inverse: Solves with it.
@@ -159,7 +159,7 @@ class KeptTangent:
         self.iterations, self.learning = 0, True
 
     def replace(self, inverse: Inverse) -> None:
-        """Take another inverse, which has no tangent yet. Collective.
+        """Replace the inverse by one that has no tangent yet. Collective.
 
         Args:
             inverse: Solves with a matrix that others fill.
@@ -203,7 +203,7 @@ class KeptTangent:
         self._contacts.mend(z)
 
     def follow(self, entries: csr_array) -> bool:
-        """Have the stiffness of contacts at the last iterate in the tangent. Collective.
+        """Update the tangent by the stiffness of contacts at the last iterate. Collective.
 
         Args:
             entries: The stiffness, equal on all ranks.
@@ -220,7 +220,7 @@ class KeptTangent:
         return True
 
     def renewed(self, entries: csr_array | None) -> None:
-        """Take note that the tangent has just been assembled, in this step. Collective.
+        """Record that the tangent has just been assembled, in this step. Collective.
 
         Args:
             entries: Stiffness of contacts in it; None without any.

@@ -52,7 +52,7 @@ class LowRank:
         self.renewed(None)
 
     def renewed(self, entries: csr_array | None) -> None:
-        """Take note of a new tangent.
+        """Record a new tangent.
 
         Args:
             entries: K₀, equal on all ranks; None if nothing may jump.
@@ -69,7 +69,7 @@ class LowRank:
     def follow(
         self, entries: csr_array, Q: Array | None, factor: float, most: float, solve: Solve
     ) -> bool:
-        """Take the stiffness of contacts at the last iterate. Collective.
+        """Follow the stiffness of contacts at the last iterate. Collective.
 
         Args:
             entries: K, equal on all ranks.
@@ -100,7 +100,7 @@ class LowRank:
         return B
 
     def turn(self, Q: Array | None, factor: float) -> None:
-        """Take note that the structure has turned, or that Δt has changed. Collective.
+        """Follow a turn of the structure, or a change of Δt. Collective.
 
         Args:
             Q: Rotation of each vector of unknowns since the tangent was assembled; None for none.
@@ -182,7 +182,7 @@ class LowRank:
         return out
 
     def _take(self, change: csr_array) -> None:
-        """Take Δ at the unknowns of B."""
+        """Pick Δ at the unknowns of B."""
         self._W = np.asarray((change.T @ self._B).T)
         self._factors = lu_factor(np.eye(self.columns) + self._W @ self._C)
 

@@ -210,7 +210,7 @@ class Newton:
         self._began = 0.0  # ‖R‖ at the first guess, where Newton's method goes on from another [N]
 
     def go_on(self, before: Newton) -> None:
-        """Take over findings of the division before, which may have been freed."""
+        """Keep findings of the division before, which may have been freed."""
         self.conserving.rounding = before.conserving.rounding
         if self._chord is None:
             self._experience = before._experience
@@ -305,7 +305,7 @@ class Newton:
         return self._solution(reason, self._tangents, linear, solver)
 
     def _take_pivots(self, pivots: bool) -> None:
-        """Have factors of Newton's own solver with pivots, or without."""
+        """Choose factors of Newton's own solver with pivots, or without."""
         if not self._krylov and pivots != self._pivots:
             self._pivots = pivots
             self._configure(self._snes.getKSP(), True)
@@ -327,7 +327,7 @@ class Newton:
         )
 
     def renew_tangent(self) -> None:
-        """Have the tangent ready that the next linear system takes. Collective."""
+        """Assemble the tangent of the next linear system. Collective."""
         if self._keeping and self._chord is not None:
             self._chord.look()
             if not self.conserving.following:
@@ -402,7 +402,7 @@ class Newton:
         return 0
 
     def accept(self) -> None:
-        """Take note that the last solution has become a step."""
+        """Accept the last solution as a step."""
         self.equilibrium.accept()
         if self._chord is None:
             return

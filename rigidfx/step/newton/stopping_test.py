@@ -76,7 +76,7 @@ class StoppingTest:
         self._renewed_at = -1
 
     def renewed(self) -> None:
-        """Take note of a new tangent at the last iterate."""
+        """Record a new tangent at the last iterate."""
         self._renewed_at = len(self.history) - 1
 
     @property
@@ -104,7 +104,7 @@ class StoppingTest:
         return max(self.history[0], self._before)
 
     def expect_rounding(self, noise: float) -> None:
-        """Take over the size of the terms whose difference R is [N]."""
+        """Set the size of the terms whose difference R is [N]."""
         self._noise = noise
         self.rounding = ROUNDING * float(np.finfo(np.float64).eps) * noise
 

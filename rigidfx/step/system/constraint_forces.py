@@ -55,7 +55,7 @@ class ReducedMass:
     """
 
     def __init__(self, p: Prolongation, mass: Mass, bodies: Bodies) -> None:
-        """Take its parts."""
+        """Keep its parts."""
         self.p, self.mass, self._bodies = p, mass, bodies
         self._matrix: PETSc.Mat | None = None
         self._r, self._y = p.unknowns(), p.unknowns()
@@ -109,7 +109,7 @@ class HeldForces:
     """w of supports that move, M w and their forces."""
 
     def __init__(self, prescribed: PrescribedDofs, reduced: ReducedMass) -> None:
-        """Take the supports. Collective.
+        """Keep the supports. Collective.
 
         Args:
             prescribed: Dofs that they hold.

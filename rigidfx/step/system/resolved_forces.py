@@ -71,7 +71,7 @@ class PresentTangent:
         self._A: PETSc.Mat | None = None
 
     def renew(self) -> None:
-        """Take the tangent at the last iterate; other solvers keep theirs. Collective."""
+        """Renew the tangent at the last iterate; other solvers keep theirs. Collective."""
         matrix = self._equilibrium.tangent_matrix
         others = matrix.copy() if matrix.assembled else None
         entries = _entries(matrix)
@@ -125,7 +125,7 @@ class ResolvedConstraints:
     def __init__(
         self, equations: Equilibrium, mass: Mass, prescribed: PrescribedDofs, scene: Scene
     ) -> None:
-        """Take the equations of steps. Collective.
+        """Keep the equations of steps. Collective.
 
         Args:
             equations: The equations.

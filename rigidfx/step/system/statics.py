@@ -148,7 +148,7 @@ class StaticSystem(Equations):
         self.actions.loads.scale(t)
 
     def take_drag(self, drag: float) -> None:
-        """Have joints know the drag per mass of a load step [1/s²]."""
+        """Tell joints the drag per mass of a load step [1/s²]."""
         if isinstance(self.equilibrium, DraggedEquilibrium):
             self.equilibrium.drag = drag
 
@@ -201,7 +201,7 @@ class StaticSystem(Equations):
         return float(self._scene.comm.allreduce(own, op=MPI.MAX))
 
     def accept(self, t0: float, t1: float) -> None:
-        """Take the last solution over into the state, which then is at t₁. Collective.
+        """Put the last solution into the state, which then is at t₁. Collective.
 
         Where the time is fixed, that of the state stays.
         """

@@ -219,7 +219,7 @@ class System(Equations):
         return self.equilibrium.prolongation.increments
 
     def accept(self, state: State, dt: float, t: float) -> Work:
-        """Take the found increment over into the state, which then is at time t. Collective."""
+        """Add the found increment to the state, which then is at time t. Collective."""
         work = self.foresee(state, dt, t)
         self.newton.accept()
         self.actions.accept()

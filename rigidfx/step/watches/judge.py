@@ -125,7 +125,7 @@ class Judge:
     """Accepts attempts, or objects."""
 
     def __init__(self, scene: Scene, inversion: Inversion, inexact: Look | None = None) -> None:
-        """Take over the problem, and the looks.
+        """Keep the problem, and the looks.
 
         Args:
             scene: The problem.
@@ -198,7 +198,7 @@ class Watch:
         """Be as one that a checkpoint has brought back: forget all but `remembered`."""
 
     def accept(self, attempt: Attempt) -> None:
-        """Take note that an attempt becomes a step; the state is that at its start. Collective.
+        """Accept an attempt as a step; the state is that at its start. Collective.
 
         Args:
             attempt: The forms' u₀ and u₁ hold its ends.
@@ -211,7 +211,7 @@ class Measuring(Watch):
     remembered: ClassVar[Remembered] = {}
 
     def __init__(self, indicator: Indicator) -> None:
-        """Take the indicator over."""
+        """Keep the indicator."""
         self._indicator = indicator
 
     def bind(self, flexible: Cells) -> None:

@@ -77,7 +77,7 @@ class Gains:
         return jump_of(path, t0, t1, u0, u1)
 
     def accept(self) -> None:
-        """Take note that the last attempt becomes a step."""
+        """Accept the last attempt as a step."""
         self._before |= self._now
 
 
@@ -122,7 +122,7 @@ class Jumps(WarnsOnce):
         self._found = ""
 
     def accept(self, attempt: Attempt) -> None:
-        """Take note that the last attempt becomes a step, and warn of its findings."""
+        """Accept the last attempt as a step, and warn of its findings."""
         self._gains.accept()
         if self._found and self.waits:
             self.say(self._found)
