@@ -66,8 +66,8 @@ __all__ = ["Chord", "Control", "pays"]
 
 # Unknowns from which one rank keeps tangents: of 20 systems of 189 to 486 steps took .34 to .79 of
 # those by Newton's method, in one soft system 1.07; of 132 unknowns 1.1, of 6 and 36 1.2 to 1.3.
-# It keeps them from more dofs of flexible cells on, too, as each tangent condenses bodies: a rigid
-# one took 1.24 beside 150 dofs, .87 beside 225, .93 beside 294, where one of 23 shapes took .44.
+# Beside bodies with shapes it keeps them from more dofs of flexible cells on, too, as each tangent
+# condenses many columns: one of 23 shapes took .44, a rigid one 1.24 beside 150 dofs, .93 by 294.
 SMALLEST = 150
 # Unknowns up to which several ranks, whose factors MUMPS makes, keep none, and one rank keeps full
 # ones, as GMRES is no faster.
@@ -415,5 +415,6 @@ def pays(equilibrium: Equilibrium) -> bool:
     p = equilibrium.prolongation
     alone = p.comm.size == 1
     large = p.size >= (SMALLEST if alone else FULL_UP_TO)
-    large |= alone and p.layout.rows.dofs.size > SMALLEST
+    deforms = p.layout.ensemble.shapes is not None
+    large |= alone and deforms and p.layout.rows.dofs.size > SMALLEST
     return equilibrium.inertial and large and not told
