@@ -33,12 +33,13 @@ from time import process_time
 
 import numpy as np
 from bench import Parser, conclude
+from bench.crank import BLOCK, driven
 from common import say
 
 import rigidfx as rf
 from meshes.device import device
 from meshes.gong import MALLET, PLACES, SIDE, gong
-from meshes.mechanism import FILLET, LENGTH, RADIUS, slider_crank
+from meshes.mechanism import FILLET, slider_crank
 from meshes.robot_arm import HEIGHT, TIP, robot_arm
 
 SOFT = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)  # Pa, 1, kg/m³
@@ -281,22 +282,13 @@ def crank(size: float) -> Case:
     """The slider-crank of `demos/mechanism.py`, brought to speed, turned and stopped."""
     speed, ramp = 100.0, 0.02  # rad/s, s
     brake = ramp / 2 + np.pi / speed  # s
-    face, z, wrist = rf.MeanFace, (0.0, 0.0, 1.0), (RADIUS + LENGTH, 0.0, 0.0)
 
     def smooth(t: float) -> float:
         s = min(max(t / ramp, 0.0), 1.0)
         return s * s * (3 - 2 * s)
 
-    effects = [
-        rf.Revolute("ground", face("journals"), (0, 0, 0), z, name="bearing"),
-        rf.Cylindrical(face("pin"), face("big eye"), (RADIUS, 0, 0), z, name="crank pin"),
-        rf.Spherical(face("small eye"), face("wrist"), wrist, name="wrist pin"),
-        rf.Prismatic("ground", face("slides"), wrist, (1, 0, 0), name="guide"),
-        rf.Motor("bearing", speed=lambda t: speed * (smooth(t) - smooth(t - brake))),
-        rf.Stop("guide", low=-2 * RADIUS + 5e-4, stiffness=2e7),
-        rf.NumericalDamping(0.1),
-    ]
-    points = {"fillet": FILLET, "block": (RADIUS + LENGTH + 0.069, 0.0, 0.03)}
+    effects = driven(lambda t: speed * (smooth(t) - smooth(t - brake)))
+    points = {"fillet": FILLET, "block": BLOCK}
 
     def scene(*parts: rf.Reduced) -> rf.Scene:
         steel = rf.StVenantKirchhoff(E=2.1e11, nu=0.3, rho=7800.0)

@@ -21,7 +21,7 @@ __all__ = ["Solver"]
 # Part of forces that a solve may leave. More is left where K is singular, or slender parts make
 # rounding of K u large; then a correction by the rest is below √SOLVED where K is not singular.
 SOLVED = 1e-6
-# Bytes of factors; those of a block of 300 000 unknowns or of a plate of a million take as many.
+# Bytes of factors, as estimated; a plate of a million unknowns is below, and took 2.7e9.
 LARGEST_FACTORS = 4e9
 UNSTABLE = (
     "Reduced: the structure is not stable in its present state, its stiffness is not definite: it "

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 import rigidfx as rf
-from meshes.mechanism import LENGTH, RADIUS, slider_crank
+from meshes.mechanism import slider_crank
 
+from .crank import BLOCK, driven
 from .waking_scenes import BASE, COARSE, SOFT, STEEL, STIFF, pulse
 from .waking_structures import DRAG, Built, bar, push, scene
 
@@ -51,24 +52,14 @@ def wave(across: int) -> rf.Scene:
 
 def crank(across: int) -> rf.Scene:
     """The machine of demos/mechanism.py, which meets a stop, of first-order cells."""
-    size, face = 0.04 if across <= COARSE else 0.03, rf.MeanFace
-    z, wrist = (0.0, 0.0, 1.0), (RADIUS + LENGTH, 0.0, 0.0)
+    size = 0.04 if across <= COARSE else 0.03
 
     def speed(t: float) -> float:
         s = min(t / RAMP, 1.0)
         return SPEED * s * s * (3 - 2 * s)
 
-    effects = [
-        rf.Revolute("ground", face("journals"), (0, 0, 0), z, name="bearing"),
-        rf.Cylindrical(face("pin"), face("big eye"), (RADIUS, 0, 0), z, name="crank pin"),
-        rf.Spherical(face("small eye"), face("wrist"), wrist, name="wrist pin"),
-        rf.Prismatic("ground", face("slides"), wrist, (1, 0, 0), name="guide"),
-        rf.Motor("bearing", speed=speed),
-        rf.Stop("guide", low=-2 * RADIUS + 5e-4, stiffness=2e7),  # N/m
-        rf.NumericalDamping(0.1),
-    ]
-    probes = {"tip": (RADIUS + LENGTH + 0.069, 0.0, 0.03)}
-    return rf.Scene(slider_crank(size, size / 2), STEEL, effects, probes=probes)
+    made = slider_crank(size, size / 2)
+    return rf.Scene(made, STEEL, driven(speed), probes={"tip": BLOCK})
 
 
 ALONE: dict[str, Built] = {
