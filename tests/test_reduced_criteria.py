@@ -20,6 +20,8 @@ def bar(*effects):
     """A free bar that two blows bend; damping brings it to rest in between."""
     domain = rf.box((0, 0, 0), (3.0, 0.2, 0.2), (24, 2, 2))
     domain = domain.with_cells("middle", lambda x: (x[0] > 0.99) & (x[0] < 2.01))
+    domain = domain.with_cells("centre", lambda x: (x[0] > 1.24) & (x[0] < 1.76))
+    domain = domain.with_cells("rest", lambda x: x[0] > 1.49)
     blows = (
         rf.Traction("x1", (0, 0, 2e3), until=0.02),
         rf.Traction("x1", (0, 1e5, 0), since=0.2, until=0.22),
@@ -90,3 +92,20 @@ def test_a_release_leaves_named_parts_as_they_are():
     counts = {round(report.t, 6): [body.name for body in report.bodies] for report in run}
     assert len(counts[0.149]) == 3
     assert counts[0.151] == ["middle"]
+
+
+@pytest.mark.parametrize(
+    "criterion",
+    [
+        {"rigidify": rf.StrainRate(1e-2, 0.02, tolerances={"centre": 1.0})},
+        {"rigidify": rf.StrainRate(1e-2, 0.02, never="middle")},
+        {"accuracy": rf.Accuracy(0.1, never="centre")},
+    ],
+    ids=["tolerance", "never", "accuracy"],
+)
+def test_sets_in_a_reduced_part_are_refused_and_sets_beyond_it_are_not(criterion):
+    """Nothing that a criterion says of cells of a named part alone would count."""
+    inside = rf.simulate(bar(rf.Reduced("middle")), DT, 0.25, progress=False, **criterion)
+    with pytest.raises(rf.SceneError, match=r"'(centre|middle)' lies in Reduced on 'middle'"):
+        next(inside)
+    next(rf.simulate(bar(rf.Reduced("rest")), DT, 0.25, progress=False, **criterion))

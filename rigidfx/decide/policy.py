@@ -22,7 +22,7 @@ from rigidfx.base.types import Array, Bools
 from rigidfx.decide.advice import Advice
 from rigidfx.decide.clusters import NONE, CellGraph
 from rigidfx.decide.criteria.heeded import heeded_rule
-from rigidfx.decide.criteria.judging import CHANGE, Criterion, part_of_window
+from rigidfx.decide.criteria.judging import CHANGE, Criterion, judged_cells, part_of_window
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision, qualify
 from rigidfx.decide.easing import Easing
@@ -76,7 +76,8 @@ class Policy:
             failures: Keeps exceptions of the criterion's rule.
 
         Raises:
-            SceneError: If a name is unknown, or the mesh was distributed without ghost cells.
+            SceneError: If a name is unknown or in a `Reduced` part, or the mesh was distributed
+                without ghost cells.
         """
         self._scene, self._criterion, self._timeline = scene, criterion, timeline
         self._failures = failures
@@ -85,7 +86,7 @@ class Policy:
         self._every = np.ones(self._graph.owned, dtype=bool)
         self._never = ~self._every
         for name in criterion.never:
-            self._never[scene.owned_cells(name, f"{type(criterion).__name__} (never)")] = True
+            self._never[judged_cells(scene, name, f"{type(criterion).__name__} (never)")] = True
         self.releases = Releases(scene, criterion.releases, timeline)
         self.named = NamedParts(scene, self._graph, alone=criterion.grow)
         self._easing = Easing(part_of_window(type(criterion).__name__, criterion.easing))

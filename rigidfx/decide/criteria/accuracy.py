@@ -16,7 +16,7 @@ from rigidfx.base.log import tell
 from rigidfx.base.taken import take_fields
 from rigidfx.base.warning import warn
 from rigidfx.decide.criteria.budget_rule import BudgetRule
-from rigidfx.decide.criteria.judging import CHANGE, Criterion, never_rigid
+from rigidfx.decide.criteria.judging import CHANGE, Criterion, judged_cells, never_rigid
 from rigidfx.decide.criteria.rule import Rule
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.effects import NumericalDamping, Rigid
@@ -248,7 +248,7 @@ def controlled(accuracy: Any, scene: Scene, dt: Any, rigidify: Any) -> StepContr
     names: Any = accuracy.at
     check_probes("Accuracy", names or (), scene)
     for name in accuracy.never:
-        scene.owned_cells(name, "Accuracy (never)")
+        judged_cells(scene, name, "Accuracy (never)")
     if accuracy.check and not scene.probes:
         raise SceneError(
             "Accuracy: check compares displacements of probes, and the scene has none: give one."

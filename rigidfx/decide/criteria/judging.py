@@ -6,18 +6,22 @@ from collections.abc import Sequence
 from math import inf
 from typing import Any, Literal
 
+import numpy as np
+
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import names, number, shown
+from rigidfx.base.types import Indices
 from rigidfx.decide.criteria.release import Release
 from rigidfx.decide.criteria.rule import Rule
 from rigidfx.decide.memory.memory import Memory
+from rigidfx.effects import Reduced
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.strain_rate import StrainRates
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
-__all__ = ["CHANGE", "EASING", "Criterion", "never_rigid", "part_of_window"]
+__all__ = ["CHANGE", "EASING", "Criterion", "judged_cells", "never_rigid", "part_of_window"]
 
 CHANGE = 0.1  # part of its largest value so far by which a load has changed, by default
 LEAST = 2  # cells of a body: one alone hardly saves anything
@@ -134,6 +138,27 @@ def never_rigid(owner: str, never: Any) -> tuple[str, ...]:
         SceneError: If it is anything else.
     """
     return names(owner, "never", never, "cell sets")
+
+
+def judged_cells(scene: Scene, name: str, wanted_by: str) -> Indices:
+    """Owned cells of a set that a criterion names. Collective.
+
+    Args:
+        scene: The problem.
+        name: Name of the set.
+        wanted_by: The criterion and its field, for messages.
+
+    Raises:
+        SceneError: On every rank, if there is no such set, or a `Reduced` part has all of it.
+    """
+    cells = scene.owned_cells(name, wanted_by)
+    for part in scene.named(Reduced):
+        if not scene.sum(np.setdiff1d(cells, scene.owned_cells(part.where, part.owner)).size):
+            raise SceneError(
+                f"{wanted_by}: '{name}' lies in {part.owner}, which stays as it is, whatever it "
+                "strains. Take the set out of one of them."
+            )
+    return cells
 
 
 def part_of_window(owner: str, given: Any) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from rigidfx.base.types import Array
+from rigidfx.decide.criteria.judging import judged_cells
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.criteria.relative import Relative
 from rigidfx.decide.memory.memory import Memory
@@ -41,13 +42,13 @@ class Tolerances:
             of_sets: Tolerances of named sets of cells [1/s].
 
         Raises:
-            SceneError: If a name is unknown.
+            SceneError: If a name is unknown, or a `Reduced` part has all cells of it.
         """
         self.comm, self._memory, self._tol = scene.comm, memory, tol
         self.group = linked(scene)[scene.parts.of_cell[: memory.window.worst.size]]
         self._special = np.full(memory.window.worst.size, np.inf)
         for name, own in of_sets.items():
-            cells = scene.owned_cells(name, "StrainRate (tolerances)")
+            cells = judged_cells(scene, name, "StrainRate (tolerances)")
             self._special[cells] = np.minimum(self._special[cells], own)
 
     def now(self) -> Array:
