@@ -105,7 +105,7 @@ def test_a_release_leaves_named_parts_as_they_are():
 )
 def test_sets_in_a_reduced_part_are_refused_and_sets_beyond_it_are_not(criterion):
     """Nothing that a criterion says of cells of a named part alone would count."""
-    inside = rf.simulate(bar(rf.Reduced("middle")), DT, 0.25, progress=False, **criterion)
+    inside, beyond = (bar(rf.Reduced(name)) for name in ("middle", "rest"))
     with pytest.raises(rf.SceneError, match=r"'(centre|middle)' lies in Reduced on 'middle'"):
-        next(inside)
-    next(rf.simulate(bar(rf.Reduced("rest")), DT, 0.25, progress=False, **criterion))
+        next(rf.simulate(inside, DT, 0.25, progress=False, **criterion))
+    next(rf.simulate(beyond, DT, 0.25, progress=False, **criterion))
