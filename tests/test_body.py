@@ -370,10 +370,9 @@ def test_period_of_the_free_top_is_of_second_order():
     assert extrapolated == pytest.approx(3.692, abs=0.6e-3)
 
 
-@pytest.mark.slow
-def test_free_top_for_10000_steps():
-    """Energy and spin in space to rounding, without secular drift: 150 s at 0.22 rad a step."""
-    body, n, dt = top(), 10_000, 0.015
+def test_free_top_for_2000_steps():
+    """Energy and spin in space to rounding, without secular drift: 30 s at 0.22 rad a step."""
+    body, n, dt = top(), 2_000, 0.015
     E, pi = np.empty(n + 1), np.empty((n + 1, 3))
     for k, motion in enumerate(spin(body, OMEGA, dt, n * dt)):
         E[k], pi[k] = motion.kinetic(body), motion.angular_momentum(body)
@@ -392,33 +391,6 @@ def test_a_tensor_of_single_precision_keeps_momenta():
     reports = list(rf.simulate(scene, 0.01, 1.0))
     assert drift(column(reports, "energy")) <= 1e-13
     assert drift(column(reports, "angular_momentum")) <= 1e-13
-
-
-def test_free_top_through_simulate():
-    """All cells rigid, inertia given: six unknowns, the exact period, nothing lost."""
-    effects = [
-        rf.Rigid(mass=2.0, inertia=INERTIA.tolist()),
-        rf.InitialVelocity(angular=tuple(OMEGA), linear=(0.1, 0.0, -0.2)),
-    ]
-    scene = rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (2, 2, 2)), SOFT, effects)
-    dt, t_end = 0.02, 11.0  # s; two flips
-    reports = list(rf.simulate(scene, dt, t_end))
-    W = [(r.bodies[0].orientation.T @ r.bodies[0].angular_velocity)[1] for r in reports]
-    times = crossings(W, dt)
-    half = np.diff(times)
-    # A flip about the unstable axis multiplies differences by exp(2.16 · 6.17) = 6e5 each.
-    own = crossings([m.angular_velocity_body[1] for m in spin(top(), OMEGA, dt, t_end)], dt)
-    assert len(times) == 2
-    show(half=half.mean(), H=drift(column(reports, "energy")), iterations=max(
-        r.iterations for r in reports))  # fmt: skip
-    assert np.abs(times - own).max() <= 1e-6
-    assert np.abs(half - PERIOD / 2).max() <= 1e-3  # the test above measures 1.3e-4 at half of it
-    assert all(r.unknowns == 6 and r.cuts == 0 for r in reports)
-    for name in ("energy", "linear_momentum"):
-        assert drift(column(reports, name)) <= 5e-13
-    spins = np.array([r.bodies[0].angular_momentum_about_centre for r in reports])
-    assert drift(spins) <= 5e-13
-    assert drift(column(reports, "angular_momentum")) <= 5e-13
 
 
 @pytest.mark.convergence

@@ -31,7 +31,7 @@ SOME = {
     "impact": ("--only", "wall"),
     "mechanisms": ("--only", "Bricard"),
     "reduced": ("--only", "plate"),
-    "size": ("--levels", "flexible", "reduced"),
+    "size": ("--levels", "reduced"),  # `reduced` runs the same plate beside its twin
 }
 # Long ones, whose steps, switches, contacts and files others have on two ranks.
 ON_ONE_RANK = (

@@ -5,6 +5,7 @@ Run as a script under mpirun, this file integrates its scenes and reports their 
 
 from __future__ import annotations
 
+import numpy as np
 import parallel
 import pytest
 from histories import apart, largest
@@ -68,7 +69,72 @@ def _second_order():
     return scene, 0.2, 2.0
 
 
-SCENES = {"tumbling": _tumbling, "everything": _everything, "second order": _second_order}
+def _between(low, high):
+    return lambda x: (x[0] >= low - 1e-9) & (x[0] <= high + 1e-9)
+
+
+def _long():
+    """Nine tenths rigid, tumbling: the body is on all ranks, and some hold nothing else."""
+    domain = rf.box((0, 0, 0), (20, 1, 1), (20, 1, 1)).with_cells("stiff", _between(0, 18))
+    scene = rf.Scene(
+        domain,
+        rf.StVenantKirchhoff(rho=1.0, E=1e4, nu=0.3),
+        [
+            rf.Rigid("stiff"),
+            rf.InitialVelocity(angular=(0.1, 0.5, 1.0), linear=(0.3, 0.0, 0.1)),
+            rf.Traction("x0", (0.0, 1.0, 2.0), until=1.0),
+            rf.Gravity((0.0, -0.1, 0.0)),
+            rf.Resultant("stiff", force=(1.0, 0.0, 0.0), torque=(10.0, 0.0, 20.0), until=0.55),
+        ],
+        probes={"on the body": (3.3, 0.2, 0.6), "on the rest": (19.4, 0.6, 0.3)},
+    )
+    return scene, 0.1, 1.5
+
+
+def _two():
+    """Two bodies of tetrahedra, one of given mass, one that a support stops and lets go."""
+    domain = rf.box((0, 0, 0), (9, 2, 2), (9, 2, 2), "tetrahedron")
+    for name, low, high in (("left", 0, 3), ("right", 6, 9)):
+        domain = domain.with_cells(name, _between(low, high))
+    scene = rf.Scene(
+        domain,
+        rf.NeoHooke(rho=1.0, E=2e4, nu=0.2),
+        [
+            rf.Rigid("left"),
+            rf.Rigid("right", mass=20.0, inertia=[[20, 1, 0], [1, 25, 2], [0, 2, 30]]),
+            rf.InitialVelocity(angular=(0.3, 1.0, 3.0)),
+            rf.NodalForce("y1", (3.0, 5.0, 1.0), until=0.5),
+            rf.Fixed("x0", since=0.5, until=0.8),
+        ],
+        mass="consistent",
+        probes={"on the body": (1.2, 0.3, 0.6), "on the rest": (4.6, 1.6, 0.3)},
+    )
+    return scene, 0.1, 1.0
+
+
+def _rigid():
+    """All cells rigid: six unknowns, on one rank."""
+    scene = rf.Scene(
+        rf.box((0, 0, 0), (4, 2, 1), (4, 2, 1)),
+        rf.StVenantKirchhoff(rho=1.0, E=1e3, nu=0.3),
+        [
+            rf.Rigid(),
+            rf.InitialVelocity(angular=(0.5, 1.2, 0.3)),
+            rf.Traction("x0", (0.1, 0.2, 0.3)),
+        ],
+        probes={"on the body": (1.2, 0.3, 0.6)},
+    )
+    return scene, 0.2, 2.0
+
+
+SCENES = {
+    "tumbling": _tumbling,
+    "everything": _everything,
+    "second order": _second_order,
+    "long": _long,
+    "two": _two,
+    "rigid": _rigid,
+}
 
 
 def _history(scene, dt, t_end):
@@ -84,7 +150,15 @@ def _history(scene, dt, t_end):
             "displacement": [float(x) for u in r.probes.values() for x in u],
             "reactions": [float(x) for name in sorted(r.reactions) for x in r.reactions[name]],
             "impact": [] if r.impact is None else [r.impact.energy, *r.impact.impulse],
+            "bodies": [
+                float(x)
+                for b in r.bodies
+                for x in (*b.centre, *b.orientation.ravel(), *b.angular_momentum_about_centre)
+            ],
         }
+        r.state.rebuild()
+        owned = [f.x.array[: 3 * scene.owned_nodes] for f in (r.state.u, r.state.v)]
+        row["norms"] = [float(np.sqrt(scene.sum(f @ f))) for f in owned]
         row["momentum scale"] = r.momentum_scale
         rows.append(row)
     return rows
@@ -105,7 +179,7 @@ def test_history_is_that_on_one_rank(histories, name, ranks):
     assert [row["unknowns"] for row in several] == [row["unknowns"] for row in one]
     momentum = max(row["momentum scale"] for row in one)
     for key in ("energy", "linear momentum", "angular momentum", "displacement", "reactions",
-                "impact"):  # fmt: skip
+                "impact", "bodies", "norms"):  # fmt: skip
         # Components that vanish are rounding of what they are sums of.
         scale = max(largest(one, key), momentum if "momentum" in key else 0.0)
         worst = apart(one, several, key)
@@ -117,6 +191,8 @@ def test_history_is_that_on_one_rank(histories, name, ranks):
 def test_there_is_something_to_compare(histories):
     """Motions, reactions and impacts, on as many ranks as asked for."""
     assert sum(bool(row["impact"]) for row in histories[1]["everything"]) >= 2
+    assert sum(bool(row["impact"]) for row in histories[1]["two"]) == 1
+    assert histories[1]["rigid"][0]["unknowns"] == 6
     assert largest(histories[1]["everything"], "reactions") > 0
     for name in SCENES:
         assert largest(histories[1][name], "displacement") > 0.05

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import parallel
 import pytest
 from mpi4py import MPI
@@ -30,14 +28,6 @@ if MPI.COMM_WORLD.rank:
     raise ValueError("of one rank")
 MPI.COMM_WORLD.barrier()
 """
-HANG = """
-from mpi4py import MPI
-
-if MPI.COMM_WORLD.rank:
-    MPI.COMM_WORLD.barrier()
-while True:
-    pass
-"""
 
 
 @pytest.fixture
@@ -62,12 +52,5 @@ def test_each_script_is_the_main_module_of_its_own(script):
 def test_a_script_that_fails_on_one_rank_fails(script):
     """At once, with what it said, and the next one is run."""
     with pytest.raises(AssertionError, match=r"(?s)script.py fails.*ValueError: of one rank"):
-        parallel.run(script(FAIL), 3, 60)
-    assert parallel.run(script(TELL), 3, 60) == [["__main__", [], False]] * 3
-
-
-def test_a_script_that_hangs_is_ended(script):
-    begin = time.monotonic()
-    with pytest.raises(AssertionError, match=r"script.py hangs after 3 s"):
-        parallel.run(script(HANG), 3, 3)
-    assert time.monotonic() - begin < 30
+        parallel.run(script(FAIL), 2, 60)
+    assert parallel.run(script(TELL), 2, 60) == [["__main__", [], False]] * 2

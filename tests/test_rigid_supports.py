@@ -83,7 +83,12 @@ REFUSED = {
         lambda: start(bar(rf.Fixed("x0"), rf.Fixed("line", "y"))),
         "kinematic chain",
     ),
+    "two points, later": (lambda: start(bar(rf.Fixed("edge", since=3.0))), "kinematic chain"),
     "two motions": (_two_motions, "one motion"),
+    "a resultant, clamped": (
+        lambda: start(bar(rf.Fixed("x0", since=3.0), rf.Resultant("left", force=(1, 0, 0)))),
+        "Resultant: at t = 3 s a support clamps the body 'left'",
+    ),
     "unknown set": (lambda: start(bar(rf.Rigid("nowhere"))), "nowhere"),
     "unsymmetric inertia of a grain": (
         lambda: rf.Rigid("left", inertia=[[1e-9, 1e-10, 0], [0, 1e-9, 0], [0, 0, 1e-9]]),

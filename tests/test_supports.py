@@ -247,13 +247,16 @@ def test_supports_may_share_nodes_where_they_agree():
 
 
 def test_shared_nodes_are_counted_once():
-    """Reactions of two supports at common nodes add up to the body's weight."""
+    """Reactions of two supports at common nodes add up to the weight; the first has theirs."""
     g = np.array([0.0, 0.0, -1.0])
     loads = [rf.Gravity(tuple(g))]
     scene = _bar(rf.Fixed("x0"), rf.Fixed("z0"), *loads, rf.Preload(loads))
     reports = list(rf.simulate(scene, 0.1, 0.3))
     total = sum(reports[-1].reactions.values(), np.zeros(3))
     assert np.abs(total + 8.0 * g).max() <= 100 * NEWTON * 8.0
+    other = _bar(rf.Fixed("z0"), rf.Fixed("x0"), *loads, rf.Preload(loads))
+    *_, last = rf.simulate(other, 0.1, 0.3)
+    assert reports[-1].reactions["x0"][2] > last.reactions["x0"][2] + 0.1
 
 
 # Static preload ---------------------------------------------------------------------------------
@@ -306,6 +309,7 @@ def test_preload_let_go_oscillates():
         [rf.Fixed("x0", "x")],
         [rf.Fixed("x0", "xy"), rf.Fixed("y0", "y")],  # may still move along z
         [rf.Fixed("corner")],  # may still turn
+        [rf.Fixed("x0", "x"), rf.Spring("corner", 3.0)],  # may still turn about x
         [rf.Fixed("x0", since=1.0)],  # begins too late
     ],
 )
