@@ -8,9 +8,8 @@ from functools import partial
 
 from petsc4py import PETSc
 
-from rigidfx.base.errors import SceneError
-from rigidfx.base.failures import Failures
-from rigidfx.decide.criteria.heeded import heeded_indicator
+from rigidfx.base.errors import SceneError, together
+from rigidfx.base.uncaught import on_all_ranks
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.policy import Policy
 from rigidfx.effects import Contact, Joint, Resultant, rigid_faces
@@ -72,12 +71,12 @@ def prepare(
     probes, state = Probes(scene), State(scene)
     starts = {0.0, *(t for t in scene.breakpoints if t > 0)}
     acting = [scene.acting(timeline.after(t)) for t in sorted(starts, reverse=True)]
-    forces, failures = InternalForces(scene, state.u, acting), Failures(scene.comm)
-    indicator = None if rigidify is None else heeded_indicator(rigidify, scene, forces, failures)
+    forces = InternalForces(scene, state.u, acting)
+    indicator = None if rigidify is None else _measure(scene, rigidify, forces)
     chooses = None if control is None else TimeControl(scene, control, timeline)
-    stepper = Stepper(scene, state, forces, indicator, chooses, failures)
+    stepper = Stepper(scene, state, forces, indicator, chooses)
     with ExitStack() as stack:
-        stack.callback(stepper.close)
+        stack.push(lambda kind, *_: stepper.close() if on_all_ranks(scene.comm, kind) else None)
         switch = Switch(stepper, timeline, start)
         impact = None
         if bring_back is None:
@@ -86,8 +85,8 @@ def prepare(
             bring_back(state, switch)
         policy = recovery = error = looks = growth = None
         if rigidify is not None:
-            policy = Policy(scene, rigidify, timeline, failures)
-            measures = partial(heeded_indicator, rigidify, scene, forces, failures)
+            policy = Policy(scene, rigidify, timeline)
+            measures = partial(_measure, scene, rigidify, forces)
             if rigidify.grow:
                 growth = _growing(stepper, switch, policy, measures(), timeline.dt, rigidify)
             elif rigidify.wake == "local":
@@ -102,6 +101,12 @@ def prepare(
     touch, contacts = FirstTouch(stepper), ResolvedForces(scene) if scene.named(Contact) else None
     known = policy, probes, recovery, touch, contacts, ledgers, error, looks
     return Run(timeline, stepper, switch, *known, growth=growth), impact
+
+
+def _measure(scene: Scene, criterion: Criterion, forces: InternalForces) -> Indicator:
+    """The indicator of a criterion. Collective."""
+    owner = f"{type(criterion).__name__}: its indicator"
+    return together(scene.comm, owner, partial(criterion.indicator, scene, forces))
 
 
 def _growing(

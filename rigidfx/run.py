@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from rigidfx.base.errors import RigidfxError
 from rigidfx.base.remembered import PART, Remembered
 from rigidfx.base.types import Bools
+from rigidfx.base.uncaught import on_all_ranks
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision
 from rigidfx.decide.policy import Policy
@@ -155,7 +155,7 @@ class Run:
         One rank alone may give up, as its script fails, and would wait here for the others. Its
         objects are PETSc's garbage then, until all ranks prepare a run again.
         """
-        if issubclass(kind or RigidfxError, RigidfxError) or self.stepper.scene.comm.size == 1:
+        if on_all_ranks(self.stepper.scene.comm, kind):
             if self.recovery is not None:
                 whole = kind in (None, GeneratorExit)
                 (self.recovery.remember if whole else self.recovery.forget)()

@@ -24,6 +24,7 @@ __all__ = [
     "StepError",
     "Trace",
     "agree",
+    "by_name",
     "together",
     "trace_of",
 ]
@@ -118,12 +119,12 @@ def agree(
             raise error(found[0])
 
 
-def by_name(owner: str, t: float, function: Callable[[], T], what: str = "function") -> T:
+def by_name(owner: str, t: float | None, function: Callable[[], T], what: str = "function") -> T:
     """Call a user's function in a run; if it fails, the error says whose it is and when.
 
     Args:
         owner: Whose function it is.
-        t: Time of the run [s].
+        t: Time of the run [s]; left out if None.
         function: Function to call.
         what: Which of its functions.
 
@@ -135,8 +136,8 @@ def by_name(owner: str, t: float, function: Callable[[], T], what: str = "functi
     except RigidfxError:
         raise
     except Exception as error:  # whatever a user's function may raise
-        found = f"{type(error).__name__}: {error}"
-        raise SceneError(f"{owner}: its {what} failed at t = {t:g} s with {found}") from error
+        found, when = f"{type(error).__name__}: {error}", "" if t is None else f" at t = {t:g} s"
+        raise SceneError(f"{owner}: its {what} failed{when} with {found}") from error
 
 
 def together(comm: MPI.Intracomm, owner: str, function: Callable[[], T]) -> T:

@@ -1,20 +1,28 @@
-"""An error that ends the script on one rank ends it on all.
+"""An error on one rank ends all ranks.
 
-rigidfx raises its own errors on every rank. But a script may fail on a single one, in its own code
-or where it makes an effect from bad values, while the others wait in a collective call for a rank
-that is gone. `python3 -m mpi4py` is meant to end them, as Python ends on that rank; but before it
-comes to that, PETSc's own end waits there for all ranks.
+rigidfx raises its own errors on every rank. But a script may fail on a single one, in its own code,
+where it makes an effect from bad values, or in a function that a step calls for the nodes and cells
+of that rank. The others then wait in a collective call for a rank that is gone.
+`python3 -m mpi4py` is meant to end them, as Python ends on that rank; but before it comes to that,
+PETSc's own end waits there for all ranks.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+import traceback
+from collections.abc import Callable
 from types import TracebackType
+from typing import TypeVar
 
 from mpi4py import MPI
 
-__all__ = ["end_together"]
+from rigidfx.base.errors import RigidfxError, by_name
+
+__all__ = ["by_users", "end_together", "on_all_ranks"]
+
+T = TypeVar("T")
 
 PATIENCE = 5.0  # seconds that a rank that has failed waits for the others to fail, too
 TAG = 31075  # of the messages in which ranks say that they have failed
@@ -35,15 +43,51 @@ def end_together(comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
 
     def ended(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
         show(kind, error, trace)
-        if MPI.Is_finalized() or _all_fail(comm):
-            return
-        told = f"rigidfx: rank {comm.rank} of {comm.size} has failed without the others: all end."
-        sys.stderr.write(told + "\n")
-        sys.stdout.flush()
-        sys.stderr.flush()
-        comm.Abort(1)
+        if not MPI.Is_finalized() and not _all_fail(comm):
+            _end(comm)
 
     sys.excepthook = ended
+
+
+def by_users(comm: MPI.Intracomm, owner: str, what: str, function: Callable[[], T]) -> T:
+    """Call a user's function where ranks do not meet; a failure on some of them ends all.
+
+    Args:
+        comm: Communicator of the mesh.
+        owner: Whose function it is, for the message.
+        what: Which of its functions.
+        function: Function to call.
+
+    Raises:
+        RigidfxError: If it fails on all ranks.
+    """
+    try:
+        return by_name(owner, None, function, what)
+    except RigidfxError as error:  # nothing collective may come in between
+        if comm.size > 1 and not _all_fail(comm):
+            traceback.print_exception(error)
+            _end(comm)
+        raise
+
+
+def on_all_ranks(comm: MPI.Intracomm, kind: type[BaseException] | None) -> bool:
+    """Whether all ranks come to the end of a context, which an error of this class may have ended.
+
+    Other errors than those of this package may be one rank's own.
+
+    Args:
+        comm: Communicator of the mesh.
+        kind: The class; None without an error.
+    """
+    return kind is None or comm.size == 1 or issubclass(kind, RigidfxError)
+
+
+def _end(comm: MPI.Intracomm) -> None:
+    told = f"rigidfx: rank {comm.rank} of {comm.size} has failed without the others: all end."
+    sys.stderr.write(told + "\n")
+    sys.stdout.flush()
+    sys.stderr.flush()
+    comm.Abort(1)
 
 
 def _all_fail(comm: MPI.Intracomm) -> bool:

@@ -11,17 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
-from rigidfx.base.failures import Failures
+from rigidfx.base.errors import together
 from rigidfx.base.remembered import PART, Remembered
 from rigidfx.base.types import Array, Bools
 from rigidfx.decide.advice import Advice
 from rigidfx.decide.clusters import NONE, CellGraph
-from rigidfx.decide.criteria.heeded import heeded_rule
 from rigidfx.decide.criteria.judging import CHANGE, Criterion, judged_cells, part_of_window
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision, qualify
@@ -60,27 +60,19 @@ class Policy:
 
     remembered: ClassVar[Remembered] = dict.fromkeys(("memory", "rule"), PART)
 
-    def __init__(
-        self,
-        scene: Scene,
-        criterion: Criterion,
-        timeline: Timeline,
-        failures: Failures,
-    ) -> None:
+    def __init__(self, scene: Scene, criterion: Criterion, timeline: Timeline) -> None:
         """Find the cells that the criterion names. Collective.
 
         Args:
             scene: The problem.
             criterion: The criterion of the user.
             timeline: Where steps end; planned releases are added to it.
-            failures: Keeps exceptions of the criterion's rule.
 
         Raises:
             SceneError: If a name is unknown or in a `Reduced` part, or the mesh was distributed
                 without ghost cells.
         """
         self._scene, self._criterion, self._timeline = scene, criterion, timeline
-        self._failures = failures
         timeline.stop_at(criterion.breakpoints)
         self._graph = CellGraph(scene)
         self._every = np.ones(self._graph.owned, dtype=bool)
@@ -105,7 +97,9 @@ class Policy:
         watched = scene.named(Contact) if self.memory.contacts.watched else []
         self._met = {contact.title: met(scene, contact) for contact in watched}
         self._paying = Paying(self._graph, criterion, self.memory)
-        self.rule = heeded_rule(criterion, scene, timeline, self.memory, failures)
+        owner = type(criterion).__name__
+        rule = partial(criterion.rule, scene, timeline, self.memory)
+        self.rule = together(scene.comm, f"{owner}: its rule", rule)
 
     @property
     def _advice(self) -> Advice:
@@ -245,8 +239,6 @@ class Policy:
         if t >= self._criterion.until - resolution:
             return False
         over = t - self.memory.window.start + resolution >= self.rule.length()
-        # Asked for here, as those of a rank may fail, and in what comes others wait.
-        over = over and self.rule.tol.size == self._graph.owned and not self._failures.count
         return bool(self._graph.comm.allreduce(bool(over), op=MPI.LAND))
 
     def _window_decides(self, seen: Observation) -> Decision:

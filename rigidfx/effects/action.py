@@ -15,7 +15,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rigidfx.base.failures import Failures
 from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.effects.motion import Forces, Instant
 from rigidfx.mechanics.bodies import Bodies
@@ -35,7 +34,6 @@ class Structure:
         bodies: The rigid bodies.
         mass: Mass operator of these nodes; None in statics.
         u: Displacements of all local dofs at the start of a step [m], changed by each step.
-        failures: Keeps exceptions of a user's functions until all ranks are told.
         surface: The deformed boundary; None where no effect asks for it.
         notes: Memory of effects from step to step, by their identity; None where bodies are treated
             as if they were flexible.
@@ -48,7 +46,6 @@ class Structure:
     bodies: Bodies
     mass: Any
     u: Array
-    failures: Failures
     surface: Any = None
     notes: dict[int, Any] | None = None
     static: bool = False

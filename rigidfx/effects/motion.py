@@ -69,6 +69,12 @@ class Motion:
         """The same, shape (nodes, 3) [m]."""
         return self.array_r.reshape(-1, 3)
 
+    @property
+    def finite(self) -> bool:
+        """Whether it is finite on this rank: an iteration may run away."""
+        every = self.array_r, self.increments.unknowns
+        return all(bool(np.isfinite(values).all()) for values in every)
+
 
 @dataclass(frozen=True)
 class Forces:

@@ -98,7 +98,6 @@ class BoundContacts:
             mass=None,
             u=self._start,
             surface=stepper.forces.surface,
-            failures=stepper.failures,
             notes=notes,
         )
         self._acting: object = None  # nothing is selected yet; those that begin later are bound

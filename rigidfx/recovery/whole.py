@@ -65,7 +65,7 @@ class Whole:
             mask[data.cells] = True
         flexible = forces.cells(np.flatnonzero(mask).astype(np.int32))
         driven, prescribed = _driven(stepper, parts)
-        of_division = state, stepper.failures, flexible, prescribed, driven
+        of_division = state, flexible, prescribed, driven
         notes = deepcopy(state.notes)  # they follow its iterates
         self._of = of = Equations("step", scene, forces, *of_division, bodies=others, notes=notes)
         of.bind(scene.effects, stepper.system.acting, joined=None)

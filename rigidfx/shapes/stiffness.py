@@ -9,7 +9,6 @@ from dolfinx import fem, la
 from petsc4py import PETSc
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.failures import Failures
 from rigidfx.base.types import Array
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.dof_layout import dof_layout, nodes_of
@@ -76,7 +75,6 @@ class Stiffness:
             mass=self.mass,
             u=self.linear.shape.x.array,
             surface=forces.surface,
-            failures=Failures(scene.comm),
             static=True,
         )
         self.prolongation = p = Prolongation(layout, scene.comm)

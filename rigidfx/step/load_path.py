@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 
 from rigidfx.base.errors import InversionError, StepError
-from rigidfx.base.failures import Failures
 from rigidfx.base.instants import longer
 from rigidfx.effects import Contact, Effect, Windowed
 from rigidfx.effects.inertia import StepDrag, StepDragForces
@@ -202,7 +201,6 @@ class LoadPath:
         self.scene, self.state, self._forces = scene, state, forces
         self._effects, self._divide, self._owner = tuple(effects), divide, owner
         self._control = PathControl() if control is None else control
-        self._failures = Failures(scene.comm)
         self._inversion = Inversion(scene, forces)
         self._trial = self._whole = np.inf
         # Increment per load of the last step that was more than rounding, and of the first.
@@ -240,7 +238,6 @@ class LoadPath:
             [*self._effects, *drags],
             acting,
             division,
-            self._failures,
             self._fixed,
             bool(drags),
         )
@@ -265,7 +262,6 @@ class LoadPath:
         while True:
             dt = self._trial if longer(left, self._trial) else left
             t1 = end if dt == left else t0 + dt
-            self._failures.t = t0
             if self._settling is None:
                 solution = self.system.solve(t0, t1)
             else:

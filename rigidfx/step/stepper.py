@@ -8,7 +8,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from rigidfx.base.failures import Failures
 from rigidfx.base.instants import longer
 from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.base.types import Bools
@@ -50,7 +49,6 @@ class Stepper:
         forces: Internal forces of the scene's cells.
         indicator: Indicator of flexible cells in each step; None if there is none.
         control: Chooses Δt by its error; None if nothing does.
-        failures: Keeps exceptions of a user's functions until all ranks are told.
         prescribed: Dofs that supports hold, of the division it is bound to.
         system: Everything that is bound to that division.
         watches: Observers of attempts that become steps; more may be added.
@@ -65,7 +63,6 @@ class Stepper:
         forces: InternalForces,
         indicator: Indicator | None = None,
         control: TimeControl | None = None,
-        failures: Failures | None = None,
     ) -> None:
         """Compile the look for inverted cells. Collective.
 
@@ -75,17 +72,15 @@ class Stepper:
             forces: Internal forces, whose u₀ is the state's displacement.
             indicator: Indicator of flexible cells, if any.
             control: Chooses Δt by its error, if anything does.
-            failures: Keeps exceptions of a user's functions; its own if None.
         """
         self.scene, self.state, self.forces, self.indicator = scene, state, forces, indicator
-        self.failures = Failures(scene.comm) if failures is None else failures
         self._inversion = Inversion(scene, forces)
         self.control = control
         inexact = None if control is None else control.objection
         self._judge = Judge(scene, self._inversion, inexact)
         self.jumps = Jumps(scene)
         measuring = () if indicator is None else (Measuring(indicator),)
-        obstacles = JumpingObstacles(scene, self.touches, self.failures)
+        obstacles = JumpingObstacles(scene, self.touches)
         self.alternation = Alternation(scene, forces)
         turning = RotationPerStep(scene, forces)
         others = Unresolved(scene), turning, self.alternation, self.jumps, obstacles
@@ -126,7 +121,6 @@ class Stepper:
             acting,
             division.flexible,
             self.prescribed,
-            self.failures,
             self._dealing,
             self._eased_stress,
             division.driven_cells,
@@ -230,7 +224,7 @@ class Stepper:
             StepError: If the step does not converge after all cuts.
             InversionError: If it turns cells inside out after all cuts.
         """
-        left, self.failures.t = target - self.state.t, self.state.t
+        left = target - self.state.t
         if self._trial == np.inf:
             self._whole = left
         cuts = 0
@@ -258,8 +252,7 @@ class Stepper:
         return result_of(attempt, self.system.accept(self.state, attempt.dt, attempt.end))
 
     def end(self) -> None:
-        """Settle failures of a run that is over, and judge its motion. Collective."""
-        self.failures.settle()
+        """Judge the motion of a run that is over. Collective."""
         self.alternation.end()
 
     @contextmanager

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
-from rigidfx.base.failures import Failures
 from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.dof_layout import DofLayout, rigid_fields
 from rigidfx.coupling.prolongation import Prolongation
@@ -106,7 +105,6 @@ class RigidFields:
             bodies=state.bodies,
             mass=None,
             u=state.u.x.array,
-            failures=Failures(scene.comm),
         )
         linkage = Linkage(joints, motors, structure)
         linkage.begin(state.bodies)

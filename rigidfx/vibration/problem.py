@@ -15,7 +15,6 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.errors import together
-from rigidfx.base.failures import Failures
 from rigidfx.base.types import Array
 from rigidfx.effects import (
     Joint,
@@ -83,7 +82,7 @@ class Problem:
         known = division.driven_nodes, None, division.nodes_of_held
         held = PrescribedDofs(scene, supports_of(acting), *known)
         cells, driven = division.flexible, division.driven_cells
-        of_division = state, Failures(scene.comm), cells, held.mask, driven
+        of_division = state, cells, held.mask, driven
         self._equations = of = Equations("linear", scene, forces, *of_division)
         self._scene, self._layout, self._mass = scene, of.layout, of.mass
         self._prolongation = of.prolongation

@@ -231,7 +231,7 @@ class ObstacleForces(PenaltyForces):
         self.nodes = nodes = Nodes(structure, np.flatnonzero(k > 0))
         super().__init__(effect, k[nodes.nodes], structure)
         self._effect, self._obstacle = effect, obstacle
-        self._asked = AskedObstacle(effect.owner, obstacle, structure.failures)
+        self._asked = AskedObstacle(effect.owner, obstacle)
         self._points = Points(self._asked, self._k, self._static)
         self._ends: Array = np.zeros((2, 3))  # displacements of the obstacle
         self._dt, self._friction = 0.0, effect.friction_in(0.0)

@@ -20,8 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from rigidfx.base.errors import SceneError
-from rigidfx.base.failures import Failures
+from rigidfx.base.errors import SceneError, by_name
 from rigidfx.base.inputs import direction, is_function, numbers, positive, shown, vector
 from rigidfx.base.taken import take_fields
 from rigidfx.base.types import Array
@@ -213,19 +212,14 @@ class Cylinder(Round):
 class AskedObstacle:
     """An obstacle whose answers are checked, as one of a user's own may give anything, or fail."""
 
-    def __init__(self, owner: str, obstacle: Obstacle, failures: Failures | None = None) -> None:
+    def __init__(self, owner: str, obstacle: Obstacle) -> None:
         """Wrap the obstacle's functions.
 
         Args:
             owner: Whose it is, for messages.
             obstacle: The obstacle.
-            failures: Keeps exceptions, after which the obstacle is nowhere; raised if None.
         """
         self._owner, self._obstacle = owner, obstacle
-        if failures is not None:
-            for name, instead in NOWHERE.items():
-                what, function = f"{name} of the {obstacle.kind}", getattr(self, name)
-                setattr(self, name, failures.heeded(owner, what, function, instead))
 
     def gap(self, y: Array) -> Array:
         """Gaps of points y, shape (n,) [m].
@@ -233,20 +227,29 @@ class AskedObstacle:
         Raises:
             SceneError: On this rank, if they are not finite, or not as many as there are points.
         """
-        return self._checked("gap", self._obstacle.gap(y), y.shape[:1], y)
+        return self._checked("gap", self._asked("gap", y), y.shape[:1], y)
 
     def outward(self, y: Array) -> Array:
         """Directions in which gaps grow, shape (n, 3), checked as gaps are."""
-        return self._checked("outward", self._obstacle.outward(y), y.shape, y)
+        return self._checked("outward", self._asked("outward", y), y.shape, y)
 
     def approach(self, y0: Array, y1: Array) -> Approach:
         """How gaps change from y0 to y1, checked as gaps are."""
-        found = self._obstacle.approach(y0, y1)
+        found: Approach = self._asked("approach", y0, y1)
+        if not isinstance(found, Approach):
+            raise SceneError(
+                f"{self._owner}: approach of the {self._obstacle.kind} must give an Approach, got "
+                f"{shown(found)}."
+            )
         for values in (found.m, found.dg):
             self._checked("approach", values, y0.shape, y1)
         if found.dm is not None:
             self._checked("approach", found.dm, (*y0.shape, 3), y1)
         return found
+
+    def _asked(self, name: str, *points: Array) -> Any:
+        function, what = getattr(self._obstacle, name), f"{name} of the {self._obstacle.kind}"
+        return by_name(self._owner, None, lambda: function(*points), what)
 
     def _checked(self, name: str, given: Array, shape: tuple[int, ...], y: Array) -> Array:
         if np.shape(given) == shape and (np.isfinite(given).all() or not np.isfinite(y).all()):
@@ -255,14 +258,3 @@ class AskedObstacle:
             f"{self._owner}: {name} of the {self._obstacle.kind} must give finite numbers of "
             f"shape {shape} for points of shape {y.shape}, got {shown(given)}."
         )
-
-
-def _up(y: Array) -> Array:
-    return np.broadcast_to(UP, y.shape)
-
-
-NOWHERE: dict[str, Callable[..., Any]] = {
-    "gap": lambda y: np.ones(len(y)),
-    "outward": _up,
-    "approach": lambda y0, y1: Approach(_up(y0), None, _up(y0)),
-}

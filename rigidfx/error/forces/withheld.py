@@ -86,7 +86,6 @@ class Withheld:
             mass=mass,
             u=self._u0.x.array,
             surface=forces.surface,
-            failures=stepper.failures,
         )
         self._place(self._u0, stepper.state.bodies)
         self._acting: Sequence[Windowed] = stepper.system.acting

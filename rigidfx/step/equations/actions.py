@@ -1,16 +1,9 @@
 """The actions of a scene's effects on one division, added up.
 
 Only methods of its kind are called: actions that resist, stiffen or store energy are found once,
-when effects begin or end.
-
-The part of a tangent that may jump from one iterate to the next: the stiffness of contacts.
-
-It has entries at few unknowns. So it is known apart from the rest of the tangent, and a tangent
-that is kept can follow it (`rigidfx.step.newton.low_rank`).
-
-Calls of a step to actions, one of which may be of a user's own: none raises in a step.
-
-An exception, or a result that is no number, is kept for all ranks.
+when effects begin or end. The stiffness of contacts may jump from one iterate to the next. It has
+entries at few unknowns, is known apart from the rest of the tangent, and a tangent that is kept can
+follow it (`rigidfx.step.newton.low_rank`).
 """
 
 from __future__ import annotations
@@ -23,18 +16,18 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import coo_array, csr_array
 
-from rigidfx.base.errors import by_name, together
-from rigidfx.base.failures import Failures
+from rigidfx.base.errors import agree, by_name, together
 from rigidfx.base.inputs import number, shown
 from rigidfx.base.types import Array, Indices, Ints
+from rigidfx.base.uncaught import by_users
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Action, ContactAction, Effect, Structure, Touch
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion, Tangent
 from rigidfx.step.equations.eased_forces import EasedForces
 
-__all__ = ["Actions", "Heeded", "Jumping", "bound"]
+__all__ = ["Actions", "Jumping", "OwnMethods", "bound"]
 
-# Methods that a step calls; none raises.
+# Methods that a step calls.
 METHODS = ("load", "resist", "stiffen", "stored", "taken", "accept", "touch", "creep_for")
 STORES = ("taken", "stored")  # those whose results are of an action's kind
 NUMBERS = ("stored", "taken")  # methods that give a number
@@ -47,33 +40,34 @@ def doing(actions: Sequence[Action], method: str) -> list[Any]:
     return [a for a in own if getattr(type(a), method) is not getattr(base, method)]
 
 
-class Heeded:
-    """Functions of those actions that do something of their own by a method."""
+class OwnMethods:
+    """Methods of actions, any of which may be of a user's own."""
 
-    def __init__(self, owners: Mapping[int, str], failures: Failures) -> None:
+    def __init__(self, owners: Mapping[int, str], comm: MPI.Intracomm) -> None:
         """Keep who is who.
 
         Args:
             owners: Names of actions in messages, by their identities.
-            failures: Keeps their exceptions.
+            comm: Ranks that end together if a method fails on some of them.
         """
-        self._owners, self._failures = owners, failures
+        self._owners, self._comm = owners, comm
 
     def call(self, action: Action, method: str) -> Callable[..., Any]:
-        """A method, whose exceptions are kept; then it gives nothing."""
+        """A method that fails by name; at an iterate that is not finite it may do nothing."""
         owner, function = self._owners[id(action)], getattr(action, method)
-        instead: Any = 0.0 if method in NUMBERS else None
 
-        def told(*given: Any) -> float:
-            return number(owner, method, function(*given))
+        def own(*given: Any) -> Any:
+            try:
+                found = function(*given)
+            except Exception:
+                if all(at.finite for at in given if isinstance(at, Motion)):
+                    raise
+                found = 0.0
+            if method == "touch":
+                return Touch(action.title) + found
+            return number(owner, method, found) if method in NUMBERS else found
 
-        def touched() -> Touch:
-            return Touch(action.title) + function()
-
-        if method == "touch":
-            instead = Touch(action.title)
-        own = {"touch": touched, **dict.fromkeys(NUMBERS, told)}.get(method, function)
-        return self._failures.heeded(owner, method, own, lambda *given: instead)
+        return lambda *given: by_users(self._comm, owner, method, partial(own, *given))
 
     def calls(self, actions: Sequence[Action], method: str) -> list[Callable[..., Any]]:
         """The same of all that do something of their own by it."""
@@ -85,39 +79,38 @@ class Heeded:
         method: str,
         given: Callable[[Action], tuple[Array, ...]],
     ) -> None:
-        """Keep it for all ranks if forces that an action gives are not finite. Collective.
+        """Raise if forces that an action gives are not finite. Collective.
 
         Args:
             actions: Actions.
-            method: Methods called.
+            method: Method called.
             given: Asks one of them, for its forces.
-        """
 
-        def look(action: Action) -> None:
-            forces = np.concatenate([np.ravel(part) for part in given(action)])
+        Raises:
+            SceneError: On every rank, if those of any rank are not.
+        """
+        for action in doing(actions, method):
+            forces, fault = np.concatenate([np.ravel(part) for part in given(action)]), None
             if not np.isfinite(forces).all():
                 worst = shown(forces[np.argmin(np.isfinite(forces))])
-                raise ValueError(f"a force of {worst} N")
-
-        for action in doing(actions, method):
-            owner = self._owners[id(action)]
-            self._failures.heeded(owner, method, look, lambda action: None)(action)
+                fault = f"{self._owners[id(action)]}: its {method} gave a force of {worst} N."
+            agree(self._comm, fault)
 
 
 class Jumping:
     """The actions whose derivatives may jump."""
 
-    def __init__(self, contacts: Sequence[Action], heeded: Heeded, comm: MPI.Intracomm) -> None:
+    def __init__(self, contacts: Sequence[Action], own: OwnMethods, comm: MPI.Intracomm) -> None:
         """Find them.
 
         Args:
             contacts: Contacts that act.
-            heeded: Calls them.
+            own: Their methods.
             comm: Ranks that take part.
         """
         self._comm = comm
-        self._outdated = heeded.calls(contacts, "outdated")
-        self._stiffen = heeded.calls(contacts, "stiffen")
+        self._outdated = own.calls(contacts, "outdated")
+        self._stiffen = own.calls(contacts, "stiffen")
 
     def outdated(self) -> bool:
         """Whether a derivative has jumped since `entries`, or a tangent, took it. Collective."""
@@ -194,7 +187,6 @@ class Actions:
         dead: Whether none depends on the motion.
         easing: Stresses that releases have let down.
         jumping: Those whose derivatives may jump.
-        failures: Keeps their exceptions until all ranks are told.
     """
 
     def __init__(
@@ -216,15 +208,14 @@ class Actions:
         Raises:
             SceneError: On every rank, if an effect cannot be bound on any.
         """
-        self._comm, self.failures = structure.scene.comm, structure.failures
+        self._comm = structure.scene.comm
         self.easing, here = list(easing), {id(effect) for effect in acting}
         wanted = (e for e in effects if e.is_dead or not e.is_windowed or id(e) in here)
         pairs = [(effect, bound(effect, structure, "bind")) for effect in wanted]
-        self.failures.settle()  # all ranks go on with the same actions
         self._every = [(effect, action) for effect, action in pairs if action is not None]
         self._owners = {id(action): effect.owner for effect, action in self._every}
         self._owners |= {id(action): "What a release lets down" for action in easing}
-        self._heeded = Heeded(self._owners, self.failures)
+        self._own = OwnMethods(self._owners, self._comm)
         self.loads = Forces.none(structure.rows.vector(), structure.bodies.pose)
         self._touches: Mapping[str, Touch] | None = None  # of the present step, once asked for
         self.select(acting)
@@ -238,13 +229,13 @@ class Actions:
         own = [a for e, a in self._every if id(e) in here or not e.is_windowed]
         every = self._acting = [*own, *self.easing]
         self._contacts: list[Any] = [action for action in every if action.presses]
-        self._calls = {name: self._heeded.calls(every, name) for name in METHODS}
+        self._calls = {name: self._own.calls(every, name) for name in METHODS}
         self._taking, self._storing = (
             list(zip(doing(every, name), self._calls[name], strict=True)) for name in STORES
         )
         if not self._calls["load"]:
             self.loads.scale(0.0)
-        self.jumping = Jumping(self._contacts, self._heeded, self._comm)
+        self.jumping = Jumping(self._contacts, self._own, self._comm)
         # What fades is for solvers no more than the stress of cells.
         self.stiffens = bool(doing(own, "stiffen"))
         resting = doing(doing(every, "stiffen"), "stored")
@@ -298,7 +289,7 @@ class Actions:
         """Add the resistance of those that couple nodes, also in bodies. Collective."""
         for action in self._acting:
             if action.couples:
-                self._heeded.call(action, "resist")(motion, forces)
+                self._own.call(action, "resist")(motion, forces)
 
     def stiffen(self, motion: Motion, tangent: Tangent) -> None:
         """Add its derivative to an assembled tangent that is not finished yet. Collective."""
@@ -352,7 +343,7 @@ class Actions:
             return forces.parts
 
         for method in ("load", "resist"):
-            self._heeded.blame(self._acting, method, partial(asked, method=method))
+            self._own.blame(self._acting, method, partial(asked, method=method))
         vector.destroy()
 
     # Contacts -----------------------------------------------------------------------------------
@@ -406,19 +397,21 @@ class Actions:
 
 
 def bound(effect: Effect, structure: Structure, method: str) -> Action | None:
-    """The action of an effect; none if that fails, of which all ranks are told. Collective.
+    """The action of an effect, if it has one. Collective.
 
     Args:
         effect: The effect.
         structure: The structure.
         method: Its method, `bind` or `bind_points`.
+
+    Raises:
+        SceneError: On every rank, if it fails on any.
     """
 
-    def bind(structure: Structure) -> Action | None:
+    def bind() -> Action | None:
         action = getattr(effect, method)(structure)
         if not isinstance(action, Action | None):
             raise TypeError(f"{shown(action)} is no Action")
         return action
 
-    heeded = structure.failures.heeded
-    return heeded(effect.owner, method, bind, lambda structure: None)(structure)
+    return together(structure.scene.comm, f"{effect.owner}: its {method}", bind)

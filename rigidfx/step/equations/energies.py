@@ -84,25 +84,18 @@ class Energies:
         self._held = layout.prescribed[self._rows.dofs]
 
     def measure(self, state: State) -> Measures:
-        """Energies and momenta of the state that the forms' u₀ belongs to. Collective.
-
-        Raises:
-            SceneError: On every rank, if a user's function has failed on any.
-        """
+        """Energies and momenta of the state that the forms' u₀ belongs to. Collective."""
         dofs = self._rows.dofs
         p, x = self._momenta(state)
         u, bodies = state.u.x.array[dofs], state.bodies
-        local = np.empty(12)
+        local = np.empty(11)
         local[0] = 0.5 * float(self._v.array_r @ self._p.array_r)
         local[1] = integral(self._energy)
         local[2:5] = p.sum(axis=0)
         local[5:8] = axial(x.T @ p)
         local[8] = np.sqrt((p * p).sum(axis=1)).sum()
         local[9:11] = self._actions.stored(Instant(bodies, u, state.t))
-        local[11] = self._actions.failures.count
         total = np.asarray(self._scene.sum(local))
-        if total[11]:
-            self._actions.failures.settle()
         if len(bodies):
             total[0] += bodies.kinetic
             total[1] += bodies.strain

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Literal
 
-from rigidfx.base.failures import Failures
 from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.coupling.dof_layout import dof_layout
@@ -62,7 +61,6 @@ class Equations:
         scene: Scene,
         forces: InternalForces,
         state: State,
-        failures: Failures,
         flexible: Cells,
         held: Bools,
         driven: Cells | None = None,
@@ -78,7 +76,6 @@ class Equations:
             scene: The problem.
             forces: Compiled internal forces, which know the loads on facets that act.
             state: Where the structure is.
-            failures: Keeps exceptions of a user's functions until all ranks are told.
             flexible: Flexible owned cells by subdomain id.
             held: Which dofs supports hold.
             driven: Owned cells by subdomain id that move with a support: not flexible, all their
@@ -100,7 +97,6 @@ class Equations:
             mass=self.mass,
             u=state.u.x.array,
             surface=forces.surface,
-            failures=failures,
             notes=notes,
             static=kind != "step",
         )

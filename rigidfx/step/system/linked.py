@@ -16,7 +16,7 @@ from rigidfx.effects import (
 )
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.remote import Points
-from rigidfx.step.equations.actions import Heeded, bound
+from rigidfx.step.equations.actions import OwnMethods, bound
 
 __all__ = ["elements_of", "linked"]
 
@@ -54,7 +54,6 @@ def _points_of(structure: Structure, acting: Sequence[Windowed]) -> Points:
     every = structure.scene.effects
     wanted = [e for e in every if not e.is_windowed or id(e) in here]
     pairs = [(e, bound(e, structure, "bind_points")) for e in wanted]
-    structure.failures.settle()  # all ranks go on with the same actions
     owners = {id(action): effect.owner for effect, action in pairs if action is not None}
     actions = [action for _, action in pairs if action is not None]
-    return Points(actions, Heeded(owners, structure.failures).call)
+    return Points(actions, OwnMethods(owners, structure.scene.comm).call)

@@ -19,7 +19,6 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.errors import together
-from rigidfx.base.failures import Failures
 from rigidfx.base.types import Array
 from rigidfx.effects import Effect, JointReports, SpringDamperReport, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
@@ -58,7 +57,6 @@ class StaticSystem(Equations):
         effects: Sequence[Effect],
         acting: Sequence[Windowed],
         division: Division,
-        failures: Failures,
         fixed: float | None = None,
         loose: bool = False,
     ) -> None:
@@ -71,7 +69,6 @@ class StaticSystem(Equations):
             effects: All effects that take part.
             acting: Those with a time window that act.
             division: Division of the cells.
-            failures: Keeps exceptions of a user's functions until all ranks are told.
             fixed: Time at which functions of time are taken [s]: then loads grow in proportion to
                 the path, supports and obstacles rest. The time of the path if None.
             loose: Whether a `StepDrag` is among the effects.
@@ -83,7 +80,7 @@ class StaticSystem(Equations):
         known = division.driven_nodes, None, division.nodes_of_held
         self.prescribed = PrescribedDofs(scene, supports_of(acting), *known)
         cells, driven = division.flexible, division.driven_cells
-        of_division = state, failures, cells, self.prescribed.mask, driven
+        of_division = state, cells, self.prescribed.mask, driven
         super().__init__("static", scene, forces, *of_division, notes=state.notes)
         state.follow(self.layout.following)
         state.rebuild()
@@ -130,11 +127,9 @@ class StaticSystem(Equations):
             guesses = (rest, Guess(dt / before * d, dt / before * bodies))
         solution = self._newton.solve(guesses)
         if not solution.converged:
-            self.actions.failures.settle()
             solution = self._search().solve(guesses[:1]).after(solution)
             if not solution.converged:
                 self._renew()
-        self.actions.failures.settle()
         return solution
 
     def _set_loads(self, t: float, dt: float) -> None:

@@ -13,7 +13,6 @@ from functools import partial
 import numpy as np
 
 from rigidfx.base.errors import together
-from rigidfx.base.failures import Failures
 from rigidfx.base.types import Array, Indices
 from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.effects import (
@@ -94,7 +93,6 @@ class System(Equations):
         acting: Sequence[Windowed],
         flexible: Cells,
         prescribed: PrescribedDofs,
-        failures: Failures,
         dealing: Dealing,
         eased_stress: EasedStress,
         driven: Cells | None = None,
@@ -109,7 +107,6 @@ class System(Equations):
             acting: The effects with a time window that act from now on.
             flexible: Flexible owned cells by subdomain id.
             prescribed: Dofs held by supports.
-            failures: Keeps exceptions of a user's functions until all ranks are told.
             dealing: Deals flexible cells out among the ranks where that pays.
             eased_stress: Form of the stresses that releases have let down.
             driven: Owned cells by subdomain id that move with a support: not flexible, all their
@@ -117,7 +114,7 @@ class System(Equations):
             held: Number of the support that holds the frame of a body, by the body's name.
         """
         forces.select(acting)
-        of_division = state, failures, flexible, prescribed.mask, driven
+        of_division = state, flexible, prescribed.mask, driven
         super().__init__("step", scene, forces, *of_division, notes=state.notes, dealing=dealing)
         self._prescribed = prescribed
         self.acting = tuple(acting)
@@ -184,16 +181,13 @@ class System(Equations):
         return self.newton.solve(predict(self._scene, self.layout, trial.start, v, bodies, dt))
 
     def explain(self, solution: Solution) -> None:
-        """Raise errors of a user's functions in a step that is objected to. Collective.
+        """Raise the error of a user's function in a step that is objected to. Collective.
 
         Raises:
-            SceneError: On every rank, if one has failed on any, or has given forces that are no
-                numbers.
+            SceneError: On every rank, if one has given forces that are no numbers on any.
         """
-        self.actions.failures.settle()
         if not (solution.residuals and np.isfinite(solution.residuals).all()):
             self.actions.explain(self.equilibrium.motion)
-            self.actions.failures.settle()
 
     @property
     def dead(self) -> bool:
@@ -266,11 +260,7 @@ class System(Equations):
             *map(integral, self._taken.dissipated.values()),
             *(energy for _, energy in by_kind),
         ]
-        failed, dead, supports, followed, *lost = map(
-            float, self._scene.sum([self.actions.failures.count, *local])
-        )
-        if failed:
-            self.actions.failures.settle()
+        dead, supports, followed, *lost = map(float, self._scene.sum(local))
         kinds = [*self._taken.dissipated, *(kind for kind, _ in by_kind)]
         dissipated: dict[str, float] = {}
         for kind, energy in zip(kinds, lost, strict=True):

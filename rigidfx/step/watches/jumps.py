@@ -14,13 +14,14 @@ step does not change, and that nobody may have meant.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
 
-from rigidfx.base.failures import Failures
 from rigidfx.base.remembered import PART, ByObject, Remembered
 from rigidfx.base.types import Array
+from rigidfx.base.uncaught import by_users
 from rigidfx.effects import Contact, Obstacle, Support, Touch
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.judge import Attempt, WarnsOnce
@@ -133,24 +134,17 @@ class JumpingObstacles(WarnsOnce):
 
     remembered: ClassVar[Remembered] = WarnsOnce.remembered | {"_gains": PART}
 
-    def __init__(
-        self, scene: Scene, touches: Callable[[], Mapping[str, Touch]], failures: Failures
-    ) -> None:
+    def __init__(self, scene: Scene, touches: Callable[[], Mapping[str, Touch]]) -> None:
         """Begin before the first step. Collective.
 
         Args:
             scene: The problem.
             touches: Touches of contacts in the last attempt, by their titles; collective.
-            failures: Keeps exceptions of paths.
         """
         super().__init__(scene.comm)
         every = ((c, c.against) for c in scene.named(Contact))
-        moving = [(c, o) for c, o in every if not c.keeps_apart and o.path is not None]
+        self._moving = [(c, o) for c, o in every if not c.keeps_apart and o.path is not None]
         self._touches, self._gains = touches, Gains(scene)
-        self._looks = [
-            (contact, obstacle, failures.heeded(contact.owner, "path", self._jump, _no_jump))
-            for contact, obstacle in moving
-        ]
 
     def _jump(self, obstacle: Obstacle, t0: float, t1: float) -> tuple[float, float] | None:
         path = obstacle.displacement
@@ -158,13 +152,16 @@ class JumpingObstacles(WarnsOnce):
 
     def accept(self, attempt: Attempt) -> None:
         """See `Watch`. Collective."""
-        if not self._looks:
+        if not self._moving:
             return
         touches, found = self._touches(), ""
-        for contact, obstacle, look in self._looks if self.waits else ():
+        for contact, obstacle in self._moving if self.waits else ():
             touch = touches.get(contact.title)
-            jump = None if touch is None else look(obstacle, attempt.t, attempt.end)
-            if jump is None or touch is None or not touch.pressing or found:
+            if touch is None:
+                continue
+            look = partial(self._jump, obstacle, attempt.t, attempt.end)
+            jump = by_users(self._comm, contact.owner, "path", look)
+            if jump is None or not touch.pressing or found:
                 continue
             t, size = jump
             found = (
@@ -177,10 +174,6 @@ class JumpingObstacles(WarnsOnce):
         self._gains.accept()
         if found:
             self.say(found)
-
-
-def _no_jump(obstacle: Obstacle, t0: float, t1: float) -> None:
-    """The stand-in for the answer of a path that fails."""
 
 
 def jump_of(path: Path, t0: float, t1: float, u0: Array, u1: Array) -> tuple[float, float] | None:
