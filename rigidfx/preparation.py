@@ -105,7 +105,7 @@ def prepare(
 
 def _measure(scene: Scene, criterion: Criterion, forces: InternalForces) -> Indicator:
     """The indicator of a criterion. Collective."""
-    owner = f"{type(criterion).__name__}: its indicator"
+    owner = f"{criterion.owner}: its indicator"
     return together(scene.comm, owner, partial(criterion.indicator, scene, forces))
 
 

@@ -233,9 +233,9 @@ def _begun(
         warn_of_idle(scene, timeline.t_end)
     if kept is None and control is None:
         warn_of_short_steps(scene, timeline.dt)
-    if isinstance(rigidify, Accuracy) or not isinstance(rigidify, Criterion | None):
+    if not isinstance(rigidify, Criterion | None):
         raise SceneError(f"simulate: rigidify must be a StrainRate, got {show(rigidify)}.")
-    criterion = rigidify if accuracy is None else accuracy.watching(scene)
+    criterion = rigidify if accuracy is None else accuracy.criterion(scene)
     if criterion is not None and not scene.scheme.couples:
         raise SceneError(
             f"simulate: {type(scene.scheme).__name__} does not couple to rigid bodies; take "

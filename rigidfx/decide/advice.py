@@ -76,4 +76,4 @@ class Advice:
         kind = message.split(",")[0]
         if kind not in self._said:
             self._said.add(kind)
-            warn(self._comm, f"{type(self._criterion).__name__}: {message}")
+            warn(self._comm, f"{self._criterion.owner}: {message}")

@@ -78,10 +78,10 @@ class Policy:
         self._every = np.ones(self._graph.owned, dtype=bool)
         self._never = ~self._every
         for name in criterion.never:
-            self._never[judged_cells(scene, name, f"{type(criterion).__name__} (never)")] = True
+            self._never[judged_cells(scene, name, f"{criterion.owner} (never)")] = True
         self.releases = Releases(scene, criterion.releases, timeline)
         self.named = NamedParts(scene, self._graph, alone=criterion.grow)
-        self._easing = Easing(part_of_window(type(criterion).__name__, criterion.easing))
+        self._easing = Easing(part_of_window(criterion.owner, criterion.easing))
         self._springs: Array | None = None  # of the present bodies, at the last look
         self._planner = Planner(self._graph, self.named, criterion.least_cells(scene))
         change = CHANGE if criterion.load_change is None else criterion.load_change
@@ -97,9 +97,8 @@ class Policy:
         watched = scene.named(Contact) if self.memory.contacts.watched else []
         self._met = {contact.title: met(scene, contact) for contact in watched}
         self._paying = Paying(self._graph, criterion, self.memory)
-        owner = type(criterion).__name__
         rule = partial(criterion.rule, scene, timeline, self.memory)
-        self.rule = together(scene.comm, f"{owner}: its rule", rule)
+        self.rule = together(scene.comm, f"{criterion.owner}: its rule", rule)
 
     @property
     def _advice(self) -> Advice:

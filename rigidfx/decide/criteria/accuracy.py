@@ -41,7 +41,53 @@ WATCHED = 1500
 
 
 @dataclass(frozen=True)
-class Accuracy(Criterion):
+class Budgeted(Criterion):
+    """Parts become rigid as far as that keeps a budget.
+
+    Attributes:
+        budget: Error of the displacement over the largest one so far.
+        never: Names of sets of cells that stay flexible.
+        min_cells: Least number of cells of a new body; see `Accuracy`.
+    """
+
+    budget: float
+    never: Sequence[str]
+    min_cells: int | None
+
+    @property
+    def owner(self) -> str:
+        """The name of the user's record."""
+        return "Accuracy"
+
+    def least_cells(self, scene: Scene) -> int:
+        """See `Criterion`; more than there are in a structure too small for bodies to pay."""
+        least, cells = super().least_cells(scene), scene.mesh.topology.index_map(3).size_global
+        if self.min_cells is not None:
+            return least
+        unknowns = 3 * scene.space.dofmap.index_map.size_global
+        return max(least, ceil(WORTH * cells / unknowns)) if unknowns >= WATCHED else cells + 1
+
+    def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> BudgetRule:
+        """See `Criterion`."""
+        return BudgetRule(scene, timeline, memory, self.budget)
+
+    @property
+    def contact_change(self) -> float:
+        """See `Criterion`: a blow changes how a free part moves as a whole, and e lacks that."""
+        return CHANGE
+
+    @property
+    def remedy(self) -> str:
+        """See `Criterion`."""
+        return "Take a larger budget, or name their cells `never`."
+
+    def allowed(self, peak: float) -> float:
+        """See `Criterion`."""
+        return self.budget
+
+
+@dataclass(frozen=True)
+class Accuracy:
     """Permitted error of a motion; a run chooses Δt and its rigid parts by it.
 
     Time integration may use the whole budget until a part becomes rigid
@@ -156,47 +202,20 @@ class Accuracy(Criterion):
                 "and are no time windows.",
             )
 
-    def least_cells(self, scene: Scene) -> int:
-        """See `Criterion`; more than there are in a structure too small for bodies to pay."""
-        least, cells = super().least_cells(scene), scene.mesh.topology.index_map(3).size_global
-        if self.min_cells is not None:
-            return least
-        unknowns = 3 * scene.space.dofmap.index_map.size_global
-        return max(least, ceil(WORTH * cells / unknowns)) if unknowns >= WATCHED else cells + 1
-
-    def watching(self, scene: Scene) -> Accuracy | None:
-        """Itself, if anything may become rigid that is worth it, or is named so; else None.
-
-        Collective.
+    def criterion(self, scene: Scene) -> Budgeted | None:
+        """What judges cells; None if nothing is worth to be rigid, or named so. Collective.
 
         Args:
             scene: The problem.
         """
         cells = scene.mesh.topology.index_map(3).size_global
-        return self if self.least_cells(scene) <= cells or scene.named(Rigid) else None
+        found = Budgeted(float(self.budget), self.never, self.min_cells)
+        return found if found.least_cells(scene) <= cells or scene.named(Rigid) else None
 
     @property
     def idle(self) -> Rigidity:
         """Error of a motion by rigidity where nothing becomes rigid."""
         return Rigidity(0.0, 0.0, float(self.budget), 0.0, True)
-
-    def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> BudgetRule:
-        """See `Criterion`."""
-        return BudgetRule(scene, timeline, memory, float(self.budget))
-
-    @property
-    def contact_change(self) -> float:
-        """See `Criterion`: a blow changes how a free part moves as a whole, and e lacks that."""
-        return CHANGE
-
-    @property
-    def remedy(self) -> str:
-        """See `Criterion`."""
-        return "Take a larger budget, or name their cells `never`."
-
-    def allowed(self, peak: float) -> float:
-        """See `Criterion`."""
-        return float(self.budget)
 
 
 def _less(ledger: Ledger, scene: Scene, budget: float) -> str:

@@ -48,6 +48,11 @@ class Criterion:
     kappa: float = inf
 
     @property
+    def owner(self) -> str:
+        """Its name in messages."""
+        return type(self).__name__
+
+    @property
     def releases(self) -> tuple[Release, ...]:
         """Releases that are asked for."""
         return ()
