@@ -21,7 +21,7 @@ from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.recovery.held_parts import HeldParts
 from rigidfx.recovery.recovery import Recovery
-from rigidfx.report.ledger import Ledgers
+from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.probe_stress import Probes
 from rigidfx.report.resolved_forces import ResolvedForces
 from rigidfx.report.start import Start
@@ -47,6 +47,9 @@ def prepare(
     control: StepControl | None = None,
     start: Start | None = None,
     bring_back: Callable[[State, Switch], None] | None = None,
+    *,
+    idle: Rigidity | None = None,
+    corrected: bool = True,
 ) -> tuple[Run, Impact | None]:
     """Prepare a run up to its first step; its stepper is to be closed. Collective.
 
@@ -57,6 +60,8 @@ def prepare(
         control: How Δt is chosen; the timeline says it if None.
         start: Where the run begins; as the scene says if None.
         bring_back: Has the state and the division of a checkpoint in place of a start; collective.
+        idle: See `Run`.
+        corrected: See `Run`.
 
     Returns:
         The run, and the velocity that supports have imposed at the start, if they have.
@@ -100,7 +105,7 @@ def prepare(
         stack.pop_all()
     touch, contacts = FirstTouch(stepper), ResolvedForces(scene) if scene.named(Contact) else None
     known = policy, probes, recovery, touch, contacts, ledgers, error, looks
-    return Run(timeline, stepper, switch, *known, growth=growth), impact
+    return Run(timeline, stepper, switch, *known, idle, growth, corrected), impact
 
 
 def _measure(scene: Scene, criterion: Criterion, forces: InternalForces) -> Indicator:

@@ -67,10 +67,10 @@ class Run:
     resolved: ResolvedForces | None
     ledgers: Ledgers | None
     error: ErrorMotion | None
-    looks: Looks | None = None
-    idle: Rigidity | None = None
-    growth: Growth | None = None
-    corrected: bool = True
+    looks: Looks | None
+    idle: Rigidity | None
+    growth: Growth | None
+    corrected: bool
 
     remembered: ClassVar[Remembered] = dict.fromkeys(
         ("stepper", "policy", "touch", "resolved", "ledgers", "growth"), PART

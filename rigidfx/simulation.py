@@ -246,9 +246,9 @@ def _begun(
         tell_of_crowding(scene.comm)
         began = perf_counter()
         back = None if kept is None else partial(bring_back, kept)
-        run, impact = prepare(scene, timeline, criterion, control, start, back)
         idle = None if accuracy is None else accuracy.idle
-        run = replace(run, idle=idle, corrected=call["corrected"])
+        shows: dict[str, Any] = {"idle": idle, "corrected": call["corrected"]}
+        run, impact = prepare(scene, timeline, criterion, control, start, back, **shows)
         left = None if checkpoint is None else checkpoint.folder
         looks, writers = _looks(run), Writers(scene.comm, left, before)
         if kept is not None:
