@@ -15,17 +15,19 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.types import Array
 
 __all__ = [
-    "check_factor",
+    "at_least_zero",
     "communicator",
     "direction",
     "is_function",
     "names",
     "number",
     "numbers",
+    "of_time",
     "path_of",
     "positive",
     "scalar",
     "shown",
+    "truth",
     "vector",
     "whole",
 ]
@@ -184,7 +186,21 @@ def scalar(value: Any) -> float:
     return float(array) if array.ndim == 0 else float("nan")
 
 
-def vector(owner: object, name: str, value: Any) -> Array:
+def at_least_zero(owner: str, name: str, value: Any) -> float:
+    """A user's number that is not negative, as a float: see `number`."""
+    result = number(owner, name, value)
+    if result < 0:
+        raise SceneError(f"{owner}: {name} must be ≥ 0, got {shown(value)}.")
+    return result
+
+
+def truth(owner: str, name: str, value: Any) -> None:
+    """Raise `SceneError` unless a user's value is True or False."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise SceneError(f"{owner}: {name} must be True or False, got {shown(value)}.")
+
+
+def vector(owner: str, name: str, value: Any) -> Array:
     """Three finite numbers as an array, shape (3,).
 
     Args:
@@ -197,13 +213,11 @@ def vector(owner: object, name: str, value: Any) -> Array:
     """
     array = numbers(value)
     if array.shape != (3,) or not np.isfinite(array).all():
-        raise SceneError(
-            f"{type(owner).__name__}: {name} must be three finite numbers, got {shown(value)}."
-        )
+        raise SceneError(f"{owner}: {name} must be three finite numbers, got {shown(value)}.")
     return array
 
 
-def direction(owner: object, name: str, value: Any) -> Array:
+def direction(owner: str, name: str, value: Any) -> Array:
     """The unit vector along three finite numbers, shape (3,).
 
     Raises:
@@ -212,8 +226,7 @@ def direction(owner: object, name: str, value: Any) -> Array:
     given = vector(owner, name, value)
     size = np.abs(given).max()
     if not size > 0:
-        kind = type(owner).__name__
-        raise SceneError(f"{kind}: {name} must have a direction, got {shown(value)}.")
+        raise SceneError(f"{owner}: {name} must have a direction, got {shown(value)}.")
     given = given / size  # whose squares neither overflow nor vanish
     return np.asarray(given / np.linalg.norm(given))
 
@@ -272,16 +285,7 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def check_factor(owner: object, time: Any) -> None:
-    """Check a factor in time.
-
-    Args:
-        owner: Whose factor it is, for the message.
-        time: The given factor.
-
-    Raises:
-        SceneError: If it is neither a function nor None.
-    """
-    if time is not None and not is_function(time):
-        given = shown(time)
-        raise SceneError(f"{type(owner).__name__}: time must be a function of t, got {given}.")
+def of_time(owner: str, name: str, value: Any) -> None:
+    """Raise `SceneError` unless a user's value is a function."""
+    if not is_function(value):
+        raise SceneError(f"{owner}: {name} must be a function of t, got {shown(value)}.")

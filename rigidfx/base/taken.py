@@ -10,7 +10,7 @@ or a tensor of another package, could be changed later too: it becomes a float, 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import fields
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -20,8 +20,9 @@ import numpy.typing as npt
 
 from rigidfx.base.inputs import is_function, numbers
 
-__all__ = ["read_only", "seal", "take_fields", "taken"]
+__all__ = ["Checks", "check_fields", "read_only", "seal", "take_fields", "taken"]
 
+Checks = dict[str, Callable[[str, str, Any], object]]  # by names of fields
 Entry = TypeVar("Entry", bound=np.generic)
 
 PLAIN = (bool, int, float, complex, str, bytes)  # what cannot change
@@ -109,6 +110,19 @@ def take_fields(record: Any) -> None:
     """
     for field in fields(record):
         object.__setattr__(record, field.name, taken(getattr(record, field.name)))
+
+
+def check_fields(record: Any, checks: Checks) -> None:
+    """Check fields of a dataclass, with its kind as their owner.
+
+    Args:
+        record: The record, while it is made.
+        checks: Functions such as `inputs.positive`. None passes where it is the default.
+    """
+    for field in fields(record):
+        value = getattr(record, field.name)
+        if field.name in checks and (value is not None or field.default is not None):
+            checks[field.name](type(record).__name__, field.name, value)
 
 
 def seal(record: Any) -> None:

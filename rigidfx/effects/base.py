@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rigidfx.base.errors import SceneError, by_name, together
-from rigidfx.base.inputs import check_factor, number, numbers, scalar, shown
-from rigidfx.base.taken import take_fields
+from rigidfx.base.inputs import number, numbers, of_time, scalar, shown
+from rigidfx.base.taken import Checks, check_fields, take_fields
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, FormTerm, Structure
 
@@ -99,9 +99,17 @@ class Effect:
     face: ClassVar[Any] = None  # the face at whose point it acts
     places: ClassVar[tuple[type, ...]] = (str,)  # kinds of places that it may act on
     in_runs: ClassVar[str | None] = None  # of an effect of runs only: what statics take instead
+    checks: ClassVar[Checks] = {}  # of its fields
+    on_cells: ClassVar[bool] = False  # whether it acts on a set of cells
+    breakpoints: ClassVar[tuple[float, ...]] = ()  # instants at which a step must end [s]
+    joins: ClassVar[tuple[str | None, ...]] = ()  # sets it keeps together; None means all
+    keeps_apart: ClassVar[tuple[str, ...]] = ()  # two sets of facets that press where they meet
+    mass_damping: ClassVar[float] = 0.0  # α of a drag α M v that it is, for linear twins [1/s]
+    numerical_damping: ClassVar[float | None] = None  # ξ of the scheme, if it has a say in that
+    ground_stiffness: ClassVar[Array | None] = None  # total, against the ground, (3, 3) [N/m]
 
     def __post_init__(self) -> None:
-        """Copy its values; raise `SceneError` unless `where` is the name of a set.
+        """Copy its values; raise `SceneError` unless `where` and other fields pass their checks.
 
         None will do where it is the default.
         """
@@ -112,6 +120,7 @@ class Effect:
                 raise SceneError(
                     f"{self.kind}: where must be the name of a set, got {shown(where)}."
                 )
+        check_fields(self, self.checks)
 
     @property
     def kind(self) -> str:
@@ -122,11 +131,6 @@ class Effect:
     def owner(self) -> str:
         """Its name in messages, and where it acts."""
         return f"{self.kind} on '{getattr(self, 'where', None) or WHOLE}'"
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Instants at which a step must end [s]."""
-        return ()
 
     def placed(self, scene: Any) -> Effect:
         """The effect with the data that it takes from the mesh; itself without. Collective.
@@ -148,6 +152,8 @@ class Effect:
         Raises:
             SceneError: On every rank, if a name is unknown or a function of time cannot be used.
         """
+        if self.on_cells:
+            scene.owned_cells(getattr(self, "where", None), self.kind)
 
     def signal(self, t: float, dt: float) -> Array:
         """Numbers whose change is a change of load, at t [s]; none if nothing of it is.
@@ -161,31 +167,6 @@ class Effect:
     def pushes(self, t: float) -> tuple[str, float] | None:
         """Facets on whose deformed surface it acts, and its stress at t in size [Pa]; or None."""
         return None
-
-    @property
-    def mass_damping(self) -> float:
-        """α of a drag α M v that it is, for linear twins [1/s]."""
-        return 0.0
-
-    @property
-    def numerical_damping(self) -> float | None:
-        """ξ of the time integration scheme; None if it has no say in that."""
-        return None
-
-    @property
-    def ground_stiffness(self) -> Array | None:
-        """Total stiffness against the ground, shape (3, 3) [N/m]; None if it has none."""
-        return None
-
-    @property
-    def joins(self) -> tuple[str | None, ...]:
-        """Sets that it keeps together, so that parts cannot drift away; None means all cells."""
-        return ()
-
-    @property
-    def keeps_apart(self) -> tuple[str, ...]:
-        """Two sets of facets that press on each other where they meet; () if there are none."""
-        return ()
 
     def nodal_mass(self, scene: Any) -> Array | None:
         """Mass that it adds to each local node, ghosts included [kg]; None if none. Collective.
@@ -300,7 +281,7 @@ class Windowed(Effect):
         return tuple(t for t in (self.since, self.until) if isfinite(t))
 
     @property
-    def breakpoints(self) -> tuple[float, ...]:
+    def breakpoints(self) -> tuple[float, ...]:  # type: ignore[override]
         """Instants at which a step must end [s]: ends of the window, kinks of functions in it."""
         return (*self.ends, *self._kinks)  # type: ignore[attr-defined]
 
@@ -343,13 +324,9 @@ class Scaled(Windowed):
 
     is_load: ClassVar[bool] = True
     grows: ClassVar[str | None] = "time"
+    checks: ClassVar[Checks] = {"time": of_time}
 
     time: TimeFunction | None = field(default=None, kw_only=True)
-
-    def __post_init__(self) -> None:
-        """Raise `SceneError` if window or factor cannot be used."""
-        super().__post_init__()
-        check_factor(self, self.time)
 
     def factor(self, t: float) -> float:
         """The factor at t [s]; zero outside the window."""

@@ -8,7 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rigidfx.base.errors import SceneError, together
-from rigidfx.base.inputs import number, positive, shown
+from rigidfx.base.inputs import at_least_zero, positive, shown
+from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
 from rigidfx.effects.action import Action, Structure
@@ -46,6 +47,11 @@ class Contact(Windowed):
 
     is_load: ClassVar[bool] = True
     is_contact: ClassVar[bool] = True
+    checks: ClassVar[Checks] = {
+        "stiffness": positive,
+        "friction": at_least_zero,
+        "creep": positive,
+    }
 
     where: str
     against: Obstacle | str = field(kw_only=True)
@@ -62,13 +68,7 @@ class Contact(Windowed):
                 f"{self.owner}: against must be a Plane or another obstacle, or the name of a set, "
                 f"got {shown(self.against)}."
             )
-        if self.stiffness is not None:
-            positive(self.owner, "stiffness", self.stiffness)
-        if number(self.owner, "friction", self.friction) < 0:
-            raise SceneError(f"{self.owner}: friction must be ≥ 0, got {shown(self.friction)}.")
-        if self.creep is not None:
-            positive(self.owner, "creep", self.creep)
-        elif self.friction > 0:
+        if self.creep is None and self.friction > 0:
             raise SceneError(
                 f"{self.owner}: friction needs creep, the speed [m/s] below which what sticks may "
                 "creep; a thousandth of the speeds that matter, say."
@@ -84,7 +84,7 @@ class Contact(Windowed):
             object.__setattr__(self, "title", f"{self.where}_{other}")
 
     @property
-    def keeps_apart(self) -> tuple[str, ...]:
+    def keeps_apart(self) -> tuple[str, ...]:  # type: ignore[override]
         """Its surface and the other one; () if it meets an obstacle."""
         return (self.where, self.against) if isinstance(self.against, str) else ()
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from math import pi
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal, Self
 
 import ufl
 from dolfinx import fem
@@ -12,6 +13,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive, shown
+from rigidfx.base.taken import Checks
 from rigidfx.base.warning import warn
 from rigidfx.effects.action import FormTerm
 from rigidfx.effects.base import Windowed
@@ -22,14 +24,14 @@ __all__ = ["KelvinVoigt", "NumericalDamping", "StiffnessDamping", "warn_of_ratio
 
 
 class ViscousTerm(FormTerm):
-    """A stress that is a modulus times a strain increment over Δt."""
+    """A stress S = η ΔE/Δt in the compiled forms."""
 
     viscous = True
     law: Literal["elastic", "viscous"] = "viscous"  # what the modulus multiplies: see `Portion`
 
-    def __init__(self, modulus: float, rate: Any) -> None:
-        """Store the modulus, and the constant of the forms that is modulus/Δt."""
-        self._modulus, self._rate = modulus, rate
+    def __init__(self, kind: str, modulus: float, mesh: Any) -> None:
+        """Store the modulus η [Pa s], and the constant of the forms that is modulus/Δt."""
+        self.kind, self._modulus, self._rate = kind, modulus, fem.Constant(mesh, modulus)
 
     def set_time(self, t: float, dt: float) -> None:
         """Set modulus/Δt."""
@@ -39,14 +41,52 @@ class ViscousTerm(FormTerm):
         """Set the modulus times a rate [1/s]."""
         self._rate.value = self._modulus * rate
 
-    def stress(self, element: Element, u0: Any, u1: Any) -> Any:
-        """S of a step from u₀ to u₁ [Pa]."""
-        raise NotImplementedError
+    def increment(self, element: Element, u0: Any, u1: Any) -> Any:
+        """ΔE of a step from u₀ to u₁."""
+        return element.viscous_strain_increment(u0, u1)
+
+    def stress(self, dE: Any) -> Any:
+        """S by ΔE [Pa]."""
+        return self._rate * dE
 
     def virtual_work(self, element: Element, u0: Any, u1: Any, w: Any) -> Any:
         """F½ S : Grad w."""
-        S, portion = self.stress(element, u0, u1), Portion(self.law, u1, u0, 0.0, self._rate)
-        return element.virtual_work(S, (portion,), (u0, u1), w)
+        S, portion = self.stress(self.increment(element, u0, u1)), (u1, u0, 0.0, self._rate)
+        return element.virtual_work(S, (Portion(self.law, *portion),), (u0, u1), w)
+
+    def eliminated(self, element: Element, u0: Any, u1: Any, w: Any, du: Any) -> Any:
+        """The derivative of S by u₁ at F½."""
+        return element.viscous_eliminated((u0, u1), u1, self._rate, w, du)
+
+    def taken(self, element: Element, u0: Any, u1: Any) -> Any:
+        """S:ΔE [J/m³]."""
+        dE = self.increment(element, u0, u1)
+        return ufl.inner(self.stress(dE), dE)
+
+
+class ProportionalTerm(ViscousTerm):
+    """S = β ℂ₀:ΔE/Δt in the compiled forms, of one law; its modulus is β [s]."""
+
+    law = "elastic"
+    _law: Law
+
+    def of(self, law: Law) -> Self:
+        """The stress in cells of a law."""
+        out = copy(self)
+        out._law = law
+        return out
+
+    def increment(self, element: Element, u0: Any, u1: Any) -> Any:
+        """ΔE of a step from u₀ to u₁."""
+        return element.strain_increment(u0, u1)
+
+    def stress(self, dE: Any) -> Any:
+        """S by ΔE [Pa]."""
+        return self._rate * initial_stiffness_times(self._law.energy, self._law.parameters, dE)
+
+    def eliminated(self, element: Element, u0: Any, u1: Any, w: Any, du: Any) -> Any:
+        """The derivative of S by u₁ at F½."""
+        return element.eliminated((u0, u1), u1, 0.0, self._rate, w, du)
 
 
 @dataclass(frozen=True)
@@ -61,44 +101,15 @@ class KelvinVoigt(Windowed):
         where: Name of a set of cells; everywhere if None.
     """
 
+    checks: ClassVar[Checks] = {"eta": positive}
+    on_cells: ClassVar[bool] = True
+
     eta: float
     where: str | None = None
 
-    def __post_init__(self) -> None:
-        """Raise `SceneError` unless η is a finite number > 0."""
-        super().__post_init__()
-        positive("KelvinVoigt", "eta", self.eta)
-
-    def check(self, scene: Any) -> None:
-        """Look its cells up."""
-        scene.owned_cells(self.where, self.kind)
-
     def term(self, mesh: Any) -> FormTerm:
         """The viscous stress."""
-        return ViscousStress(self, mesh)
-
-
-class ViscousStress(ViscousTerm):
-    """S = η ΔE/Δt in the compiled forms."""
-
-    kind = KelvinVoigt.__name__
-
-    def __init__(self, effect: KelvinVoigt, mesh: Any) -> None:
-        """Store the viscosity η [Pa s]."""
-        super().__init__(float(effect.eta), fem.Constant(mesh, float(effect.eta)))
-
-    def stress(self, element: Element, u0: Any, u1: Any) -> Any:
-        """η ΔE/Δt."""
-        return self._rate * element.viscous_strain_increment(u0, u1)
-
-    def eliminated(self, element: Element, u0: Any, u1: Any, w: Any, du: Any) -> Any:
-        """η/Δt ∂(ΔE)/∂u₁ at F½."""
-        return element.viscous_eliminated((u0, u1), u1, self._rate, w, du)
-
-    def taken(self, element: Element, u0: Any, u1: Any) -> Any:
-        """η ΔE:ΔE/Δt [J/m³]."""
-        dE = element.viscous_strain_increment(u0, u1)
-        return self._rate * ufl.inner(dE, dE)
+        return ViscousTerm(self.kind, float(self.eta), mesh)
 
 
 @dataclass(frozen=True)
@@ -115,15 +126,12 @@ class StiffnessDamping(Windowed):
         where: Name of a set of cells; everywhere if None.
     """
 
+    checks: ClassVar[Checks] = {"ratio": positive, "frequency": positive}
+    on_cells: ClassVar[bool] = True
+
     ratio: float
     frequency: float
     where: str | None = None
-
-    def __post_init__(self) -> None:
-        """Raise `SceneError` unless ratio and frequency are finite numbers > 0."""
-        super().__post_init__()
-        positive(self.kind, "ratio", self.ratio)
-        positive(self.kind, "frequency", self.frequency)
 
     @property
     def beta(self) -> float:
@@ -132,12 +140,12 @@ class StiffnessDamping(Windowed):
 
     def check(self, scene: Any) -> None:
         """Look its cells up; warn of a ratio at which nothing vibrates."""
-        scene.owned_cells(self.where, self.kind)
+        super().check(scene)
         warn_of_ratio(scene.comm, self.owner, self.ratio)
 
     def term(self, mesh: Any) -> FormTerm:
         """The viscous stress."""
-        return ProportionalStress(self.beta, fem.Constant(mesh, self.beta))
+        return ProportionalTerm(self.kind, self.beta, mesh)
 
 
 def warn_of_ratio(comm: MPI.Intracomm, owner: str, ratio: float) -> None:
@@ -148,36 +156,6 @@ def warn_of_ratio(comm: MPI.Intracomm, owner: str, ratio: float) -> None:
             f"{owner}: the damping ratio {ratio:.3g} is above the critical one, 1, so that nothing "
             "vibrates. Two per cent are 0.02.",
         )
-
-
-class ProportionalStress(ViscousTerm):
-    """S = β ℂ₀:ΔE/Δt in the compiled forms, of one law."""
-
-    kind, law = StiffnessDamping.__name__, "elastic"
-
-    def __init__(self, beta: float, rate: Any, law: Law | None = None) -> None:
-        """Store β [s], and the constant of the forms that is β/Δt."""
-        super().__init__(beta, rate)
-        self._law = law
-
-    def of(self, law: Law) -> FormTerm:
-        """The stress in cells of a law."""
-        return ProportionalStress(self._modulus, self._rate, law)
-
-    def eliminated(self, element: Element, u0: Any, u1: Any, w: Any, du: Any) -> Any:
-        """β/Δt ∂(ℂ₀:ΔE)/∂u₁ at F½."""
-        return element.eliminated((u0, u1), u1, 0.0, self._rate, w, du)
-
-    def taken(self, element: Element, u0: Any, u1: Any) -> Any:
-        """β ΔE:ℂ₀:ΔE/Δt [J/m³]."""
-        return ufl.inner(self.stress(element, u0, u1), element.strain_increment(u0, u1))
-
-    def stress(self, element: Element, u0: Any, u1: Any) -> Any:
-        """β ℂ₀:ΔE/Δt."""
-        assert self._law is not None
-        dE = element.strain_increment(u0, u1)
-        energy, p = self._law.energy, self._law.parameters
-        return self._rate * initial_stiffness_times(energy, p, dE)
 
 
 @dataclass(frozen=True)
@@ -199,6 +177,6 @@ class NumericalDamping(Windowed):
             raise SceneError(f"NumericalDamping: xi must lie in [0, 1/2], got {shown(self.xi)}.")
 
     @property
-    def numerical_damping(self) -> float:
+    def numerical_damping(self) -> float:  # type: ignore[override]
         """ξ."""
         return float(self.xi)

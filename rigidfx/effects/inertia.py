@@ -20,11 +20,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from rigidfx.base.inputs import positive
+from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Effect, Vector, Windowed
@@ -84,15 +85,12 @@ class MassDamping(Windowed):
         alpha: α > 0 [1/s].
     """
 
+    checks: ClassVar[Checks] = {"alpha": positive}
+
     alpha: float
 
-    def __post_init__(self) -> None:
-        """Raise `SceneError` unless α is a finite number > 0."""
-        super().__post_init__()
-        positive("MassDamping", "alpha", self.alpha)
-
     @property
-    def mass_damping(self) -> float:
+    def mass_damping(self) -> float:  # type: ignore[override]
         """α [1/s]."""
         return float(self.alpha)
 

@@ -17,6 +17,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.inputs import vector
+from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array, Indices
 from rigidfx.effects.base import Effect, Vector
 from rigidfx.effects.fields import values_of
@@ -93,6 +94,8 @@ class InitialVelocity(Effect):
 
     in_runs: ClassVar[str | None] = "simulate"
 
+    checks: ClassVar[Checks] = {"linear": vector, "angular": vector, "centre": vector}
+
     linear: Vector = (0.0, 0.0, 0.0)
     angular: Vector = (0.0, 0.0, 0.0)
     centre: Vector | None = None
@@ -102,10 +105,6 @@ class InitialVelocity(Effect):
     def __post_init__(self) -> None:
         """Raise `SceneError` if a vector is not three finite numbers, or `function` is none."""
         super().__post_init__()
-        vector(self, "linear", self.linear)
-        vector(self, "angular", self.angular)
-        if self.centre is not None:
-            vector(self, "centre", self.centre)
         if self.function is not None and not callable(self.function):
             raise SceneError("InitialVelocity: function must be callable.")
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import numbers, positive, shown
+from rigidfx.base.taken import Checks
 from rigidfx.effects.base import WHOLE, Effect
 
 __all__ = ["Reduced", "Rigid"]
@@ -40,6 +41,8 @@ class Rigid(Effect):
     is_rigid: ClassVar[bool] = True
     is_body: ClassVar[bool] = True
     deforms: ClassVar[bool] = False  # whether the body does so by shapes
+    checks: ClassVar[Checks] = {"mass": positive}
+    on_cells: ClassVar[bool] = True
 
     where: str | None = None
     mass: float | None = None
@@ -52,7 +55,7 @@ class Rigid(Effect):
         return self.where or WHOLE
 
     @property
-    def joins(self) -> tuple[str | None, ...]:
+    def joins(self) -> tuple[str | None, ...]:  # type: ignore[override]
         """Its cells."""
         return (self.where,)
 
@@ -60,10 +63,6 @@ class Rigid(Effect):
     def given(self) -> bool:
         """Whether it has a mass or an inertia other than that of its cells."""
         return self.mass is not None or self.inertia is not None
-
-    def check(self, scene: Any) -> None:
-        """Look its cells up."""
-        scene.owned_cells(self.where, self.kind)
 
     def __post_init__(self) -> None:
         """Raise `SceneError` unless each is a truth value, and mass and inertia are possible.
@@ -73,8 +72,6 @@ class Rigid(Effect):
         super().__post_init__()
         if self.each is not None and not isinstance(self.each, (bool, np.bool_)):
             raise SceneError(f"Rigid: each must be True, False or None, got {shown(self.each)}.")
-        if self.mass is not None:
-            positive("Rigid", "mass", self.mass)
         if self.inertia is None:
             return
         J = numbers(self.inertia)

@@ -9,6 +9,7 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import positive
+from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Vector
@@ -36,16 +37,11 @@ class PointMass(OnFace):
     """
 
     turns: ClassVar[bool] = True
+    checks: ClassVar[Checks] = OnFace.checks | {"mass": positive}
 
     where: str | Surface
     mass: float
     at: Vector | None = field(default=None, kw_only=True)
-
-    def __post_init__(self) -> None:
-        """Raise `SceneError` unless the mass is a finite number > 0, and the place a point."""
-        super().__post_init__()
-        positive("PointMass", "mass", self.mass)
-        self.check_at()
 
     def nodal_mass(self, scene: Any) -> Array | None:
         """Mass of each local node, ghosts included, shape (nodes,) [kg]. Collective.

@@ -56,7 +56,6 @@ class Spring(OnFace):
         super().__post_init__()
         for name in ("stiffness", "damping"):
             _tensor(self.owner, name, getattr(self, name))
-        self.check_at()
         if self.relaxed not in ("start", "mesh"):
             raise SceneError(
                 f"{self.owner}: relaxed must be 'start' or 'mesh', got {shown(self.relaxed)}."
@@ -73,7 +72,7 @@ class Spring(OnFace):
         return _tensor(self.owner, "damping", self.damping)
 
     @property
-    def ground_stiffness(self) -> Array:
+    def ground_stiffness(self) -> Array:  # type: ignore[override]
         """K [N/m]."""
         return self.K
 

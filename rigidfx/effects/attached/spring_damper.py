@@ -20,7 +20,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import shown, vector
+from rigidfx.base.inputs import at_least_zero, truth, vector
+from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Vector as Point
@@ -76,6 +77,12 @@ class SpringDamper(Between, Elastic):
     is_lasting: ClassVar[bool] = True
     many: ClassVar[str] = "springs"
     named: ClassVar[str] = "the name of a Rigid part or of a set"
+    checks: ClassVar[Checks] = Elastic.checks | {
+        "length": at_least_zero,
+        "pulls_only": truth,
+        "at_a": vector,
+        "at_b": vector,
+    }
 
     stiffness: float = 0.0
     damping: float = field(default=0.0, kw_only=True)
@@ -87,17 +94,10 @@ class SpringDamper(Between, Elastic):
     def __post_init__(self) -> None:
         """Raise `SceneError` if an end or a value cannot be used."""
         super().__post_init__()
-        self.check_law(*(["length"] if self.length is not None else []))
         if not (self.stiffness or self.damping):
             raise SceneError(f"{self.owner}: give a stiffness, a damping or both.")
-        if not isinstance(self.pulls_only, (bool, np.bool_)):
-            raise SceneError(
-                f"{self.owner}: pulls_only must be True or False, got {shown(self.pulls_only)}."
-            )
         for name, side in (("at_a", self.a), ("at_b", self.b)):
-            if getattr(self, name) is not None:
-                vector(self, name, getattr(self, name))
-            elif side == GROUND:
+            if getattr(self, name) is None and side == GROUND:
                 raise SceneError(f"{self.owner}: give {name}, the place of its end on the ground.")
 
     # On a mesh ------------------------------------------------------------------------------------

@@ -16,13 +16,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from rigidfx.base.errors import SceneError, by_name
-from rigidfx.base.inputs import direction, is_function, numbers, positive, shown, vector
-from rigidfx.base.taken import take_fields
+from rigidfx.base.inputs import direction, numbers, of_time, positive, shown, truth, vector
+from rigidfx.base.taken import Checks, check_fields, take_fields
 from rigidfx.base.types import Array
 
 __all__ = ["TINY", "Approach", "AskedObstacle", "Cylinder", "Obstacle", "Plane", "Sphere"]
@@ -56,13 +56,14 @@ class Obstacle:
             one at rest. An attribute `breakpoints` of it names the instants of its kinks.
     """
 
+    checks: ClassVar[Checks] = {"path": of_time}
+
     path: Callable[[float], Vector] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Copy the values; raise `SceneError` if the path is no function."""
+        """Copy the values; raise `SceneError` if one cannot be used."""
         take_fields(self)
-        if self.path is not None and not is_function(self.path):
-            raise SceneError(f"{self.kind}: path must be a function of t, got {shown(self.path)}.")
+        check_fields(self, self.checks)
 
     @property
     def kind(self) -> str:
@@ -99,18 +100,14 @@ class Plane(Obstacle):
         normal: Its normal, of any length.
     """
 
+    checks: ClassVar[Checks] = Obstacle.checks | {"point": vector, "normal": direction}
+
     point: Vector
     normal: Vector
 
-    def __post_init__(self) -> None:
-        """Raise `SceneError` if the point is no vector, or the normal has no direction."""
-        super().__post_init__()
-        vector(self, "point", self.point)
-        direction(self, "normal", self.normal)
-
     @cached_property
     def _n(self) -> Array:
-        return direction(self, "normal", self.normal)
+        return direction(self.kind, "normal", self.normal)
 
     def gap(self, y: Array) -> Array:
         """Distance along the normal, shape (n,) [m]."""
@@ -136,19 +133,15 @@ class Round(Obstacle):
         inside: Whether points are kept inside instead of outside.
     """
 
+    checks: ClassVar[Checks] = Obstacle.checks | {
+        "centre": vector,
+        "radius": positive,
+        "inside": truth,
+    }
+
     centre: Vector
     radius: float
     inside: bool = field(default=False, kw_only=True)
-
-    def __post_init__(self) -> None:
-        """Raise `SceneError` if centre, radius or side cannot be used."""
-        super().__post_init__()
-        vector(self, "centre", self.centre)
-        positive(self.kind, "radius", self.radius)
-        if not isinstance(self.inside, (bool, np.bool_)):
-            raise SceneError(
-                f"{self.kind}: inside must be True or False, got {shown(self.inside)}."
-            )
 
     @property
     def _sign(self) -> float:
@@ -196,16 +189,13 @@ class Cylinder(Round):
         axis: Direction of its axis, of any length.
     """
 
-    axis: Vector = (0.0, 0.0, 1.0)
+    checks: ClassVar[Checks] = Round.checks | {"axis": direction}
 
-    def __post_init__(self) -> None:
-        """Raise `SceneError` if the axis has no direction."""
-        super().__post_init__()
-        direction(self, "axis", self.axis)
+    axis: Vector = (0.0, 0.0, 1.0)
 
     @cached_property
     def _P(self) -> Array:
-        a = direction(self, "axis", self.axis)
+        a = direction(self.kind, "axis", self.axis)
         return np.asarray(np.eye(3) - np.outer(a, a))
 
 

@@ -22,7 +22,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from rigidfx.base.errors import SceneError, by_name, together
-from rigidfx.base.inputs import is_function, number, scalar, shown
+from rigidfx.base.inputs import at_least_zero, is_function, number, positive, scalar, shown
+from rigidfx.base.taken import Checks
 from rigidfx.base.warning import warn
 from rigidfx.effects.base import Effect, TimeFunction, Windowed
 from rigidfx.effects.joints.joint import Joint
@@ -59,6 +60,8 @@ class Elastic(Effect):
         damping: c [N s/m, or N m s/rad].
     """
 
+    checks: ClassVar[Checks] = {"stiffness": at_least_zero, "damping": at_least_zero}
+
     stiffness: float
     damping: float
 
@@ -82,14 +85,6 @@ class Elastic(Effect):
     def resists(self) -> bool:
         """Whether it resists all that changes its coordinate, at all times."""
         return self.stiffness > 0 and self.is_spring
-
-    def check_law(self, *more: str) -> None:
-        """Refuse k, c and further fields that are no numbers ≥ 0."""
-        for name in ("stiffness", "damping", *more):
-            if number(self.owner, name, getattr(self, name)) < 0:
-                raise SceneError(
-                    f"{self.owner}: {name} must be ≥ 0, got {shown(getattr(self, name))}."
-                )
 
     def beyond(self, q: float) -> float:
         """P at q [rad or m]."""
@@ -296,18 +291,13 @@ class JointSpring(OfJoint, Elastic):
     """
 
     is_lasting: ClassVar[bool] = True
+    checks: ClassVar[Checks] = Elastic.checks | {"rest": number}
 
     joint: str
     stiffness: float = 0.0
     damping: float = field(default=0.0, kw_only=True)
     rest: float = field(default=0.0, kw_only=True)
     along: str | None = field(default=None, kw_only=True)
-
-    def __post_init__(self) -> None:
-        """Refuse what is no number, or negative where it must not be."""
-        super().__post_init__()
-        number(self.owner, "rest", self.rest)
-        self.check_law()
 
     @property
     def ends_at(self) -> tuple[float, float]:
@@ -331,6 +321,13 @@ class Stop(OfJoint, Elastic):
         along: "angle" or "travel"; needed of a joint that leaves both free.
     """
 
+    is_lasting: ClassVar[bool] = True
+    checks: ClassVar[Checks] = Elastic.checks | {
+        "low": number,
+        "high": number,
+        "stiffness": positive,
+    }
+
     joint: str
     low: float | None = None
     high: float | None = None
@@ -338,22 +335,14 @@ class Stop(OfJoint, Elastic):
     damping: float = field(default=0.0, kw_only=True)
     along: str | None = field(default=None, kw_only=True)
 
-    is_lasting: ClassVar[bool] = True
-
     def __post_init__(self) -> None:
         """Refuse what is no number, ends in the wrong order, and neither end."""
         super().__post_init__()
-        for name in ("low", "high"):
-            if getattr(self, name) is not None:
-                number(self.owner, name, getattr(self, name))
         if self.low is None and self.high is None:
             raise SceneError(f"{self.owner}: give low, high or both.")
         if not self.ends_at[0] < self.ends_at[1]:
             ends = f"{shown(self.low)} and {shown(self.high)}"
             raise SceneError(f"{self.owner}: low must be below high, got {ends}.")
-        if not number(self.owner, "stiffness", self.stiffness) > 0:
-            raise SceneError(f"{self.owner}: stiffness must be > 0, got {shown(self.stiffness)}.")
-        self.check_law()
 
     @property
     def ends_at(self) -> tuple[float, float]:

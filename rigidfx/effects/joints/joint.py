@@ -11,7 +11,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import shown, vector
+from rigidfx.base.inputs import direction, shown, vector
+from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array, Indices
 from rigidfx.effects.base import WHOLE, Effect
 from rigidfx.effects.base import Vector as Place
@@ -42,7 +43,6 @@ __all__ = [
     "Spherical",
     "Tied",
     "Universal",
-    "axis_of",
     "cut_by_symmetry",
 ]
 
@@ -117,7 +117,7 @@ class Between(Effect):
         return self.joins[0]
 
     @property
-    def joins(self) -> tuple[str | None, ...]:
+    def joins(self) -> tuple[str | None, ...]:  # type: ignore[override]
         """The sets of its sides."""
         sides = (s.where if isinstance(s, Surface) else s for s in self.sides)
         return tuple(None if where == WHOLE else where for where in sides if where != GROUND)
@@ -145,14 +145,9 @@ class Joint(Between):
 
     shares: ClassVar[tuple[str, ...]] = ()  # what `Pieces` hold: "point", "axis", "line", ...
     leaves: ClassVar[tuple[str, ...]] = ()  # and measure: "angle", "travel"
+    checks: ClassVar[Checks] = {"at": vector}
 
     at: Place | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse a place that is none."""
-        super().__post_init__()
-        if self.at is not None:
-            vector(self, "at", self.at)
 
     @property
     def pieces(self) -> Pieces:
@@ -220,13 +215,9 @@ class Axial(Joint):
         axis: Direction of the axis at the start, of any length; that of the hole or shaft if None.
     """
 
-    axis: Place | None = None
+    checks: ClassVar[Checks] = Joint.checks | {"axis": direction}
 
-    def __post_init__(self) -> None:
-        """Refuse an axis without length."""
-        super().__post_init__()
-        if self.axis is not None:
-            axis_of(self, self.axis)
+    axis: Place | None = None
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -236,7 +227,7 @@ class Axial(Joint):
     @property
     def direction(self) -> Array:
         """The axis at the start, of unit length."""
-        return axis_of(self, self.axis)
+        return direction(self.kind, "axis", self.axis)
 
 
 class Revolute(Axial):
@@ -299,7 +290,7 @@ class Universal(Joint):
     def __post_init__(self) -> None:
         """Refuse axes without length, and such as are not perpendicular."""
         super().__post_init__()
-        one, other = axis_of(self, self.axis_a), axis_of(self, self.axis_b)
+        one, other = self._axes
         if abs(one @ other) > RIGHT_ANGLE:
             angle = np.degrees(np.arccos(np.clip(one @ other, -1, 1)))
             raise SceneError(
@@ -307,11 +298,16 @@ class Universal(Joint):
                 f"{angle:.3g}°."
             )
 
+    @property
+    def _axes(self) -> tuple[Array, Array]:
+        """Both axes, of unit length."""
+        a, b = (direction(self.kind, name, getattr(self, name)) for name in ("axis_a", "axis_b"))
+        return a, b
+
     def build(self, pieces: Pieces) -> None:
         """Add the common point, and that the axes are perpendicular."""
         super().build(pieces)
-        one = pieces.direction(axis_of(self, self.axis_a), 0)
-        other = pieces.direction(axis_of(self, self.axis_b), 1)
+        one, other = (pieces.direction(axis, side) for side, axis in enumerate(self._axes))
         pieces.hold_right_angle(one, other, "turn")
 
 
@@ -368,12 +364,3 @@ def cut_by_symmetry(scene: Any, supports: Supports) -> tuple[tuple[Joint, ...], 
                 joints.append(joint.placed(scene))
             left[k] = plane, np.setdiff1d(held, nodes)
     return tuple(joints), tuple(left)
-
-
-def axis_of(joint: Joint, axis: Any) -> Array:
-    """A unit vector along an axis, shape (3,); raise `SceneError` if the axis has no length."""
-    given = vector(joint, "axis", axis)
-    length = float(np.linalg.norm(given))
-    if not length > 0:
-        raise SceneError(f"{joint.owner}: its axis has no length, got {shown(axis)}.")
-    return np.asarray(given / length)

@@ -28,6 +28,7 @@ from scipy.sparse import csr_array
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import vector
+from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import WHOLE, Effect
@@ -74,6 +75,16 @@ class OnFace(Effect):
 
     places: ClassVar[tuple[type, ...]] = (str, Surface)
     turns: ClassVar[bool] = False  # whether it acts on directions too
+    checks: ClassVar[Checks] = {"at": vector}
+
+    def __post_init__(self) -> None:
+        """Raise `SceneError` if a place is no point, or of no face."""
+        super().__post_init__()
+        if getattr(self, "at", None) is not None and self.face is None:
+            raise SceneError(
+                f"{self.owner}: at is the place of a remote point of a MeanFace or a RigidFace. "
+                "Give one of these in place of the set, or leave at out."
+            )
 
     @property
     def face(self) -> Surface | None:
@@ -96,18 +107,6 @@ class OnFace(Effect):
         """Its name in messages, and where it acts."""
         where: Any = getattr(self, "where", None)
         return f"{self.kind} on {where.name if self.face else repr(where or WHOLE)}"
-
-    def check_at(self) -> None:
-        """Refuse a place that is no point, or of no face."""
-        at: Any = getattr(self, "at", None)
-        if at is None:
-            return
-        vector(self, "at", at)
-        if self.face is None:
-            raise SceneError(
-                f"{self.owner}: at is the place of a remote point of a MeanFace or a RigidFace. "
-                "Give one of these in place of the set, or leave at out."
-            )
 
     @property
     def remote(self) -> RemotePoint:

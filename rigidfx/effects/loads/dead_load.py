@@ -40,7 +40,7 @@ class DeadLoad(Scaled):
         super().__post_init__()
         value = getattr(self, "value", None)
         if not is_function(value):
-            vector(self, "value", value)
+            vector(self.kind, "value", value)
         elif of_place(value) and not self.local:
             raise SceneError(
                 f"{self.owner}: value must be a function of t; one of x and t can be had with "

@@ -10,10 +10,11 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown, vector, whole
+from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.effects.base import Effect, Vector
 from rigidfx.effects.inertia import Centrifugal
-from rigidfx.effects.joints.joint import Axial, axis_of
+from rigidfx.effects.joints.joint import Axial
 from rigidfx.effects.loads.dead_load import DeadLoad
 from rigidfx.effects.supports.prescribed import PrescribedRotation
 
@@ -42,6 +43,8 @@ class Preload(Effect):
 
     in_runs: ClassVar[str | None] = "its loads in the scene"
 
+    checks: ClassVar[Checks] = {"spin": vector, "centre": vector}
+
     loads: Sequence[DeadLoad] = ()
     increments: int = 1
     spin: Vector = field(default=(0.0, 0.0, 0.0), kw_only=True)
@@ -56,10 +59,7 @@ class Preload(Effect):
         given = (self.loads,) if isinstance(self.loads, DeadLoad) else self.loads
         listed = isinstance(given, Iterable) and not isinstance(given, Set)
         loads = tuple(given) if listed else ()
-        turns = bool(vector(self, "spin", self.spin).any())
-        if self.centre is not None:
-            vector(self, "centre", self.centre)
-        empty = listed and not loads and turns
+        empty = listed and not loads and self.turns
         if not (loads or empty) or not all(isinstance(load, DeadLoad) for load in loads):
             raise SceneError(
                 f"Preload: loads must be one or more dead loads, got {shown(given)}. Without "
@@ -103,7 +103,7 @@ class Preload(Effect):
         spin, found = np.asarray(self.spin) / np.linalg.norm(self.spin), list[Array]()
         for joint in scene.named(Axial):
             if joint.holds and "angle" in joint.pieces.coordinates:
-                across = np.linalg.norm(np.cross(spin, axis_of(joint, joint.axis)))
+                across = np.linalg.norm(np.cross(spin, joint.direction))
                 if across < PARALLEL:
                     found.append(np.asarray(joint.at, dtype=np.float64))
         apart = [float(np.linalg.norm(np.cross(spin, at - found[0]))) for at in found]

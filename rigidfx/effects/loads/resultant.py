@@ -10,6 +10,7 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import vector
+from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import WHOLE, Scaled, Vector, check_vector
@@ -38,18 +39,12 @@ class Resultant(OnFace, Scaled):
     """
 
     turns: ClassVar[bool] = True
+    checks: ClassVar[Checks] = Scaled.checks | OnFace.checks | {"force": vector, "torque": vector}
 
     where: str | Surface | None = None
     force: Vector = (0.0, 0.0, 0.0)
     torque: Vector = (0.0, 0.0, 0.0)
     at: Vector | None = field(default=None, kw_only=True)
-
-    def __post_init__(self) -> None:
-        """Raise `SceneError` if window, place, vectors or time function cannot be used."""
-        super().__post_init__()
-        vector(self, "force", self.force)
-        vector(self, "torque", self.torque)
-        self.check_at()
 
     @property
     def is_dead(self) -> bool:  # type: ignore[override]

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import direction, is_function, numbers, scalar, shown, vector
+from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.effects.base import Vector
 from rigidfx.effects.fields import PlaceAndTime, of_place, values_at
@@ -167,22 +168,17 @@ class PrescribedRotation(GuidedSupport):
 
     uniform: ClassVar[bool] = False
     functions: ClassVar[tuple[str, str]] = "angle", "speed"
+    checks: ClassVar[Checks] = {"axis": direction, "through": vector}
 
     axis: Vector = field(kw_only=True)
     through: Vector = field(default=(0.0, 0.0, 0.0), kw_only=True)
     angle: Callable[[float], float] = field(kw_only=True)
     speed: Callable[[float], float] | None = field(default=None, kw_only=True)
 
-    def __post_init__(self) -> None:
-        """Raise `SceneError` if axis or functions cannot be used."""
-        super().__post_init__()
-        direction(self, "axis", self.axis)
-        vector(self, "through", self.through)
-
     @property
     def direction(self) -> Array:
         """Unit vector along the axis."""
-        return direction(self, "axis", self.axis)
+        return direction(self.kind, "axis", self.axis)
 
     def _asked(self, name: str, t: float) -> float:
         """Angle or speed at t."""
