@@ -29,7 +29,6 @@ __all__ = ["TINY", "Approach", "AskedObstacle", "Cylinder", "Obstacle", "Plane",
 
 Vector = tuple[float, float, float]
 TINY = float(np.finfo(np.float64).tiny)
-UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
