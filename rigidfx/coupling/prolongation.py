@@ -241,10 +241,10 @@ class Prolongation:
         values[self._places] = y
         return self.dealt.take(values.reshape(-1, 3)).reshape(-1)[self._rows_of_free]
 
-    def unknowns(self) -> PETSc.Vec:
-        """A new vector of unknowns; the caller destroys it."""
+    def unknowns(self, more: int = 0) -> PETSc.Vec:
+        """A new vector of unknowns, and of more on this rank, which the caller destroys."""
         y = PETSc.Vec().create(self.comm)
-        y.setSizes((self.owned, None))
+        y.setSizes((self.owned + more, None))
         y.setType(PETSc.Vec.Type.STANDARD)
         return y
 
@@ -309,7 +309,7 @@ class Prolongation:
 
     def _gathered(self, y: Array) -> Array:
         """The same of unknowns that nobody changes. Collective."""
-        own = self._by_body(y[self.own_free :])
+        own = self._by_body(y[self.own_free : self.owned])
         if self.comm.size == 1:
             return own
         values = np.zeros(self._known.shape)
@@ -334,7 +334,8 @@ class Prolongation:
         values[: self.own_free] = self.at_unknowns(d)
         if self.owned > self.own_free:
             own = bodies[self._own_bodies]
-            values[self.own_free :] = own.reshape(-1) if self._alike else own[self._own_known]
+            of_bodies = own.reshape(-1) if self._alike else own[self._own_known]
+            values[self.own_free : self.owned] = of_bodies
 
     def moments(self, f: PETSc.Vec, more: Array | None = None) -> Array:
         """Sum a fᵀ over each body's attached nodes, shape (bodies, n, 3). Collective.

@@ -68,7 +68,7 @@ class Whole:
         of_division = state, flexible, prescribed, driven
         notes = deepcopy(state.notes)  # they follow its iterates
         self._of = of = Equations("step", scene, forces, *of_division, bodies=others, notes=notes)
-        of.bind(scene.effects, stepper.system.acting, joined=None)
+        of.bind(scene.effects, stepper.system.acting, joints=False)
         self._layout, self._prolongation, self._actions = of.layout, of.prolongation, of.actions
         self._equations = of.equilibrium
         self._still = self._layout.rows.vector()

@@ -16,8 +16,6 @@ Optimization, 2nd ed., Section 12.5).
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -28,34 +26,31 @@ from rigidfx.base.matrices import dense
 from rigidfx.base.types import Array
 from rigidfx.coupling.ports import RANK, independent
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.step.equations.joined import JoinedEquilibrium
+from rigidfx.step.equations.constraints import Constraints
 
-__all__ = ["FreeMotions", "HeldState"]
+__all__ = ["FreeMotions", "HeldRows"]
 
 
-class HeldState(JoinedEquilibrium):
-    """The balance of a state that vibrates, with the forces of joints that hold it.
+class HeldRows:
+    """The rows that hold a state which vibrates, and the stiffness of their forces.
 
     Attributes:
         held: Derivatives of independent rows by the unknowns of all ranks, shape (rows, unknowns).
     """
 
-    anchored = False
-
-    def __init__(self, linkage: Linkage, bodies: Bodies, *given: Any) -> None:
+    def __init__(self, constraints: Constraints, bodies: Bodies, p: Prolongation) -> None:
         """Find the rows. Collective.
 
         Args:
-            linkage: The joints.
+            constraints: Rows of the state's equations.
             bodies: The bodies at the state.
-            given: See `Equilibrium`.
+            p: Map between unknowns and dofs.
         """
-        super().__init__(linkage, bodies, *given)
-        rows, terms, compliance = self.ports.resisted(linkage, bodies)
-        self._lead = self.ports.lead(self.prolongation.increments)
-        self._everywhere = self.ports.everywhere()
+        self._constraints, self._p = constraints, p
+        linkage, ports = constraints.linkage, constraints.ports
+        rows, terms, compliance = ports.resisted(linkage, bodies)
+        self._lead, self._everywhere = ports.lead(p.increments), ports.everywhere()
         locked = linkage.drives.prescribed
         locks = linkage.test()[linkage.rows.active.size + np.flatnonzero(locked)]
         rows = np.vstack([rows, dense(locks @ self._lead)])
@@ -64,7 +59,7 @@ class HeldState(JoinedEquilibrium):
         self.held = csr_array(independent_rows @ self._everywhere)
         self._locked = np.r_[np.ones(linkage.rows.active.size, dtype=bool), locked]
 
-    def hold(self, y: PETSc.Vec, r: PETSc.Vec, masses: Array) -> None:
+    def balance(self, y: PETSc.Vec, r: PETSc.Vec, masses: Array) -> None:
         """Set multipliers to the forces of joints that balance a residual best. Collective.
 
         At an equilibrium these are its own; elsewhere those that joints begin to have.
@@ -74,8 +69,9 @@ class HeldState(JoinedEquilibrium):
             r: Residual there [N].
             masses: Mass of each unknown of this rank [kg].
         """
-        comm, p, linkage = self.prolongation.comm, self.prolongation, self.linkage
-        gaps = self.of_joints(r.array_r) / self._scale
+        rows, p = self._constraints, self._p
+        comm, linkage = p.comm, rows.linkage
+        gaps = rows.of_rows(r.array_r) / rows.scale
         compliance, locked = linkage.compliance(), self._locked
         every = csr_array(csr_array(linkage.test() @ self._lead) @ self._everywhere)
         own = every[:, p.first_column : p.first_column + p.owned].toarray()
@@ -87,7 +83,7 @@ class HeldState(JoinedEquilibrium):
         weighted = G / np.maximum(masses, least)
         A, b = comm.allreduce(weighted @ G.T), comm.allreduce(weighted @ rest)
         forces[locked] = comm.bcast(-np.linalg.lstsq(A, b, rcond=RANK)[0])
-        y.array[p.owned :] = (forces / self._scale)[: self._own]
+        y.array[p.owned :] = (forces / rows.scale)[: rows.own]
 
     def stiffness_matrix(self, K: PETSc.Mat) -> PETSc.Mat:
         """Stiffness of joints, springs and remote points at the last iterate. Collective.
@@ -98,7 +94,7 @@ class HeldState(JoinedEquilibrium):
         Returns:
             A new matrix, which the caller destroys.
         """
-        linkage, lead = self.linkage, self._lead
+        linkage, lead = self._constraints.linkage, self._lead
         drives = linkage.drives
         along = csr_array(linkage.test()[linkage.rows.active.size :])
         springs = dia_array((drives.stiffness()[None], [0]), shape=(len(drives),) * 2)

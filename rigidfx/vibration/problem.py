@@ -37,7 +37,7 @@ from rigidfx.step.system.rigid_motion import free_to_move
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 from rigidfx.switch.inventory import divide
 from rigidfx.switch.shaping import Shaping
-from rigidfx.vibration.joined import FreeMotions, HeldState
+from rigidfx.vibration.joined import FreeMotions, HeldRows
 from rigidfx.vibration.spin import Spin, softening, spin_of
 
 __all__ = ["Problem"]
@@ -93,9 +93,9 @@ class Problem:
         if self._bind(acting, t, loaded, masses) > BALANCED and about is None:
             self._equations.unbind()
             self._bind(acting, t, False, masses)
-        statics, self._free = self._equations.equilibrium, None
-        if isinstance(statics, HeldState) and statics.held.shape[0]:
-            self._free = FreeMotions(statics.held, self._prolongation)
+        self._free = None
+        if self._rows is not None and self._rows.held.shape[0]:
+            self._free = FreeMotions(self._rows.held, self._prolongation)
         self.K, self.M = self._in_q(self._stiffness()), self._in_q(masses)
         self.motions = self._rigid_motions() if loose else []
 
@@ -136,17 +136,19 @@ class Problem:
         lasting = [e for e in self._scene.effects if e.is_lasting and not e.is_windowed]
         effects = [*lasting, *dead, *self.spin.forces]
         there = [e for e in acting if loaded or e.grows != "time"]
-        self._equations.bind(effects, dead, along=there, joined=HeldState)
+        self._equations.bind(effects, dead, along=there)
         actions, linkage = self._equations.actions, self._equations.linkage
         statics = self._equations.equilibrium
+        rows = statics.constraints
+        self._rows = None if rows is None else HeldRows(rows, bodies, p)
         actions.set_time(t, 1.0)
         if linkage is not None:
             together(self._scene.comm, "A motor", partial(linkage.set_time, t, 0.0))
         statics.begin(1.0, None, np.zeros(p.prescribed.size), bodies)
         y, r = statics.unknowns(), statics.unknowns()
         statics.residual(y, r)
-        if isinstance(statics, HeldState) and loaded:
-            statics.hold(y, r, masses.getDiagonal().array_r)
+        if self._rows is not None and loaded:
+            self._rows.balance(y, r, masses.getDiagonal().array_r)
             statics.residual(y, r)
         loads = actions.loads
         size = np.abs(loads.moments).sum() + np.abs(loads.torques).sum() + loads.vector.norm()
@@ -173,8 +175,8 @@ class Problem:
         more = []
         if self.spin.turns:
             more.append(softening(self.spin, self._mass, self._prolongation))
-        if isinstance(statics, HeldState):
-            more.append(statics.stiffness_matrix(K))
+        if self._rows is not None:
+            more.append(self._rows.stiffness_matrix(K))
         for A in more:
             K.axpy(1.0, A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
             A.destroy()

@@ -6,7 +6,8 @@ the origin loses no digits; with d = d(y) = u₁ - u₀ and v₁ = 2 d/Δt - v�
     f(d) = M (2 d/Δt - 2 v₀)/Δt + f_int(u₀, u₀ + d) - f_ext(t½),    R(y) = Lᵀ f + bodies' own,
 
 all in newtons; the prolongation d(y) carries supports and bodies, see `prolongation` and
-`increments`. d and f have rows for the active nodes only. `newton` solves R(y) = 0.
+`increments`. d and f have rows for the active nodes only. `newton` solves R(y) = 0. Multipliers of
+joints come last in both, see `constraints`.
 
 The data of one trial of a step, which its equations do not change.
 """
@@ -33,6 +34,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import StaticStep, Step
 from rigidfx.scene.scene import Scene
 from rigidfx.step.equations.actions import Actions
+from rigidfx.step.equations.constraints import Constraints
 from rigidfx.step.equations.round_off import Lost, Rounding
 from rigidfx.step.equations.shape_damping import ShapeDamping
 
@@ -65,6 +67,7 @@ class Equilibrium:
 
     Attributes:
         prolongation: Map between unknowns and dofs.
+        constraints: Rows of joints and their multipliers; None without any.
         inertial: Whether masses resist; not in statics.
         trial: The step that is being solved, frozen.
         d: Increments of the active nodes at the iterate of the last residual [m].
@@ -83,6 +86,7 @@ class Equilibrium:
         prolongation: Prolongation,
         actions: Actions,
         damping: ShapeDamping | None = None,
+        constraints: Constraints | None = None,
     ) -> None:
         """Create matrices and vectors. Collective.
 
@@ -94,8 +98,10 @@ class Equilibrium:
             prolongation: Map between unknowns and dofs.
             actions: Actions on nodes and bodies.
             damping: That of the shapes of bodies; none if None.
+            constraints: Rows of joints; none if None.
         """
         self.prolongation, self._damping = prolongation, damping
+        self.constraints = constraints
         self.inertial = mass is not None
         self._forces, self._mass = forces, mass
         self._actions = actions
@@ -142,14 +148,17 @@ class Equilibrium:
         self._cells.begin(self.trial.start)
         if self._mass is not None:
             self._mass.mult(v0, self._before)
+        if self.constraints is not None:
+            self.constraints.begin(dt, start)
         return self.trial
 
     def unknowns(self) -> PETSc.Vec:
         """A new vector of unknowns; the caller destroys it."""
-        return self.prolongation.unknowns()
+        own = 0 if self.constraints is None else self.constraints.own
+        return self.prolongation.unknowns(own)
 
     def guess(self, increment: Array, bodies: Array, y: PETSc.Vec) -> None:
-        """Set unknowns to a first guess. Collective.
+        """Set unknowns to a first guess, multipliers to those of the last step. Collective.
 
         Args:
             increment: Increments of the active nodes, one number per row [m].
@@ -157,6 +166,8 @@ class Equilibrium:
             y: Unknowns, overwritten.
         """
         self.prolongation.collapse(increment, bodies, y)
+        if self.constraints is not None:
+            self.constraints.guess(y.array)
 
     def right_side(self, f: PETSc.Vec, bodies: Array, across: Array, r: PETSc.Vec) -> None:
         """Set a right-hand side for the tangent. Collective.
@@ -168,6 +179,8 @@ class Equilibrium:
             r: Overwritten.
         """
         self.prolongation.restrict(f, bodies, r)
+        if self.constraints is not None:
+            self.constraints.fill(across, r.array)
 
     def response(self, z: PETSc.Vec, held: Array, d: PETSc.Vec) -> tuple[Array, Array]:
         """Displacements by a solution with the tangent. Collective.
@@ -182,7 +195,8 @@ class Equilibrium:
         """
         of_bodies = self.prolongation.bodies_part(z)
         self.prolongation.apply(z, of_bodies, held, d)
-        return of_bodies, np.empty(0)
+        joints = self.constraints
+        return of_bodies, np.empty(0) if joints is None else joints.multipliers(z.array_r)
 
     def cells_at(self, at_start: Array, at_end: Array) -> Array:
         """The cells' forces beside the last iterate, one number per row [N]. Collective.
@@ -200,10 +214,17 @@ class Equilibrium:
 
     def largest(self, y: PETSc.Vec) -> float:
         """Largest increment among unknowns [m]. Collective."""
-        return float(y.norm(PETSc.NormType.INFINITY))
+        own = float(np.abs(self._own(y)).max(initial=0.0))
+        return float(self.prolongation.comm.allreduce(own, op=MPI.MAX))
+
+    def _own(self, y: PETSc.Vec) -> Array:
+        """Entries of a vector on this rank that are no constraints'."""
+        return np.asarray(y.array_r[: self.prolongation.owned])
 
     def accept(self) -> None:
-        """Accept the last iterate as a step."""
+        """Accept the last iterate as a step; raise as `Constraints.accept`."""
+        if self.constraints is not None:
+            self.constraints.accept()
 
     @property
     def dt(self) -> float:
@@ -217,7 +238,7 @@ class Equilibrium:
 
     def _expand(self, y: PETSc.Vec) -> None:
         """Set d and the forms' u₁ from the unknowns."""
-        self._last = y.array_r.copy()
+        self._last = self._own(y).copy()
         trial = self.trial
         self.prolongation.expand(self._last, trial.bodies, trial.imposed, self.d)
         self._cells.displace(self.start + self.d.array_r)
@@ -231,7 +252,10 @@ class Equilibrium:
             y: Unknowns.
             r: Residual, overwritten where they are others [N].
         """
-        same = np.array_equal(self._last, y.array_r)
+        same, joints = np.array_equal(self._last, self._own(y)), self.constraints
+        if joints is not None:
+            λ = joints.multipliers(y.array_r)
+            same = same and np.array_equal(λ, joints.linkage.multipliers)
         if not self.prolongation.comm.allreduce(same, op=MPI.LAND):
             self.residual(y, r)
         self._cells.settle()
@@ -244,6 +268,9 @@ class Equilibrium:
             r: Residual, overwritten [N].
         """
         self._expand(y)
+        joints = self.constraints
+        if joints is not None:
+            joints.look(y.array_r)
         f = self.forces_out_of_balance
         self._cells.evaluate(f.array)
         f.axpy(-1.0, self._actions.loads.vector)
@@ -255,6 +282,8 @@ class Equilibrium:
             f.axpy(1 / self.dt, self._inertia)
         more = self._resistance(f) if self._resists else None
         self.prolongation.collapse(f.array_r, self._body_forces(f, more), r)
+        if joints is not None:
+            joints.fill(joints.linkage.residual(), r.array)
 
     @property
     def motion(self) -> Motion:
@@ -264,17 +293,16 @@ class Equilibrium:
     @property
     def _resists(self) -> bool:
         """Whether more than cells and inertia resists."""
-        return not self._actions.dead or bool(self._actions.easing)
+        alone = self._actions.dead and self.constraints is None
+        return not alone or bool(self._actions.easing)
 
     def _resistance(self, f: PETSc.Vec) -> Array:
         """Add the resistance of effects to forces on nodes; its moments on bodies. Collective."""
         forces = Forces.none(f, self._moments)
-        self._resist(forces)
-        return forces.moments
-
-    def _resist(self, forces: Forces) -> None:
-        """Add the resistance of effects. Collective."""
         self._actions.resist(self.motion, forces)
+        if self.constraints is not None:
+            self.constraints.resist(self.motion, forces)
+        return forces.moments
 
     def _body_forces(self, f: PETSc.Vec, more: Array | None) -> Array:
         """Residual of the bodies, shape (bodies, 6 + m) [N]. Collective.
@@ -296,19 +324,13 @@ class Equilibrium:
         K.assemble()
         if self._mass is not None:
             self._mass.add_to(K, 2 / self.dt**2, self.prolongation)
-        tangent = Tangent(K, self.prolongation) if self._stiffens else None
-        if tangent is not None:
-            self._stiffen(tangent)
+        tangent = None
+        if self._actions.stiffens or self._actions.easing:
+            tangent = Tangent(K, self.prolongation)
+            self._actions.stiffen(self.motion, tangent)
+        if self.constraints is not None and self.constraints.springs is not None:
+            K.add_coupling(self.constraints.springs)
         K.finish(self._blocks(tangent) if self.prolongation.layout.bodies else None)
-
-    @property
-    def _stiffens(self) -> bool:
-        """Whether more than cells and inertia is in a tangent."""
-        return self._actions.stiffens or bool(self._actions.easing)
-
-    def _stiffen(self, tangent: Tangent) -> None:
-        """Add the resistance of effects to a tangent. Collective."""
-        self._actions.stiffen(self.motion, tangent)
 
     def outdated(self) -> bool:
         """Whether the stiffness of contacts has jumped since it was taken last. Collective."""
@@ -365,7 +387,8 @@ class Equilibrium:
         """Size of the terms whose small difference the last residual is [N]. Collective."""
         external = self._actions.loads.vector
         momentum = None if self._mass is None else self._before
-        return self._rounding.in_residual(self.dt, momentum, external, self.trial.bodies.start)
+        found = self._rounding.in_residual(self.dt, momentum, external, self.trial.bodies.start)
+        return found if self.constraints is None else found + self.constraints.noise
 
     def lost(self, y: PETSc.Vec, r: PETSc.Vec) -> Array:
         """Energy and momenta that a step with the last residual is off by. Collective.
@@ -384,14 +407,14 @@ class Equilibrium:
         energy = 0.5 * (v0 @ before) + abs(gained @ d) / self.dt
         energy += abs(self._actions.loads.vector.array_r @ d)
         if not self._lost.of_momenta:
-            return self._lost.of_energy(y.array_r, r.array_r, energy)
+            return self._lost.of_energy(self._own(y), self._own(r), energy)
         momentum = np.abs(before).sum() + np.abs(gained).sum()
         x = self._rows.X + (self.start + 0.5 * d).reshape(-1, 3)
-        return self._lost.of_all(self.dt, y.array_r, r.array_r, x, energy, momentum)
+        return self._lost.of_all(self.dt, self._own(y), self._own(r), x, energy, momentum)
 
     def left(self, residual: PETSc.Vec) -> float:
         """Largest displacement of an unknown by the rest of R [N], by itself [m]. Collective."""
-        return self._rounding.left(residual)
+        return self._rounding.left(self._own(residual))
 
     def strain_error(self, residual: float) -> float:
         """Strain that rounding, and a residual ‖R‖ [N], may leave in a cell. Collective."""

@@ -169,12 +169,12 @@ class StiffParts:
         self._middle = 0.5 * (parts.lower + parts.upper)
         self._size = 0.5 * np.linalg.norm(parts.upper - parts.lower, axis=1)
 
-    def left(self, A: PETSc.Mat, R: PETSc.Vec, u: Array) -> float:
+    def left(self, A: PETSc.Mat, R: Array, u: Array) -> float:
         """Largest motion of an unknown by Σ b (b·A b)⁻¹ (b·R), b the rigid motions [m]. Collective.
 
         Args:
             A: The tangent [N/m].
-            R: The residual [N].
+            R: The residual of this rank's unknowns [N].
             u: Displacements of all local dofs, about which stiff parts move [m].
         """
         if self._count == 0:
@@ -182,14 +182,14 @@ class StiffParts:
         rows = self._p.layout.rows
         x = self._p.at_nodes(rows.X + u[rows.dofs].reshape(-1, 3))
         modes = self._motions(x[self._node])
-        b, image = R.duplicate(), R.duplicate()
+        b, image = self._p.unknowns(), self._p.unknowns()
         sums = np.zeros((self._count, 6, 7))
         for k in range(6):
             b.set(0.0)
             b.array[self._at] = modes[:, k]
             A.mult(b, image)
             np.add.at(sums[:, :, k], self._part, modes * image.array_r[self._at, None])
-        np.add.at(sums[:, :, 6], self._part, modes * R.array_r[self._at, None])
+        np.add.at(sums[:, :, 6], self._part, modes * R[self._at, None])
         b.destroy()
         image.destroy()
         sums = np.asarray(self._comm.allreduce(sums, op=MPI.SUM))
@@ -310,13 +310,13 @@ class Rounding:
         """The same of the node, or body, that is the stiffest for its mass; at most."""
         return dt * float(np.sqrt(self._largest[0] + self._largest[1] / dt))
 
-    def left(self, residual: PETSc.Vec) -> float:
+    def left(self, residual: Array) -> float:
         """How far a residual moves an unknown by itself, or a stiff part, at most [m]. Collective.
 
         That is |Rᵢ|/Kᵢᵢ of an unknown.
 
         Args:
-            residual: R, against which the last tangent that was assembled stands [N].
+            residual: R of this rank's unknowns, against which the last tangent stands [N].
         """
         number = self._tangent.matrix.stateGet()
         if number != self._tangent_is:
@@ -325,7 +325,7 @@ class Rounding:
             self._against = np.divide(1.0, K, out=np.zeros_like(K), where=K > 0)
             self._tangent_is = number
             diagonal.destroy()
-        most = float(np.abs(residual.array_r * self._against).max(initial=0.0))
+        most = float(np.abs(residual * self._against).max(initial=0.0))
         of_parts = self._stiff_parts.left(self._tangent.matrix, residual, self._forces.u1.x.array)
         return max(float(self._comm.allreduce(most, op=MPI.MAX)), of_parts)
 

@@ -44,7 +44,7 @@ from rigidfx.base.errors import StepError
 from rigidfx.base.matrices import Matrix, Pattern, compact, dense, is_small
 from rigidfx.base.types import Array, Indices
 from rigidfx.mechanics.rotation import AXES, nearest_rotations
-from rigidfx.step.equations.joined import JoinedEquilibrium
+from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.newton.parted import Shared, parted
 
 __all__ = ["Border", "BorderedFactors", "small_system"]
@@ -117,18 +117,21 @@ class Border:
         solves: How many solves a new tangent takes beside its factors.
     """
 
-    def __init__(self, equilibrium: JoinedEquilibrium) -> None:
+    def __init__(self, equilibrium: Equilibrium) -> None:
         """Keep the equations.
 
         Args:
-            equilibrium: The equations, with joints.
+            equilibrium: The equations.
         """
-        self._equilibrium, ports = equilibrium, equilibrium.ports
-        self.ports = ports.count
+        self._equilibrium, self._rows = equilibrium, equilibrium.constraints
+        self.ports = self.solves = 0
+        if self._rows is None:
+            return
+        ports = self._rows.ports
+        self.ports = self.solves = ports.count
         self._E, self._ET = ports.entries, compact(csr_array(ports.entries.T))
         self._owned = equilibrium.prolongation.owned
         self._r, self._z = (equilibrium.prolongation.unknowns() for _ in range(2))
-        self.solves = self.ports
         self._Y: Matrix = csr_array((self._owned, self.ports))
         self._C: Matrix = np.zeros((0, 0))
         self._shared: Shared | None = None
@@ -156,6 +159,8 @@ class Border:
             solve: Solves with it, A z = r.
             ksp: Its factors, if that is all that `solve` does.
         """
+        if self._rows is None:
+            return
 
         def response(r: Array) -> Array:
             self._r.array[:] = r
@@ -188,6 +193,8 @@ class Border:
             starts: Where vectors among this rank's unknowns begin.
             Q: Rotation of each, shape (vectors, 3, 3); None if none has.
         """
+        if self._rows is None:
+            return
         self._turned = self._factors = None
         if Q is None:
             return
@@ -200,12 +207,13 @@ class Border:
 
     def _factor(self) -> Factors:
         """Factors of the small system at the last iterate. Collective."""
-        C, turned = self._C, self._turned
+        C, turned, rows = self._C, self._turned, self._rows
+        assert rows is not None
         if turned is not None:
             C = turned @ C @ turned.T
-        factors = small_system(C, *self._equilibrium.border())
+        factors = small_system(C, *rows.border())
         if factors is None:
-            motors = ", ".join(self._equilibrium.linkage.drives.prescribing)
+            motors = ", ".join(rows.linkage.drives.prescribing)
             raise StepError(
                 "The joints and motors leave no motion, or hold what they hold already: their "
                 f"equations are singular{f' (of given motion: {motors})' if motors else ''}.",
@@ -223,6 +231,9 @@ class Border:
             z: Solution, overwritten.
             kept: Whether factors of the small system serve that this step has made already.
         """
+        if self._rows is None:
+            solve(r, z)
+            return
         turned = self._turned
         self._r.array[:] = r.array_r[: self._owned]
         solve(self._r, self._z)
@@ -231,7 +242,7 @@ class Border:
             q = turned @ q
         if self._factors is None or not kept:
             self._factors = self._factor()
-        f, multipliers = self._factors(q, self._equilibrium.of_joints(r.array_r))
+        f, multipliers = self._factors(q, self._rows.of_rows(r.array_r))
         if turned is not None:
             f = turned.T @ f
         out = z.array
@@ -240,8 +251,9 @@ class Border:
 
     def destroy(self) -> None:
         """Free the vectors. Collective."""
-        self._r.destroy()
-        self._z.destroy()
+        if self._rows is not None:
+            self._r.destroy()
+            self._z.destroy()
 
 
 class BorderedFactors:
@@ -251,11 +263,11 @@ class BorderedFactors:
         inner: Solves without joints.
     """
 
-    def __init__(self, equilibrium: JoinedEquilibrium) -> None:
+    def __init__(self, equilibrium: Equilibrium) -> None:
         """Create the solver within. Collective.
 
         Args:
-            equilibrium: The equations, with joints.
+            equilibrium: The equations.
         """
         self.inner = PETSc.KSP().create(equilibrium.prolongation.comm)
         self._equilibrium, self._border = equilibrium, Border(equilibrium)
@@ -276,16 +288,16 @@ class BorderedFactors:
         y.destroy()
         return empty
 
-    def renew(self) -> None:
-        """Follow a new tangent. Collective."""
-        self.inner.setOperators(self._equilibrium.tangent_matrix)
+    def renew(self, A: PETSc.Mat | None = None) -> None:
+        """Follow a new tangent, or another matrix. Collective."""
+        self.inner.setOperators(self._equilibrium.tangent_matrix if A is None else A)
         self._border.renew(self.inner.solve, self.inner)
 
-    def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
+    def apply(self, pc: PETSc.PC | None, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """PETSc's call. Collective."""
         self._border.solve(self.inner.solve, r, z, kept=True)
 
-    def destroy(self, pc: PETSc.PC) -> None:
+    def destroy(self, pc: PETSc.PC | None = None) -> None:
         """PETSc's call: free the inner solver. Collective."""
         self.inner.destroy()
         self._border.destroy()

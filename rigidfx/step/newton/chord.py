@@ -51,7 +51,6 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from rigidfx.step.equations.equations import Equilibrium
-from rigidfx.step.equations.joined import JoinedEquilibrium
 from rigidfx.step.linear.linear_solver import PREFIX
 from rigidfx.step.newton.border import Border
 from rigidfx.step.newton.factors import Factors
@@ -279,11 +278,10 @@ class Chord:
         self._control = Control()
         self._once_stiff = False  # whether waves have got so far in a step
         like = equilibrium.unknowns()
-        border = Border(equilibrium) if isinstance(equilibrium, JoinedEquilibrium) else None
         frames = Frames(p)
         contacts = LowRank(p, frames)
         inverse = self._suited(0.0)(equilibrium)
-        self._kept = KeptTangent(inverse, frames, contacts, like, border)
+        self._kept = KeptTangent(inverse, frames, contacts, like, Border(equilibrium))
         like.destroy()
         self._control.price = self._kept.renewal
         self.ksp = PETSc.KSP().create(p.comm)

@@ -136,7 +136,7 @@ class KeptTangent:
         frames: Frames,
         contacts: LowRank,
         y: PETSc.Vec,
-        border: Border | None = None,
+        border: Border,
     ) -> None:
         """Keep the solver of a matrix that others fill.
 
@@ -145,7 +145,7 @@ class KeptTangent:
             frames: Nodes and bodies of the structure.
             contacts: Corrects it where contacts change.
             y: Of the kind of the unknowns; not kept.
-            border: Joints; None if there are none.
+            border: Joints.
         """
         self.inverse, self._frames, self._border = inverse, frames, border
         self._contacts = contacts
@@ -171,7 +171,7 @@ class KeptTangent:
     @property
     def renewal(self) -> float:
         """Cost of a new tangent, in iterations with a kept one."""
-        return self.inverse.renewal + (0 if self._border is None else self._border.solves)
+        return self.inverse.renewal + self._border.solves
 
     def fits(self, dt: float) -> bool:
         """Whether a step of Δt [s] is near enough to the one that the tangent was assembled for."""
@@ -187,8 +187,7 @@ class KeptTangent:
         self.iterations = 0
         self._now = self._frames.rotations(u)
         self._Q = None if self._then is None else self._now @ self._then.swapaxes(1, 2)
-        if self._border is not None:
-            self._border.turn(self._frames.starts, self._Q)
+        self._border.turn(self._frames.starts, self._Q)
         if dt != self._dt:
             self._secants.forget()
         self._secants.begin()
@@ -215,8 +214,7 @@ class KeptTangent:
         if not self._contacts.follow(entries, self._Q, self._factor, most, solve):
             return False
         self._secants.forget()
-        if self._border is not None:
-            self._border.renew(self._solve)
+        self._border.renew(self._solve)
         return True
 
     def renewed(self, entries: csr_array | None) -> None:
@@ -227,8 +225,7 @@ class KeptTangent:
         """
         self.inverse.renew()
         self._contacts.renewed(entries)
-        if self._border is not None:
-            self._border.renew(self.inverse.solve)
+        self._border.renew(self.inverse.solve)
         self._secants.forget()
         self._then, self._Q = self._now, None
         self._assembled_for, self._factor = self._dt, 1.0
@@ -238,10 +235,7 @@ class KeptTangent:
         r.copy(self._right)
         if self._Q is not None:
             self._frames.turn(self._right.array, self._Q, back=True)
-        if self._border is None:
-            self._solve(self._right, z)
-        else:
-            self._border.solve(self._solve, self._right, z, kept=True)
+        self._border.solve(self._solve, self._right, z, kept=True)
         if self._factor != 1.0:
             z.scale(self._factor)
         self._secants.mend(z.array, self.learning)
@@ -254,5 +248,4 @@ class KeptTangent:
         self.inverse.destroy()
         self._contacts.destroy()
         self._right.destroy()
-        if self._border is not None:
-            self._border.destroy()
+        self._border.destroy()

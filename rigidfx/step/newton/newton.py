@@ -29,7 +29,6 @@ from petsc4py import PETSc
 from rigidfx.base.types import Array
 from rigidfx.scene.scene import Scene
 from rigidfx.step.equations.equations import Equilibrium
-from rigidfx.step.equations.joined import JoinedEquilibrium
 from rigidfx.step.linear.linear_solver import (
     PREFIX,
     QUICK_UP_TO,
@@ -186,7 +185,7 @@ class Newton:
         self._y = equilibrium.unknowns()
         self._r, self._saved = self._y.duplicate(), self._y.duplicate()
         self._bordered: BorderedFactors | None = None
-        if isinstance(equilibrium, JoinedEquilibrium):
+        if equilibrium.constraints is not None:
             self._bordered = BorderedFactors(equilibrium)
         direct = prefers_direct(equilibrium.prolongation.size) or self._bordered is not None
         self._krylov = equilibrium.inertial and not direct

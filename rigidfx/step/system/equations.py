@@ -24,9 +24,9 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions
+from rigidfx.step.equations.constraints import Constraints
 from rigidfx.step.equations.eased_forces import EasedForces
 from rigidfx.step.equations.equations import Equilibrium
-from rigidfx.step.equations.joined import JoinedEquilibrium
 from rigidfx.step.equations.shape_damping import ShapeDamping
 from rigidfx.step.system.held_bodies import HeldBodies
 from rigidfx.step.system.linked import linked
@@ -111,7 +111,8 @@ class Equations:
         acting: Sequence[Windowed],
         *,
         along: Sequence[Windowed] | None = None,
-        joined: type[JoinedEquilibrium] | None = JoinedEquilibrium,
+        joints: bool = True,
+        loose: bool = False,
         easing: Sequence[EasedForces] = (),
         damping: ShapeDamping | None = None,
     ) -> None:
@@ -121,20 +122,21 @@ class Equations:
             effects: All effects that take part.
             acting: Those with a time window that act.
             along: Those of which motors of joints act; as `acting` if None.
-            joined: The balance of forces with joints; None leaves joints out.
+            joints: Whether joints take part.
+            loose: Whether a drag holds parts in statics, in place of springs that joints get.
             easing: Stresses that releases have let down.
             damping: That of the shapes of bodies.
         """
         self.actions = Actions(self.structure, effects, acting, easing)
         acts = acting if along is None else along
-        self.linkage = None if joined is None else linked(self.structure, acts)
-        mass = self.mass if self._kind == "step" else None
-        cells, p = self._cells(acting), self.prolongation
-        given = self._scene, self._forces, cells, mass, p, self.actions, damping
-        if joined is None or self.linkage is None:
-            self.equilibrium = Equilibrium(*given)
-        else:
-            self.equilibrium = joined(self.linkage, self.structure.bodies, *given)
+        self.linkage = linked(self.structure, acts) if joints else None
+        mass, p = self.mass if self._kind == "step" else None, self.prolongation
+        rows: Constraints | None = None
+        if self.linkage is not None:
+            anchored = self._kind == "static" and not loose
+            rows = Constraints(self.linkage, self.structure.bodies, p, anchored)
+        given = self._scene, self._forces, self._cells(acting), mass, p, self.actions
+        self.equilibrium = Equilibrium(*given, damping, rows)
 
     def _cells(self, acting: Sequence[Windowed]) -> BoundForces:
         """The forces of flexible cells. Collective."""

@@ -40,9 +40,9 @@ from rigidfx.effects.motion import Forces
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.equations import Equilibrium
-from rigidfx.step.equations.joined import JoinedEquilibrium
 from rigidfx.step.linear.linear_solver import configure
-from rigidfx.step.newton.border import Border
+from rigidfx.step.newton.border import BorderedFactors
+from rigidfx.step.newton.factors import entries_of
 from rigidfx.step.system.constraint_forces import gained_across, path_rates
 from rigidfx.step.system.supports import PrescribedDofs
 
@@ -63,28 +63,23 @@ class PresentTangent:
             equilibrium: The equations.
         """
         self._equilibrium, p = equilibrium, equilibrium.prolongation
-        self._border: Border | None = None
-        if isinstance(equilibrium, JoinedEquilibrium):
-            self._border = Border(equilibrium)
-        self._ksp = PETSc.KSP().create(p.comm)
-        configure(self._ksp, True, p.size, len(p.layout.bodies) > 0)
+        self._factors = BorderedFactors(equilibrium)
+        configure(self._factors.inner, True, p.size, len(p.layout.bodies) > 0)
         self._A: PETSc.Mat | None = None
 
     def renew(self) -> None:
         """Renew the tangent at the last iterate; other solvers keep theirs. Collective."""
         matrix = self._equilibrium.tangent_matrix
         others = matrix.copy() if matrix.assembled else None
-        entries = _entries(matrix)
+        entries = entries_of(matrix)
         self._equilibrium.tangent()
-        grown = _entries(matrix) != entries
+        grown = entries_of(matrix) != entries
         if self._A is None or grown:
             self._free()
             self._A = matrix.copy()
         else:
             matrix.copy(self._A, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        self._ksp.setOperators(self._A)
-        if self._border is not None:
-            self._border.renew(self._ksp.solve, self._ksp)
+        self._factors.renew(self._A)
         if others is not None:
             if not grown:
                 others.copy(matrix, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
@@ -97,10 +92,7 @@ class PresentTangent:
             r: Right-hand side.
             z: Solution, overwritten.
         """
-        if self._border is None:
-            self._ksp.solve(r, z)
-        else:
-            self._border.solve(self._ksp.solve, r, z, kept=True)
+        self._factors.apply(None, r, z)
 
     def _free(self) -> None:
         if self._A is not None:
@@ -108,15 +100,8 @@ class PresentTangent:
 
     def destroy(self) -> None:
         """Free the solver. Collective."""
-        self._ksp.destroy()
+        self._factors.destroy()
         self._free()
-        if self._border is not None:
-            self._border.destroy()
-
-
-def _entries(matrix: PETSc.Mat) -> float:
-    """Number of entries of a matrix on all ranks. Collective."""
-    return float(matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
 
 
 class ResolvedConstraints:
@@ -135,7 +120,7 @@ class ResolvedConstraints:
         """
         self._equations, self._prescribed = equations, prescribed
         self._tangent = PresentTangent(equations)
-        self._linkage = equations.linkage if isinstance(equations, JoinedEquilibrium) else None
+        self._linkage = None if equations.constraints is None else equations.constraints.linkage
         self._mass, self._cell = mass, scene.mean_cell_size
         p = equations.prolongation
         self._comm, rows = p.comm, p.layout.rows

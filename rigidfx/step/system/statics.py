@@ -25,7 +25,6 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.energies import Energies
-from rigidfx.step.equations.joined import DraggedEquilibrium, JoinedEquilibrium
 from rigidfx.step.linear.linear_solver import PREFIX, default_options
 from rigidfx.step.newton.first_guess import Guess
 from rigidfx.step.newton.newton import Newton
@@ -86,7 +85,7 @@ class StaticSystem(Equations):
         state.rebuild()
         # A drag has no force where nothing moves.
         taking_part = [e for e in effects if not e.mass_damping]
-        self.bind(taking_part, acting, joined=DraggedEquilibrium if loose else JoinedEquilibrium)
+        self.bind(taking_part, acting, loose=loose)
         self.energies = Energies(scene, forces, self.mass, self.layout, self.actions, self.linkage)
         self.unknowns = self.prolongation.size
         self._newton = Newton(self.equilibrium, scene)
@@ -144,8 +143,8 @@ class StaticSystem(Equations):
 
     def take_drag(self, drag: float) -> None:
         """Tell joints the drag per mass of a load step [1/s²]."""
-        if isinstance(self.equilibrium, DraggedEquilibrium):
-            self.equilibrium.drag = drag
+        if self.equilibrium.constraints is not None:
+            self.equilibrium.constraints.drag = drag
 
     def load(self, t: float = 1.0, dt: float = 1.0) -> float:
         """Size of all dead loads at the end t of a load step of length dt [N]. Collective."""

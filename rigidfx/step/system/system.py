@@ -33,7 +33,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.eased_forces import EasedForces
 from rigidfx.step.equations.energies import Energies
-from rigidfx.step.equations.joined import JoinedEquilibrium
 from rigidfx.step.equations.shape_damping import ShapeDamping
 from rigidfx.step.newton.first_guess import predict
 from rigidfx.step.newton.newton import Newton
@@ -149,9 +148,8 @@ class System(Equations):
         elif self._prescribed.moves or self.linkage is not None:
             reduced = ReducedMass(self.equilibrium.prolongation, self.mass, bodies)
             self._reduced, self._of_held = reduced, HeldForces(self._prescribed, reduced)
-            if isinstance(self.equilibrium, JoinedEquilibrium):
-                ports = self.equilibrium.ports
-                self._of_joints = JointForces(self.equilibrium.linkage, ports, reduced, bodies)
+            if (rows := self.equilibrium.constraints) is not None:
+                self._of_joints = JointForces(rows.linkage, rows.ports, reduced, bodies)
 
     def follow(self, acting: Sequence[Windowed]) -> bool:
         """Let dead loads begin and end; False if other effects do, which takes a new system.
