@@ -70,14 +70,12 @@ class Found(Expanded):
         on = self.dot(modes, force[:, :, None])[:, 0]
         return np.asarray(force - self.times_mass((modes @ (on / D))[:, :, None])[:, :, 0])
 
-    def with_shapes(self, body: Body, vectors: Array, held: Array | None = None) -> Body | None:
+    def with_shapes(self, body: Body, vectors: Array) -> Body | None:
         """A body with more shapes, all of them orthogonal by the mass, at q = q̇ = 0. Collective.
 
         Args:
             body: The body.
             vectors: At its nodes in its frame, shape (nodes, 3, k).
-            held: Forces that are balanced without the new shapes [N], shape (nodes, 3): lasting
-                ones, which these shapes are not to follow all at once.
 
         Returns:
             None if none of the vectors is new.
@@ -94,8 +92,7 @@ class Found(Expanded):
         stiffness = np.zeros((modes.shape[2], modes.shape[2]))
         stiffness[:, m:] = self.dot(modes, K)
         stiffness[m:] = stiffness[:, m:].T
-        force = self.internal if held is None else self.internal + held
-        on = self.dot(new, force[:, :, None])[:, 0]
+        on = self.dot(new, self.internal[:, :, None])[:, 0]
         images = K
         if data.shapes is not None:
             stiffness[:m, :m] = data.shapes.stiffness

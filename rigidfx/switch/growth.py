@@ -1,11 +1,16 @@
 """Bodies that were found and get shapes as forces call for them.
 
 ρ⊥, the forces on a body's nodes less what it and its shapes do, is what the body still withholds.
-In each step its response in that step, b = (2 M/Δt² + K/2)⁻¹ ρ⊥ of the whole structure, is compared
-with the tolerance: where 2 ε(b)/Δt > tol in a cell, the static response K⁺ρ⊥ becomes a shape of the
-body, and the step is made again. A body begins with the modes that Δt resolves, as a resonance that
-builds up cannot be seen in the forces of one step. Cells wake where a body goes on calling for
-shapes.
+In each step the static response of the whole structure to it, e = K⁺ρ⊥, is compared with the
+tolerance: where
+
+    min(ω, 2/Δt) ε(e) > tol ,    ω² = e·K e/e·M e  of the body,
+
+in a cell, e becomes a shape of the body, and the step is made again. A shape begins undeformed and
+at rest, so that it vibrates about e with the amplitude e: these are the strain rates to which it
+comes; 2/Δt is the highest frequency of steps. A body begins with the modes that Δt resolves, as a
+resonance that builds up cannot be seen in the forces of one step. Cells wake where a body goes on
+calling for shapes.
 """
 
 from __future__ import annotations
@@ -62,7 +67,6 @@ class Growth(Watch):
     remembered: ClassVar[Remembered] = same(
         "_ratio",
         "_since",
-        "_known",
         "_energies",
         "_largest",
         "_modes",
@@ -73,8 +77,6 @@ class Growth(Watch):
     ) | {
         "_resonance": PART,
         "_start": ON_DOFS,
-        "_before": ON_NODES,
-        "_neglected": ON_NODES,
         "_vectors": ON_NODES,
     }
 
@@ -104,11 +106,7 @@ class Growth(Watch):
         self._begun: dict[int, int] = {}  # modes that each has
         self._resonance, self._swing = Resonance(scene, self.control), np.inf
         self._vectors: Array = np.zeros((scene.owned_nodes, 3, 0))  # modes, and what has grown
-        self._before: Array = np.zeros((scene.owned_nodes, 3))  # ρ⊥ of the last step, at the start
-        self._now: Array = self._before
-        self._withheld: Array = self._before  # ρ⊥ of the step that was looked at, at the start
-        self._neglected: Array = self._before.copy()  # lasting forces that shapes do not follow
-        self._known: tuple[int, ...] = ()  # bodies of which that is known
+        self._withheld: Array = np.zeros((scene.owned_nodes, 3))  # ρ⊥ as last seen, at the start
         self._ratio, self._since = np.inf, 0
         self._added: dict[int, int] = {}
         self._energies: dict[int, float] = {}  # ½ q·Ωq of each body at the last look
@@ -181,33 +179,27 @@ class Growth(Watch):
         if limits is not None and (bent := self._bent(attempt)) is not None:
             return Looked(woken=bent)
         parts, rho = self._forces.borne
-        F, bodies = np.zeros_like(self._before), self._growing()
-        self._now = np.zeros_like(F)
+        F, bodies = np.zeros_like(self._withheld), self._growing()
         for data, at in zip(parts.bodies, parts.at, strict=True):
             if not self._grows(data):
                 rho[at] = 0.0
                 continue
-            (found, Q), n = self._of(data), data.nodes
-            self._now[n] = rho[at] @ Q
-            if data.number not in self._known:  # as it was frozen
-                self._neglected[n] = self._now[n]
-            elif data.number in self._added:
-                self._neglected[n] = self._before[n]
-            rho[at] = found.outside(data, rho[at] - self._neglected[n] @ Q.T)
-            F[n] = rho[at] @ Q
-        size, regular = parts.size(rho), self._since + 1 >= self.control.every
-        quiet = size * self._ratio < self.control.gate and not regular and not self._added
+            found, Q = self._of(data)
+            rho[at] = found.outside(data, rho[at])
+            F[data.nodes] = rho[at] @ Q
+        size, known = parts.size(rho), self._since + 1 < self.control.every and not self._added
+        quiet = known and size * self._ratio < self.control.gate
         self._withheld = F
         if limits is None or not size > 0 or not bodies:
             return Looked()
         if (woken := self._resonant(attempt.dt, limits)) is not None:
             return Looked(woken=woken)
-        return Looked() if quiet else self._judged(attempt.dt, F, size, limits(), regular)
+        return Looked() if quiet else self._judged(attempt.dt, F, size, limits())
 
     def _resonant(self, dt: float, limits: Callable[[], Limits]) -> Bools | None:
         """Cells of bodies that lack a mode which may be in resonance. Collective."""
         assert self._forces.borne is not None
-        parts, control, G = self._forces.borne[0], self.control, np.zeros_like(self._before)
+        parts, control, G = self._forces.borne[0], self.control, np.zeros_like(self._withheld)
         momenta = np.zeros_like(self._forces.borne[1])
         lacking = [
             (data, at)
@@ -223,19 +215,14 @@ class Growth(Watch):
             found, Q = self._of(data)
             G[data.nodes] = found.outside(data, self._resonance.momenta[data.nodes] @ Q.T) @ Q
         cells = np.concatenate([data.cells for data, _ in lacking])
-        rates = self._rates(np.asarray(G / dt), dt, cells, limits())
+        response = self._bound().step(G[:, :, None] / dt, dt)
+        rates = self._part(response, dt / 2, cells, limits())
         most = self._scene.comm.allreduce(float(rates.max(initial=0.0)), op=MPI.MAX)
         self._swing = most / size
         if not most > control.wakes:
             return None
         tell(self._scene.comm, f"modes that bodies lack may be in resonance: {most:.3g} tol")
         return np.asarray(rates > control.woken)
-
-    def _rates(self, F: Array, dt: float, cells: Indices, limits: Limits) -> Array:
-        """Strain rates by the response of a step over the tolerance, of owned cells. Collective."""
-        assert limits.rates is not None
-        response = self._bound().step(F[:, :, None], dt)[:, :, 0]
-        return self._part(response, dt / 2, cells, np.asarray(limits.rates / self._kappa))
 
     def _bent(self, attempt: Attempt) -> Bools | None:
         """Cells in which the energy is not that of second order; None if none are. Collective."""
@@ -281,24 +268,21 @@ class Growth(Watch):
     def _growing(self) -> list[Body]:
         return [body for body in self._stepper.state.bodies if self._grows(body.data)]
 
-    def _judged(self, dt: float, F: Array, size: float, limits: Limits, regular: bool) -> Looked:
+    def _judged(self, dt: float, F: Array, size: float, limits: Limits) -> Looked:
         """Compare responses with limits. Collective."""
-        linear, comm, control = self._bound(), self._scene.comm, self.control
+        comm, control = self._scene.comm, self.control
         growing = {body.data.number: body.data for body in self._growing()}
         cells = np.concatenate([data.cells for data in growing.values()])
-        assert limits.rates is not None
-        rates = self._rates(F, dt, cells, limits)
+        e = self._bound().responses.solve(F[:, :, None])
+        rates = self._part(e, dt / 2, cells, limits)
+        for data in growing.values():
+            rates[data.cells] *= min(self._frequency(data, e) * dt / 2, 1.0)
         most = comm.allreduce(float(rates.max(initial=0.0)), op=MPI.MAX)
         self._ratio, self._swing, self._since = most / size, np.inf, 0
-        if not most > 1 and not regular:
+        if not most > 1:
             return Looked()
-        e = linear.responses.solve(F[:, :, None])
-        strained = self._part(e[:, :, 0], 1.0, cells, limits.rates * limits.window)
-        wants = np.maximum(rates, strained)
-        above = np.array([wants[data.cells].max(initial=0.0) for data in growing.values()])
+        above = np.array([rates[data.cells].max(initial=0.0) for data in growing.values()])
         comm.Allreduce(MPI.IN_PLACE, above, op=MPI.MAX)
-        if not (above > 1).any():
-            return Looked()
         wanted = dict(zip(growing, above, strict=True))
         out, ended, grown = list(self._stepper.state.bodies), [], False
         for k, body in enumerate(out):
@@ -323,24 +307,36 @@ class Growth(Watch):
             return Looked(woken=woken)
         return Looked(Bodies.of_each(out)) if grown else Looked()
 
-    def _part(self, motion: Array, span: float, cells: Indices, of: Array) -> Array:
-        """Strains of cells by a motion over limits, of all owned cells. Collective."""
-        out, shape = np.zeros(of.size), self._bound().responses.stiffness.linear.shape
-        out[cells] = self._strains.of(motion, span, shape, cells)
-        return part_of(out, of)
+    def _frequency(self, data: RigidBody, e: Array) -> float:
+        """ω of a body by Rayleigh's quotient of a static response [1/s]. Collective."""
+        found, own = self._within(data, e)
+        own = found.unmoved(own)
+        stiff = found.dot(own, found.times_stiffness(own))[0, 0]
+        heavy = found.dot(own, found.times_mass(own))[0, 0]
+        return float(np.sqrt(max(stiff, 0.0) / heavy)) if heavy > 0 else np.inf
+
+    def _part(self, motion: Array, span: float, cells: Indices, limits: Limits) -> Array:
+        """Strains by a motion in a time over the tolerance, of all owned cells. Collective."""
+        assert limits.rates is not None
+        tol, shape = limits.rates / self._kappa, self._bound().responses.stiffness.linear.shape
+        out = np.zeros(tol.size)
+        out[cells] = self._strains.of(motion[:, :, 0], span, shape, cells)
+        return part_of(out, tol)
 
     def _scaled(self, e: Array) -> Array:
         """A response with the mass 1. Collective."""
         responses = self._bound().responses
         return np.asarray(e / np.sqrt(responses.dot(e, responses.inertia(e))))
 
+    def _within(self, data: RigidBody, e: Array) -> tuple[Found, Array]:
+        """A body's matrices, and a response in its frame. Collective."""
+        found, Q = self._of(data)
+        return found, np.einsum("ab,nbk->nak", Q, e[data.nodes])
+
     def _more(self, body: Body, e: Array) -> Body | None:
         """A body with a static response as a further shape; None if it is none. Collective."""
-        data = body.data
-        found, Q = self._of(data)
-        vector = np.einsum("ab,nbk->nak", Q, e[data.nodes])
-        lasting = self._before if data.number in self._known else self._now
-        return found.with_shapes(body, vector, lasting[data.nodes] @ Q.T)
+        found, own = self._within(body.data, e)
+        return found.with_shapes(body, own)
 
     def accept(self, attempt: Attempt) -> None:
         """See `Watch`."""
@@ -352,8 +348,7 @@ class Growth(Watch):
         self._resonance.keep(nodes)
         if nodes:
             self._resonance.advance(self._withheld, nodes, self._lacking, attempt.dt)
-        self._before, self._added = self._now, {}
-        self._known = tuple(body.data.number for body in self._growing())
+        self._added = {}
         self._since += 1
 
     def bind(self, flexible: object) -> None:
@@ -361,7 +356,6 @@ class Growth(Watch):
         numbers = {body.number for body in self._stepper.state.bodies.of.records}
         for number in [k for k in self._found if k not in numbers]:
             self._found.pop(number)[1].destroy()
-            self._known = tuple(k for k in self._known if k != number)
             self._energies.pop(number, None)
             self._lacking.pop(number, None)
             self._begun.pop(number, None)
