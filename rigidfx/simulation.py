@@ -36,17 +36,19 @@ from rigidfx.decide.criteria.accuracy import Accuracy, controlled
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.preparation import prepare
 from rigidfx.report.account import Account, beginning
-from rigidfx.report.alternating_forces import AlternatingForces
-from rigidfx.report.brief_stops import BriefContacts, BriefStops
+from rigidfx.report.blows import BriefContacts, BriefStops
 from rigidfx.report.energy_balance import EnergyBalance
-from rigidfx.report.fast_loads import FastLoads
-from rigidfx.report.lumping import LumpedInertia
+from rigidfx.report.fast_changes import AlternatingForces, FastLoads
+from rigidfx.report.odd_motions import (
+    Jolts,
+    LumpedInertia,
+    Overdamped,
+    Stillness,
+    TurnedSprings,
+)
 from rigidfx.report.of_step import amended, held_at_start, report_of
-from rigidfx.report.overdamped import Overdamped
 from rigidfx.report.report import Report
 from rigidfx.report.start import Start, start_of
-from rigidfx.report.stillness import Jolts, Stillness
-from rigidfx.report.turned_springs import TurnedSprings
 from rigidfx.report.writers import Writers
 from rigidfx.run import Run
 from rigidfx.scene.idle import warn_of_idle

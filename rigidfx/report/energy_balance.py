@@ -14,29 +14,25 @@ import numpy as np
 
 from rigidfx.base.errors import StepError
 from rigidfx.base.remembered import Remembered, same
-from rigidfx.base.warning import warn
-from rigidfx.report.report import Look, Report
+from rigidfx.report.advice import ADVICE, Adviser
+from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
 __all__ = ["EnergyBalance"]
 
-WORTH_A_WARNING = 1e-4  # of the largest energy; four orders above what Newton's tolerance leaves
-LARGE = 1e-2  # of the largest energy; what a stiff part's rounding may not take in silence
-LOST = 1.0  # of all that was ever accounted for: as much again has come from nowhere
+OFF, LOST = "the balance of energy is off", "the balance of energy is lost"  # rows of advice
+ROUNDED = "rounding dominates energies"
+LARGE = ADVICE[ROUNDED].bound
 TINY = float(np.finfo(np.float64).tiny)
 EPS = float(np.finfo(np.float64).eps)
 ROUNDING = 1e3 * EPS  # of numbers near one that energies are made of
 
 
-class EnergyBalance(Look):
-    """Follows the energy of a run and the energy supplied to it.
+class EnergyBalance(Adviser):
+    """Follows the energy of a run and the energy supplied to it."""
 
-    It warns once where the balance is off, and once more where as much energy as was ever accounted
-    for has come from nowhere.
-    """
-
-    remembered: ClassVar[Remembered] = same(
-        "_expected", "_scale", "_known", "_held", "_warned", "_most", "_given", "_lost"
+    remembered: ClassVar[Remembered] = Adviser.remembered | same(
+        "_expected", "_scale", "_known", "_held", "_most", "_given", "_lost"
     )
 
     def __init__(self, scene: Scene) -> None:
@@ -45,12 +41,11 @@ class EnergyBalance(Look):
         Args:
             scene: The problem; schemes that do not conserve energy are not followed.
         """
+        super().__init__(scene)
         self._expected = self._scale = self._known = 0.0
         self._rounding = _rounding(scene)
         self._held, self._size = 0.0, scene.mean_cell_size
-        self._comm = scene.comm
         self._follows = scene.scheme.conserving
-        self._warned = False
         self._most = 0.0  # largest error of the balance so far [J]
         self._given = 0.0  # most that a run has begun with, or that work has brought [J]
         self._lost = ""  # when, and how much of it, once it is lost
@@ -77,45 +72,30 @@ class EnergyBalance(Look):
         off = max(0.0, abs(report.energy - self._expected) - self._held)
         rounding = self._rounding
         self._most = max(self._most, off)
-        beyond_rounding = off > WORTH_A_WARNING * self._scale + rounding.all
-        if (beyond_rounding or off > LARGE * self._scale + rounding.softest) and not self._warned:
-            self._warned = True
+        beyond_rounding = off > ADVICE[OFF].bound * self._scale + rounding.all
+        large = beyond_rounding or off > LARGE * self._scale + rounding.softest
+        if large and OFF not in self.said:
             why = (
                 "Rounding in parts that are very stiff or very light for their stiffness may be "
                 "why: make these Rigid, or take less extreme numbers. If -rigidfx_snes_rtol is "
                 "set, make it smaller."
             )
-            warn(
-                self._comm,
-                f"At t = {report.t:.6g} s the balance of energy is off by {off / self._scale:.1e} "
-                f"of the largest energy. {why if beyond_rounding else rounding.why}",
-            )
-        if off > LOST * self._known + rounding.softest:
+            why = why if beyond_rounding else rounding.why
+            self.advise(OFF, t=report.t, number=off / self._scale, why=why)
+        if off > ADVICE[LOST].bound * self._known + rounding.softest:
             self._lost = (
                 f"At t = {report.t:.6g} s the energy was {report.energy:.3g} J where "
                 f"{self._expected:.3g} J are accounted for"
             )
-            warn(
-                self._comm,
-                f"{self._lost}: the balance of energy is lost, and what follows is no motion of "
-                "this scene. Look for the cause before anything else: a stored energy of one's own "
-                "that is not smooth, or is called quadratic and is not; parts that are stiff "
-                "beyond measure; a -rigidfx_snes_rtol that is too large.",
-            )
+            self.advise(LOST, lost=self._lost)
 
     def end(self) -> None:
         """Say at the end of a run whether its energies were rounding; before, they might grow."""
         at_rest = self._given <= LARGE * self._rounding.known
-        if self._warned or at_rest or self._most <= LARGE * self._scale:
+        if self.said or at_rest or self._most <= LARGE * self._scale:
             return
-        warn(
-            self._comm,
-            f"The energies of this run are rounding to {self._most / self._scale:.0%}: its largest "
-            f"is {self._scale:.1e} J, and a stored energy other than a quadratic one is known to "
-            f"{self._rounding.known:.1e} J at best, a small difference of numbers near one times "
-            "its stiffness. Energy and its balance tell nothing here. Forces are known better; "
-            "StVenantKirchhoff knows its energy at any strain.",
-        )
+        largest, part = self._scale, self._most / self._scale
+        self.advise(ROUNDED, number=part, largest=largest, known=self._rounding.known)
 
     def explained(self, error: StepError) -> StepError:
         """The error with other advice, if the balance was lost before.

@@ -1,24 +1,20 @@
-"""Does a blow on a stop of a joint, or by a cable that goes taut, last for too few steps?
-
-Impulse, energy and the motion afterwards hold at any Δt. The force is a mean over a step: its peak
-is not resolved in a short blow. A mass m on a stop k swings back in half a period π √(m/k). With a
-strong damper c the force begins with c v and falls. The
-impulse between two steps over the change of the joint's rate between them is m, as far as nothing
-else acts.
-
-Does a run resolve the blows of its contacts: do steps, and do cells?
+"""Does a run resolve its blows, on contacts, on stops of joints, and by cables that go taut?
 
 A blow that is over within few steps has the right impulse, and the motion afterwards holds, as
 momenta and energy are exact at any Δt. The forces in between are means over steps: their peak, and
-that of stresses, is not resolved. How long a contact presses is measured as that half of a sine
-which has its impulse I and the peak F of `Touch.resolved`, of the length π I/(2 F): a series of
-blows that follow one another counts as one of them. A contact that stays closed, as under a weight,
-has the impulse of the steps in which the force is above half of its peak so far. The Δt that is
-named resolves that duration and the contact's own time (`own_time`). A run that ends in a blow,
-while its force still grows, knows the latter alone.
+that of stresses, is not resolved.
 
-In short steps nodes of the surface ring on the penalty, and the peak of the force is theirs. Then
-the run names that of `Touch.resolved`.
+How long a contact presses is measured as that half of a sine which has its impulse I and the peak F
+of `Touch.resolved`, of the length π I/(2 F): a series of blows that follow one another counts as
+one of them. A contact that stays closed, as under a weight, has the impulse of the steps in which
+the force is above half of its peak so far. The Δt that is named resolves that duration and the
+contact's own time (`own_time`). A run that ends in a blow, while its force still grows, knows the
+latter alone. In short steps nodes of the surface ring on the penalty, and the peak of the force is
+theirs. Then the run names that of `Touch.resolved`.
+
+A mass m on a stop k swings back in half a period π √(m/k). With a strong damper c the force begins
+with c v and falls. The impulse between two steps over the change of the joint's rate between them
+is m, as far as nothing else acts.
 """
 
 from __future__ import annotations
@@ -29,17 +25,16 @@ from math import inf, pi, sqrt
 from typing import ClassVar
 
 from rigidfx.base.remembered import Remembered, same
-from rigidfx.base.warning import warn
 from rigidfx.effects import Contact, SpringDamper
 from rigidfx.effects.contacts.layer_times import own_time, resolved_time
 from rigidfx.effects.joints.elements import Blow
-from rigidfx.report.report import Look, Report
+from rigidfx.report.advice import ADVICE, RESOLVED, Adviser
+from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
-__all__ = ["RESOLVED", "BriefContacts", "BriefStops", "rounded_down"]
+__all__ = ["BriefContacts", "BriefStops", "rounded_down"]
 
-RESOLVED = 10  # steps of half a sine whose peak is known to some 3 %; half as many lose a tenth
-RINGS = 1.1  # times the resolved peak: a peak that is worth a word
+STEPS, CELLS = "a blow on a contact", "the peak of a contact's force"  # rows of advice
 WORTH_A_WARNING = 0.01  # of the largest Σ m|v| so far: impulse of an impact that matters
 
 
@@ -73,10 +68,10 @@ class _Closed:
         return 0.5 * pi * self.blow / self.resolved
 
 
-class BriefContacts(Look):
-    """Looks at the contacts of reports; warns once of steps, and once of cells."""
+class BriefContacts(Adviser):
+    """Looks at the contacts of reports; advises once on steps, and once on cells."""
 
-    remembered: ClassVar[Remembered] = same("_waits", "_listens", "_closed", "_most")
+    remembered: ClassVar[Remembered] = Adviser.remembered | same("_closed", "_most")
 
     def __init__(self, scene: Scene, given: bool) -> None:
         """Begin before the first report.
@@ -85,7 +80,9 @@ class BriefContacts(Look):
             scene: The problem.
             given: Whether Δt is given, and nothing chooses it by its error.
         """
-        self._scene, self._waits, self._listens = scene, given, True
+        super().__init__(scene)
+        if not given:
+            self.said.add(STEPS)
         self._closed: dict[str, _Closed] = {}
         self._most = 0.0  # largest Σ m|v| so far [N s]
 
@@ -95,7 +92,7 @@ class BriefContacts(Look):
         Args:
             report: The next one.
         """
-        if not (self._waits or self._listens):
+        if len(self.said) == 2:
             return
         self._most = max(self._most, report.momentum_scale)
         for title, touch in report.touches.items():
@@ -132,7 +129,7 @@ class BriefContacts(Look):
                 )
 
     def _judge(self, title: str, past: _Closed, how: str, ended: bool = True) -> None:
-        """Warn of a blow that steps do not resolve, or of a peak of nodes that ring. Collective.
+        """Advise on a blow that steps do not resolve, or on nodes that ring. Collective.
 
         Args:
             title: Of the contact.
@@ -148,29 +145,15 @@ class BriefContacts(Look):
         own = own_time(self._scene, contact)
         lasts = past.duration if ended else own
         dt = rounded_down(min(lasts, own) / RESOLVED)
-        if self._waits and lasts <= 0.5 * RESOLVED * past.longest and past.longest > dt:
-            self._waits = self._listens = False
+        few = 2 * lasts <= ADVICE[STEPS].bound * past.longest and past.longest > dt
+        if few and STEPS not in self.said:
+            self.said.add(CELLS)
             steps = "one step" if past.steps == 1 else f"{past.steps} steps"
-            warn(
-                self._scene.comm,
-                f"{told} within {steps}: Δt does not resolve this impact. Its impulse, "
-                f"{past.impulse:.3g} N s, and the motion afterwards hold; the peak of its force "
-                f"({past.peak:.3g} N here, a mean over a step) and of stresses does not. With Δt ≤ "
-                f"{dt:.2g} s, a tenth of the half period of the layer of cells behind the contact, "
-                "or of a rigid part, on its stiffness, or less, shorter steps change the peak of "
-                f"touch.resolved, the force's mean over {over}, by a few per cent at most; smaller "
-                "cells may change it more. StepControl and Accuracy shorten steps at impacts; the "
-                "error afterwards is not estimated.",
-            )
-        elif ended and self._listens and past.peak > RINGS * past.resolved:
-            self._listens = False
-            warn(
-                self._scene.comm,
-                f"{told}: the peak of its force, {past.peak:.3g} N, lasts for less than its cells "
-                "resolve, as nodes of the surface ring on the contact. Take that of "
-                f"touch.resolved, {past.resolved:.3g} N: a mean over {over}, in which a wave "
-                "crosses four layers of nodes. Smaller cells resolve shorter blows.",
-            )
+            blow = {"impulse": past.impulse, "peak": past.peak, "dt": dt, "over": over}
+            self.advise(STEPS, told=told, steps=steps, **blow)
+        elif ended and CELLS not in self.said and past.peak > ADVICE[CELLS].bound * past.resolved:
+            peaks = {"peak": past.peak, "resolved": past.resolved}
+            self.advise(CELLS, told=told, over=over, **peaks)
 
 
 def rounded_down(dt: float) -> float:
@@ -210,14 +193,16 @@ class _Struck:
     c: float
 
 
-class BriefStops(Look):
-    """Looks at the stops and cables of reports; warns once."""
+class BriefStops(Adviser):
+    """Looks at the stops and cables of reports; advises once."""
 
-    remembered: ClassVar[Remembered] = same("_waits", "_struck", "_rates", "_closed", "_most")
+    remembered: ClassVar[Remembered] = Adviser.remembered | same(
+        "_struck", "_rates", "_closed", "_most"
+    )
 
     def __init__(self, scene: Scene) -> None:
         """Begin before the first report."""
-        self._comm, self._waits = scene.comm, True
+        super().__init__(scene)
         cables = (spring for spring in scene.named(SpringDamper) if spring.pulls_only)
         self._cables = {cable.title: cable for cable in cables}
         self._struck: dict[str, _Struck] = {}
@@ -231,7 +216,7 @@ class BriefStops(Look):
         Args:
             report: The next one.
         """
-        if not (self._waits and (report.joints.blows or self._cables)):
+        if self.said or not (report.joints.blows or self._cables):
             return
         self._most = max(self._most, report.momentum_scale)
         for title, now in {**report.joints.blows, **self._taut(report)}.items():
@@ -277,27 +262,21 @@ class BriefStops(Look):
             self._judge(title, blow)
 
     def _judge(self, title: str, blow: _Struck) -> None:
-        """Warn of a blow whose steps are too long, or that no second step shows."""
+        """Advise on a blow whose steps are too long, or that no second step shows."""
         change, k, c = abs(blow.before - blow.rate), blow.k, blow.c
         mass = (blow.impulse - blow.last) / change if change else 0.0
         short = pi * sqrt(max(mass, 0.0) / k) if k else inf
         if mass > 0 and c * c > k * mass:  # the force falls from c v on, by c/m - k/c in a time
             short = min(short, 1 / (c / mass - k / c))
         alone = not change and title not in self._rates
-        enough = blow.longest * RESOLVED <= 2 * short  # half as many lose a tenth of the peak
+        enough = blow.longest * ADVICE["a blow on a `Stop` or a cable"].bound <= 2 * short
         told = alone or (short > 0 and not enough)
-        if not self._waits or not told or blow.force <= WORTH_A_WARNING * self._most:
+        if self.said or not told or blow.force <= WORTH_A_WARNING * self._most:
             return
-        self._waits = False
         how = "went taut" if title in self._cables else "was struck"
-        peak = f"the peak of its force or torque ({blow.peak:.3g} here, a mean over a step)"
-        warn(
-            self._comm,
-            f"{title} {how} in the only step of the run, which does not show how long the blow is: "
-            f"{peak} may be higher. Take shorter steps."
-            if alone
-            else f"{title} {how} at t = {blow.since:.6g} s, in a blow of some {short:.2g} s: Δt "
-            f"does not resolve it. Its impulse and the motion afterwards hold; {peak} does not. "
-            f"With Δt ≤ {rounded_down(short / RESOLVED):.2g} s the peak is found to a few per "
-            "cent; a smaller `stiffness` makes blows longer.",
-        )
+        found = {"title": title, "how": how, "peak": blow.peak}
+        if alone:
+            self.advise("a blow on a `Stop` or a cable in the only step", **found)
+        else:
+            dt = rounded_down(short / RESOLVED)
+            self.advise("a blow on a `Stop` or a cable", t=blow.since, short=short, dt=dt, **found)
