@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 import sys
 import warnings
 from collections.abc import Iterator
@@ -149,6 +150,14 @@ def _free_petsc_objects() -> Iterator[None]:
     if MPI.COMM_WORLD.size > 1 or gc.get_count()[2]:  # a scene is some thousand objects
         gc.collect()
     MPI.COMM_WORLD.barrier()
+
+
+@pytest.fixture
+def hears() -> Iterator[None]:
+    """A shell's job in the background ignores SIGINT, and so do the processes it starts."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.static_forces import static_forces
 
 MATERIAL = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
+SOFT = rf.NeoHooke(E=1e4, nu=0.3, rho=10.0)
 EXACT = 1e-12
 ELEMENTS = {"enhanced": "enhanced", "assumed": rf.AssumedStrains("outside")}
 
@@ -64,9 +65,9 @@ def bent(n=(4, 3, 1), comm=MPI.COMM_SELF, turned=0, by=0.1):
 PARTS = {"enhanced": distorted, "assumed": bent}
 
 
-def scene_of(element, domain, *effects, **options):
+def scene_of(element, domain, *effects, material=MATERIAL, **options):
     """A scene with the element of that name."""
-    return rf.Scene(domain, MATERIAL, effects, element=ELEMENTS[element], **options)
+    return rf.Scene(domain, material, effects, element=ELEMENTS[element], **options)
 
 
 class Forces:

@@ -21,14 +21,14 @@ soft, stiff = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8)
 box = rf.box((0, 0, 0), (8, 1, 1), (16, 1, 1))
 box = box.with_cells("stalk", lambda x: x[0] <= 2 + 1e-9)
 box = box.with_cells("block", lambda x: x[0] >= 2 - 1e-9)
-late = rf.Fixed("x1", since=4.0)
+late = rf.Fixed("x1", since=2.4)
 effects = [rf.PrescribedMotion("x0", displacement=shaken), rf.MassDamping(1.0), late]
 scene = rf.Scene(box, {"stalk": soft, "block": stiff}, effects, probes={"tip": (8, 0.5, 0.5)})
 
 
 def histories():
     u, e, held, switches = [], [], [], []
-    for r in rf.simulate(scene, DT, 4.4, rigidify=rf.StrainRate(2e-3, 20 * DT), progress=False):
+    for r in rf.simulate(scene, DT, 2.8, rigidify=rf.StrainRate(2e-3, 20 * DT), progress=False):
         e.append(r.error_motion["tip"])
         u.append(r.probes["tip"] - e[-1])
         held.append(r.error_reactions.get("x0", np.zeros(3)))

@@ -53,7 +53,7 @@ def measured(motion):
 
 frames, before, last, seen, worst, rows = None, None, (0, 0.0), 0, 0.0, []
 ErrorMotion.__init__, equations.LARGEST = made, int(sys.argv[1])
-run = rf.simulate(scene, DT, 4.0, rigidify=rf.StrainRate(2e-3, 20 * DT), progress=False)
+run = rf.simulate(scene, DT, 2.4, rigidify=rf.StrainRate(2e-3, 20 * DT), progress=False)
 for r in run:
     x, error = r.state.positions(np.arange(scene.owned_nodes)), every[-1]
     if frames is None and r.events:

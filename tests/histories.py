@@ -1,7 +1,10 @@
-"""What several tests share: the reference problem, and drifts of a history."""
+"""What several tests share: the reference problem, markers, and numbers of a history."""
 
 from __future__ import annotations
 
+import csv
+from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,6 +37,27 @@ def tumbling(
     """The tumbling L under so many times load 1; free from t = 5 s on."""
     tractions = pair_of_tractions("top", "side", load * LOAD_1, TRIANGLE)
     return rf.Scene(tumbling_l(), material, [*tractions, *effects], **discretisation)
+
+
+def between(low: float, high: float) -> Callable[[Array], npt.NDArray[np.bool_]]:
+    """A marker of what lies between two values of x [m]."""
+    return lambda x: (x[0] >= low - 1e-9) & (x[0] <= high + 1e-9)
+
+
+def sizes(domain: rf.Domain) -> dict[tuple[str, int], int]:
+    """How many entities each set of a mesh has."""
+    return {key: domain.count(entities) for key, entities in domain.sets.items()}
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    """The rows of a table that a recorder has left."""
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def tips(reports: Iterable[rf.Report]) -> Array:
+    """Displacements of the probe "tip", shape (reports, 3) [m]."""
+    return np.array([r.probes["tip"] for r in reports])
 
 
 def column(reports: list[rf.Report], name: str) -> Array:

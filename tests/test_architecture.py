@@ -7,8 +7,6 @@ import importlib
 import statistics
 from pathlib import Path
 
-import pytest
-
 import rigidfx
 
 FLOW = [
@@ -186,20 +184,6 @@ def test_users_use_what_is_public():
         assert private(path.read_text(encoding="utf-8")) == [], path
 
 
-@pytest.mark.parametrize(
-    ("source", "names"),
-    [
-        ("run._state.u", ["_state"]),
-        ("self.run._state", ["_state"]),
-        ("from rigidfx.output import _lines", ["_lines"]),
-        ("getattr(run, '_state')", ["_state"]),
-        ("self._own, cls._all, super()._print, mesh._cpp_object, a.__class__, _local", []),
-    ],
-)
-def test_a_poke_is_seen(source, names):
-    assert [name for _, name in private(source)] == names
-
-
 def _isort_key(name):
     """Constants, classes, functions, each by the alphabet, as ruff sorts __all__."""
     kind = 0 if name.isupper() and len(name) > 1 else 1 if name[0].isupper() else 2
@@ -294,16 +278,3 @@ def test_chosen_numbers_only_ever_go_down():
     """Who needs another number finds one that buys nothing, and lowers the ceiling with it."""
     for room, (numbers, _) in rooms().items():
         assert numbers <= CEILINGS.get(room, 0), f"{room}: {numbers} numbers"
-
-
-@pytest.mark.parametrize(
-    ("source", "numbers"),
-    [
-        ("A = 3.0, [1, 2]\n", 3),
-        ("class A:\n    a: float = 0.5\n    b = 2", 2),
-        ("def f(a, b=3, c=1):\n    return 0.3 * a + 2.0 * b[12] + 13", 3),
-        ("def f(flag=True):\n    return -1", 0),
-    ],
-)
-def test_a_chosen_number_is_seen(source, numbers):
-    assert chosen(ast.parse(source).body) == numbers

@@ -156,22 +156,12 @@ GOOD = {name: np.linspace(1.0, 2.0, 5) for name in COLUMNS}
 
 SIMULATE = {
     "no scene": (lambda: _run(scene=7), "scene must be a Scene, got int"),
-    "the class of scenes": (lambda: _run(scene=rf.Scene), "scene must be a Scene"),
-    "a domain for a scene": (lambda: _run(scene=_domain()), "scene must be a Scene"),
     "a list of steps": (lambda: _run(dt=[0.1, 0.2]), "dt must be a finite number"),
-    "a complex step": (lambda: _run(dt=0.1 + 0j), "dt must be a finite number"),
     "true for a step": (lambda: _run(dt=True), "dt must be a finite number"),
     "an infinite step": (lambda: _run(dt=np.inf), "dt must be a finite number"),
-    "an array of steps": (lambda: _run(dt=np.array([0.1])), "dt must be a finite number"),
-    "a function for a step": (lambda: _run(dt=lambda t: 0.1), "dt must be a finite number"),
     "text for a time of a step": (lambda: _run(dt={0: 0.1, "a": 1}), "a time of dt must be"),
     "a time of a step twice": (lambda: _run(dt={0: 0.1, 0.1: 0.1, "0.1": 0.2}), "a time of dt"),
-    "a later step that is negative": (lambda: _run(dt={0: 0.1, 0.1: -0.1}), "dt must be"),
     "a time of a step before the start": (lambda: _run(dt={-1: 0.1, 0: 0.1}), "begins with the"),
-    "a time of a step that is not finite": (lambda: _run(dt={0: 0.1, np.nan: 1}), "a time of dt"),
-    "no end": (lambda: _run(t_end=None), "t_end must be a finite number"),
-    "an infinite end": (lambda: _run(t_end=np.inf), "t_end must be a finite number"),
-    "a list for the end": (lambda: _run(t_end=[1.0]), "t_end must be a finite number"),
     "an end before the start": (lambda: _run(t_end=-0.1), "t_end must be a finite number > 0"),
     "a step that time cannot resolve": (lambda: _run(dt=1e-16, t_end=1.0), "cannot be resolved"),
     "a late step that time cannot resolve": (
@@ -179,7 +169,6 @@ SIMULATE = {
         "cannot be resolved",
     ),
     "a number for a criterion": (lambda: _run(rigidify=1e-3), "rigidify must be a StrainRate"),
-    "the class of criteria": (lambda: _run(rigidify=rf.StrainRate), "rigidify must be a Strain"),
     "text for progress": (lambda: _run(progress="yes"), "progress must be True, False or None"),
 }
 
@@ -195,23 +184,16 @@ CRITERIA = {
         "StrainRate (tolerances): there are no cells named 'right'",
     ),
     "a number that is never rigid": (lambda: _rate(never=5), "never must be names"),
-    "an unknown set that is never rigid": (
-        lambda: _run(rigidify=_rate(never="right")),
-        "StrainRate (never): there are no cells named 'right'",
-    ),
     "bodies of no cells": (lambda: _rate(min_cells=0), "min_cells must be a whole number"),
     "text for a release": (lambda: _rate(release="at once"), "release must be Release records"),
     "no change of load": (lambda: _rate(load_change=0.0), "load_change must be"),
     "impatience": (lambda: _rate(patience=0.5), "patience must be ≥ 1"),
-    "an observation that ends at once": (lambda: _rate(since=1.0, until=1.0), "since < until"),
-    "a planned release that repeats": (lambda: rf.Release(at=1.0, repeat=True), "goes with a"),
     "a release that repeats oddly": (
         lambda: rf.Release(when=lambda r: True, repeat="yes"),
         "must be True or False",
     ),
     "a release of nothing": (lambda: rf.Release(), "a time (at) or a condition (when)"),
     "a release before the start": (lambda: rf.Release(at=-1.0), "later than the start"),
-    "a condition that is a number": (lambda: rf.Release(when=5), "when must be a function"),
     "a release of numbers": (lambda: rf.Release(at=1.0, where=5), "where must be the name"),
     "a release of an unknown set": (
         lambda: _run(rigidify=_rate(release=rf.Release(at=0.1, where="right"))),
@@ -223,7 +205,6 @@ CRITERIA = {
         lambda: _asked(lambda r: ["part 9"]),
         "names the body 'part 9'; there are none",
     ),
-    "a condition without an argument": (lambda: _asked(lambda: True), "its condition failed with"),
 }
 
 RECORDER = {
@@ -262,11 +243,8 @@ FILES = {
     "geometry to mesh of no file": (lambda: rf.read_cad(None), "read_cad: path must be the name"),
     "no history": (lambda: rf.read_history(None), "path must be the name"),
     "a missing history": (lambda: rf.read_history(_folder() / "none.csv"), "there is no file"),
-    "a folder for a history": (lambda: rf.read_history(_folder()), "there is no file"),
     "an empty history": (lambda: _history(""), "no whole line"),
-    "half a header": (lambda: _history("step,t,d"), "no whole line"),
     "a history of text": (lambda: _history("t,u\n0,1\nhello,2\n"), "row 2"),
-    "a history with a gap": (lambda: _history("t,u\n0,1\n0.1\n0.2,3\n"), "row 2"),
     "a history that is a picture": (lambda: _history(b"\x89PNG\r\n\x1a\n\xff\xfe"), "history.csv"),
     "a history with a column twice": (lambda: _history("t,t\n0,1\n"), "column 't' twice"),
     "bodies of no scene": (lambda: rf.write_bodies("b.json", None, _first()), "scene must be a"),
@@ -278,31 +256,17 @@ FILES = {
         lambda: rf.write_bodies("b.json", _scene(), _run()[0]),
         "the run has gone on",
     ),
-    "bodies to a folder": (
-        lambda: rf.write_bodies(_folder(), _scene(), _first()),
-        "cannot be written",
-    ),
-    "bodies from nowhere": (lambda: rf.read_bodies(None, _domain()), "path must be the name"),
     "bodies on no domain": (lambda: rf.read_bodies("b.json", None), "domain must be a Domain"),
     "a missing file of bodies": (
         lambda: rf.read_bodies(_folder() / "none.json", _domain()),
         "cannot be read",
     ),
-    "an empty file of bodies": (
-        lambda: rf.read_bodies(_file("empty.json", ""), _domain()),
-        "cannot be read as JSON",
-    ),
     "a list for bodies": (
         lambda: rf.read_bodies(_file("list.json", "[1, 2]"), _domain()),
         "is no file of write_bodies",
     ),
-    "bodies in latin-1": (
-        lambda: rf.read_bodies(_file("latin.json", '{"format": "é"}'.encode("latin-1")), _domain()),
-        "cannot be read as JSON",
-    ),
     "bodies of an older format": (lambda: _damaged(format="rigidfx bodies 1"), "is no file of"),
     "bodies of more cells": (lambda: _damaged(cells=99), "damaged.json"),
-    "a body without mass": (lambda: _damaged(mass=None), "is damaged"),
     "a body of negative mass": (lambda: _damaged(mass=-1.0), "mass of body 'left'"),
     "a body that is not rotated but stretched": (
         lambda: _damaged(orientation=[[2, 0, 0], [0, 1, 0], [0, 0, 1]]),
@@ -314,34 +278,26 @@ FILES = {
 
 PLOTS = {
     "pictures of nothing": (lambda: pictures(None), "folder must be the name"),
-    "pictures of a missing run": (lambda: pictures(_folder() / "none"), "there is no"),
     "pictures of no shapes": (lambda: pictures("out", shapes=0), "shapes must be"),
     "a film of half a picture": (lambda: pictures("out", frames=0.5), "frames must be"),
     "a view from nowhere": (lambda: pictures("out", view=(0, 0, 0)), "view must be"),
     "up along the view": (lambda: pictures("out", view=(0, 0, 2), up=(0, 0, -1)), "parallel"),
     "pictures free since text": (lambda: pictures("out", free_since="now"), "free_since must be"),
     "histories without columns": (lambda: _histories({}), "no column 't'"),
-    "histories without steps": (lambda: _histories(dict.fromkeys(GOOD, np.empty(0))), "no steps"),
-    "histories without energy": (lambda: _histories({"t": GOOD["t"]}), "no column 'energy'"),
     "histories of an unknown kind": (lambda: _histories(GOOD, path="a.docx"), "a.docx"),
     "histories free after the end": (lambda: _histories(GOOD, free_since=9.0), "after the last"),
     "curves in no panel": (lambda: _curves({}), "at least one panel"),
-    "a panel without curves": (lambda: _curves({"a": []}), "panel 'a' has no curves"),
     "a panel of numbers": (lambda: _curves({"a": [1.0]}), "panel 'a' must hold Curve records"),
     "two labels for one panel": (
         lambda: _curves({"a": [LINE]}, ylabel=["y", "z"]),
         "ylabel must be one text, or one for each of the 1 panels",
     ),
     "a curve of two lengths": (lambda: Curve("a", [0, 1], [0, 1, 2]), "of the same length"),
-    "a curve without points": (lambda: Curve("a", [], []), "x and y must be"),
     "shapes of no scene": (lambda: Shapes(None, [0.0]), "scene must be a Scene"),
-    "shapes at no time": (lambda: _shapes(times=[]), "at least one time"),
     "shapes in red": (lambda: _shapes(colour="red"), "colour must be one of"),
     "shapes of another scene": (lambda: _shapes().add(_first(_other())), "is of another scene"),
     "shapes of an old report": (_stale_shape, "the run has gone on"),
     "a sheet of no shapes": (lambda: _drawn(add=False), "no shape has been added"),
-    "a sheet of no columns": (lambda: _drawn(columns=0), "columns must be a whole number"),
-    "a sheet with up along the view": (lambda: _drawn(view=(0, 0, 1)), "parallel"),
 }
 
 CASES = SIMULATE | CRITERIA | RECORDER | FILES | PLOTS

@@ -92,17 +92,6 @@ class Kinked:
         return (0.0, 0.0, 0.0)
 
 
-class Unkinked:
-    """A path at rest that fails where it is asked for its breakpoints."""
-
-    @property
-    def breakpoints(self):
-        raise KeyError("no file")
-
-    def __call__(self, t):
-        return (0.0, 0.0, 0.0)
-
-
 @dataclass(frozen=True)
 class Told(Obstacle):
     """An obstacle of a user's own, whose gap is what a function tells."""
@@ -144,7 +133,6 @@ CASES = {
         "Contact on 'skin': the mesh overlaps itself at (",
     ),
     "contact with cells": (lambda: _scene(_contact(against="a")), "there are no facets named 'a'"),
-    "contact of a plane": (lambda: rf.Contact(BELOW, against="z0"), "where must be the name"),
     "friction of a pair": (
         lambda: _contact(against="z1", friction=0.1, creep=1),
         "friction is for obstacles, not for 'z1' yet",
@@ -167,8 +155,6 @@ CASES = {
     ),
     "normal without length": (lambda: rf.Plane((0, 0, 0), (0, 0, 0)), "must have a direction"),
     "inside one": (lambda: rf.Sphere((0, 0, 0), 1, inside=1), "inside must be True or False"),
-    "path that is a place": (lambda: rf.Plane((0, 0, 0), (0, 0, 1), path=(0, 0, 1)), "path must"),
-    "path of a number": (lambda: _scene(_moving(lambda t: t)), "three finite components"),
     "path of place": (lambda: _scene(_moving(lambda x, t: x)), "its function of time failed"),
     "path that ceases": (
         lambda: _run(_moving(_of_vectors(_later(nan)))),
@@ -186,10 +172,6 @@ CASES = {
         lambda: _told(lambda y: y[:, 3]),
         "Contact on 'z0': its obstacle failed with IndexError",
     ),
-    "gap of vectors": (
-        lambda: _told(lambda y: y),
-        "Contact on 'z0': gap of the Told must give finite numbers of shape (",
-    ),
     "gap that is none": (
         lambda: _told(lambda y: np.full(len(y) or 1, nan)),
         "Contact on 'z0': gap of the Told must give finite numbers of shape (",
@@ -198,14 +180,6 @@ CASES = {
         lambda: _told(lambda y: 1 + y[:, 2]),
         "Contact on 'z0': approach of the Told must give finite numbers of shape (",
     ),
-    "kinks of text": (
-        lambda: _moving(Kinked("abc")),
-        "Contact: an instant among the breakpoints of the path of against: t must be",
-    ),
-    "kinks that cannot be named": (
-        lambda: _moving(Unkinked()),
-        "the attribute breakpoints of the path of against must be a list of instants, got None",
-    ),
     "kinks that are no list": (
         lambda: _moving(Kinked(3)),
         "the attribute breakpoints of the path of against must be a list of instants, got 3",
@@ -213,44 +187,20 @@ CASES = {
     "error above all": (lambda: _control(2.0), "tol must be"),
     "smallest step above": (lambda: _control(smallest=1.0), "needs smallest ≤ largest"),
     "error of rounding": (lambda: _control(1e-320), "tol must be 1e-12 or more"),
-    "largest step of nothing": (lambda: _control(largest=0.0), "largest must be"),
     "error at a place": (lambda: _control(at=[(0, 0, 0)]), "at must be names of probes"),
-    "error at no probe": (lambda: _control(at=()), "at must be names of probes"),
     "error at an unknown probe": (
         lambda: _run(dt=_control(at="tip"), probes={"top": (1, 0.5, 0.5)}),
         "StepControl: at names the probe 'tip'; the scene has ['top']",
     ),
-    "class of controls": (lambda: _run(dt=rf.StepControl), "dt"),
-    "control in a dict": (lambda: _run(dt={0: _control()}), "dt"),
     "control as an effect": (lambda: _scene(_control()), "is not an effect"),
     "part of nothing": (lambda: rf.Relative(0), "Relative: part must be"),
-    "part as a window": (lambda: rf.StrainRate(1.0, rf.Relative(0.1)), "window must be"),
     "part for a set": (
         lambda: rf.StrainRate(1.0, 1.0, tolerances={"a": rf.Relative(0.1)}),
         "the tolerance of 'a' must be a finite number, got Relative(part=0.1)",
     ),
     "element in capitals": (lambda: _scene(element="Enhanced"), "element must be"),
-    "enhanced without stiffness at rest": (
-        lambda: _scene(
-            material={"a": SOFT, "b": rf.Hyperelastic(rho=1.0, W=lambda C: (C[0, 0] - 1) ** 4)},
-            element="enhanced",
-        ),
-        "of Hyperelastic cannot be told",
-    ),
     "axis without length": (lambda: _turned(axis=(0, 0, 0)), "axis must have a direction"),
     "angle of a number": (lambda: _turned(angle=3.0), "angle must be a function of t, got 3.0"),
-    "angle in degrees": (
-        lambda: _scene(_turned(angle=lambda t: "90°")),
-        "PrescribedRotation on 'x0': at t = 0 s angle must be a finite number, got '90°'",
-    ),
-    "angle of vectors": (
-        lambda: _scene(_turned(angle=lambda t: (t, 0, 0))),
-        "at t = 0 s angle must be a finite number, got (0.0, 0, 0)",
-    ),
-    "angle that ceases": (
-        lambda: _run(_turned(angle=_later(nan))),
-        "s angle must be a finite number, got nan",
-    ),
     "angle that fails on the last rank": (
         lambda: _run(_turned(angle=_fails_later)),
         "PrescribedRotation on 'x0': its path failed near t = ",
@@ -259,24 +209,14 @@ CASES = {
         lambda: _scene(_turned(speed=lambda t: 7.0)),
         "its velocity is [7. 0. 0.] rad/s, and its path moves by [1. 0. 0.] rad/s. Give",
     ),
-    "speed of no number": (
-        lambda: _scene(_turned(speed=lambda t: nan)),
-        "at t = 0 s speed must be a finite number, got nan",
-    ),
     "turned two ways": (
         lambda: _run(_turned(), _turned(angle=lambda t: 2 * t)),
         "prescribe different motions of the same nodes",
     ),
-    "symmetry of cells": (lambda: _scene(rf.Symmetry("a")), "there are no facets named 'a'"),
     "symmetry of a box": (lambda: _scene(rf.Symmetry("skin")), "must lie in one plane"),
     "velocity across a mirror": (
         lambda: _scene(rf.Symmetry("x0"), rf.InitialVelocity(linear=(1, 0, 0))),
         "InitialVelocity contradicts Symmetry on 'x0' (components 'x')",
-    ),
-    "frequency zero": (lambda: rf.StiffnessDamping(0.1, 0), "frequency must be a finite number >"),
-    "damping of facets": (
-        lambda: _scene(rf.StiffnessDamping(0.1, 1.0, "x0")),
-        "StiffnessDamping: there are no cells named 'x0'",
     ),
     "displacement of a vector": (lambda: rf.InitialDisplacement((1, 0, 0)), "must be a function"),
     "displacement transposed": (
@@ -295,17 +235,9 @@ CASES = {
         lambda: _run(rf.Traction("x1", lambda x, t: x[0])),
         "three finite components for each of",
     ),
-    "field that ceases": (
-        lambda: _run(rf.Traction("x1", lambda x, t: x * _later(nan)(t))),
-        "Traction on 'x1': at t = 0.15 s three finite components",
-    ),
     "field that fails on the last rank": (
         lambda: _run(rf.BodyForce(lambda x, t: x * _fails_later(t))),
         "BodyForce on 'all cells': its function failed at t = 0.15 s with KeyError: 'no file'",
-    ),
-    "load that fails later": (
-        lambda: _run(rf.Traction("x1", _of_vectors(_fails_later))),
-        "Traction on 'x1': its value or time function failed at t = 0.15 s with KeyError",
     ),
     "field of gravity": (lambda: _scene(rf.Gravity(lambda x, t: x)), "value must be a function"),
     "velocity of time, path of place": (
@@ -318,10 +250,6 @@ CASES = {
     "stresses recovered at no report": (
         lambda: rf.recovered_stress(None, _stress()),
         "recovered_stress: report must be a Report, got NoneType",
-    ),
-    "stresses recovered by a scene": (
-        lambda: rf.recovered_stress(_report(), _scene()),
-        "recovered_stress: stress must be CauchyStress(scene), made once",
     ),
     "stresses recovered on another mesh": (
         lambda: rf.recovered_stress(_report(), _other_mesh()),

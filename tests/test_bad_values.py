@@ -45,21 +45,6 @@ def _material(W, **values):
     return _scene(material=rf.Hyperelastic(rho=1.0, W=W, values=values))
 
 
-class Shy:
-    """A number that cannot be read."""
-
-    def __float__(self):
-        raise RuntimeError("shy")
-
-
-async def _later(t):
-    return 1.0
-
-
-def _endless(t):
-    return _endless(t)
-
-
 def _stops(t):
     raise StopIteration
 
@@ -69,10 +54,6 @@ CASES = {
     "class of an effect": (
         lambda: _scene(rf.Gravity),
         "Scene: <class 'rigidfx.effects.loads.gravity.Gravity'> is not an",
-    ),
-    "dict of effects": (
-        lambda: rf.Scene(_box(), SOFT, {"g": rf.Gravity()}),
-        "Scene: 'g' is not an effect. See rigidfx.effects.",
     ),
     "one effect": (
         lambda: rf.Scene(_box(), SOFT, rf.Gravity()),
@@ -107,7 +88,6 @@ CASES = {
         lambda: _scene(rf.Fixed("")),
         "Fixed: there are no facets or cells or edges or vertices named",
     ),
-    "where with NUL": (lambda: _scene(rf.Fixed("x0\0")), "Fixed: there are no facets or cells"),
     "support on None": (
         lambda: _scene(rf.Fixed(None)),
         "Fixed: where must be the name of a set, got None.",
@@ -122,25 +102,11 @@ CASES = {
         lambda: rf.Traction("x1", (1, 0, 0), total=50.0),
         "Traction on 'x1': total must be True or False, got 50.0; the force itself is its value.",
     ),
-    "pressure on nodes": (
-        lambda: _scene(
-            rf.Pressure("a", 1.0), domain=_box().with_vertices("a", lambda x: x[0] < 1e-9)
-        ),
-        "Pressure: there are no facets named 'a'. Known names: 'x0'",
-    ),
     "pressure inside": (
         lambda: _scene(
             rf.Pressure("a", 1.0), domain=_box().with_facets("a", lambda x: np.abs(x[0] - 1) < 1e-9)
         ),
         "inside the mesh and for none of its boundary, which with_facets names",
-    ),
-    "gravity on facets": (
-        lambda: _scene(rf.Gravity(where="x0")),
-        "Gravity: there are no cells named 'x0'. Known names: 'x0'",
-    ),
-    "rigid facets": (
-        lambda: _scene(rf.Rigid("x0")),
-        "Rigid: there are no cells named 'x0'. Known names: 'x0'",
     ),
     "probe name surrogate": (
         lambda: _scene(probes={"\ud800": (0, 0, 0)}),
@@ -154,10 +120,6 @@ CASES = {
         lambda: _box().with_facets("\ud800", lambda x: x[0] < 1e-9),
         "The name of a set must be a text that is not empty, and can be",
     ),
-    "marker None": (
-        lambda: _box().with_facets("a", None),
-        "The marker of 'a' failed with TypeError: 'NoneType' object is",
-    ),
     "marker that stops an iteration": (
         lambda: _box().with_facets("a", _stops),
         "The marker of 'a' failed with StopIteration:",
@@ -166,20 +128,8 @@ CASES = {
         lambda: rf.Gravity(since=2.0, until=1.0),
         "Gravity: the time window needs since < until, got 2.0 … 1.0.",
     ),
-    "window empty": (
-        lambda: rf.Gravity(since=1.0, until=1.0),
-        "Gravity: the time window needs since < until, got 1.0 … 1.0.",
-    ),
     "gravity of a function of nothing": (
         lambda: _run(rf.Gravity(lambda: (0, 0, 1))),
-        "Gravity on 'all cells': its function of time failed with",
-    ),
-    "gravity coroutine": (
-        lambda: _run(rf.Gravity(time=_later)),
-        "Gravity on 'all cells': at t = 0 s three finite components are",
-    ),
-    "factor that stops an iteration": (
-        lambda: _run(rf.Gravity(time=_stops)),
         "Gravity on 'all cells': its function of time failed with",
     ),
     "factor that later stops an iteration": (
@@ -198,10 +148,6 @@ CASES = {
         lambda: _run(rf.Gravity(time=lambda t: 10**400)),
         "Gravity on 'all cells': at t = 0 s three finite components are",
     ),
-    "factor that fails as a number": (
-        lambda: _run(rf.Gravity(time=lambda t: Shy())),
-        "Gravity on 'all cells': at t = 0 s three finite components are",
-    ),
     "density subnormal": (
         lambda: _run(material=rf.NeoHooke(rho=5e-324, E=1.0, nu=0.3)),
         "Scene: a node has the lumped mass 0 kg ≤ 0 (strongly curved",
@@ -212,10 +158,6 @@ CASES = {
     ),
     "energy constant": (
         lambda: _material(lambda C: 1.0),
-        "Scene: the stored energy of Hyperelastic does not depend on C.",
-    ),
-    "energy zero": (
-        lambda: _material(lambda C: 0 * C[0, 0]),
         "Scene: the stored energy of Hyperelastic does not depend on C.",
     ),
     "energy None": (
@@ -234,24 +176,12 @@ CASES = {
         lambda: _material(lambda C: C[0, 0] * ufl.SpatialCoordinate(_box().mesh)[0]),
         "Scene: the stored energy of Hyperelastic is of another mesh",
     ),
-    "energy recursion": (
-        lambda: _material(_endless),
-        "Scene: the stored energy of Hyperelastic cannot be formed:",
-    ),
-    "energy parameter named C": (
-        lambda: _material(lambda C: C[0, 0], C=1.0),
-        "Scene: the stored energy of Hyperelastic cannot be formed:",
-    ),
     "point mass zero": (
         lambda: rf.PointMass("x1", 0.0),
         "PointMass: mass must be a finite number > 0, got 0.0.",
     ),
     "spring negative": (
         lambda: rf.Spring("x1", -1.0),
-        "Spring on 'x1': stiffness must be a number ≥ 0, three of them,",
-    ),
-    "spring asym": (
-        lambda: rf.Spring("x1", np.triu(np.ones((3, 3)))),
         "Spring on 'x1': stiffness must be a number ≥ 0, three of them,",
     ),
     "spring indefinite": (
@@ -274,10 +204,6 @@ CASES = {
         lambda: rf.NumericalDamping(1.0),
         "NumericalDamping: xi must lie in [0, 1/2], got 1.0.",
     ),
-    "xi negative": (
-        lambda: rf.NumericalDamping(-1e-300),
-        "NumericalDamping: xi must lie in [0, 1/2], got -1e-300.",
-    ),
     "xi overlap": (
         lambda: _scene(rf.NumericalDamping(0.1), rf.NumericalDamping(0.2)),
         "Scene: two NumericalDamping effects overlap in time.",
@@ -299,16 +225,6 @@ CASES = {
         "Scene: a cell can be in one Rigid body only, and Rigid on 'all cells' and "
         "Rigid on 'all cells' hold the same ones.",
     ),
-    "rigid overlap": (
-        lambda: _run(
-            rf.Rigid("a"),
-            rf.Rigid("b"),
-            domain=_box()
-            .with_cells("a", lambda x: x[0] < 9)
-            .with_cells("b", lambda x: x[0] < 1 + 1e-9),
-        ),
-        "Rigid 'b' shares nodes with another body, Rigid 'a', which",
-    ),
     "rigid hinge": (
         lambda: _run(
             rf.Rigid("a"),
@@ -327,24 +243,12 @@ CASES = {
         lambda: _scene(rf.Rigid(), scheme=rf.Trapezoidal()),
         "Scene: Trapezoidal does not couple to rigid bodies; take",
     ),
-    "resultant without body": (
-        lambda: _scene(rf.Resultant(force=(1, 0, 0))),
-        "Resultant: 'None' is not the name of a Rigid body; there are",
-    ),
     "resultant unknown": (
         lambda: _scene(rf.Rigid(), rf.Resultant("b", force=(1, 0, 0))),
         "Resultant: 'b' is not the name of a Rigid body; there are",
     ),
     "fixed components": (
         lambda: rf.Fixed("x0", "xx"),
-        "Fixed on 'x0': components must be some of 'xyz', each once, got",
-    ),
-    "fixed components list": (
-        lambda: rf.Fixed("x0", ["x"]),
-        "Fixed on 'x0': components must be some of 'xyz', each once, got",
-    ),
-    "fixed components w": (
-        lambda: rf.Fixed("x0", "xw"),
         "Fixed on 'x0': components must be some of 'xyz', each once, got",
     ),
     "motion number": (
@@ -355,23 +259,11 @@ CASES = {
         lambda: _scene(rf.PrescribedMotion("x0", displacement=rf.Table((0, 1), (0, 1)))),
         "PrescribedMotion on 'x0': at t = 0 s three finite components",
     ),
-    "motion coroutine": (
-        lambda: _scene(rf.PrescribedMotion("x0", displacement=_later)),
-        "PrescribedMotion on 'x0': at t = 0 s three finite components",
-    ),
     "motion nan later": (
         lambda: _run(
             rf.PrescribedMotion("x0", displacement=lambda t: (np.nan if t > 0.15 else 0, 0, 0))
         ),
         "PrescribedMotion on 'x0': near t = 0.2 s its path or velocity",
-    ),
-    "preload none": (
-        lambda: rf.Preload([]),
-        "Preload: loads must be one or more dead loads, got ()",
-    ),
-    "preload of a support": (
-        lambda: rf.Preload([rf.Fixed("x0")]),
-        "Preload: loads must be one or more dead loads, got",
     ),
     "preload of a pressure": (
         lambda: _scene(rf.Fixed("x0"), rf.Preload([rf.Pressure("x1", 1.0)])),
@@ -402,14 +294,6 @@ CASES = {
         lambda: _scene(rf.InitialVelocity(function=lambda x: np.zeros((2, x.shape[1])))),
         "InitialVelocity: function must map (3, n) to (3, n); it failed",
     ),
-    "velocity function complex": (
-        lambda: _scene(rf.InitialVelocity(function=lambda x: x * 1j)),
-        "InitialVelocity: function must map (3, n) to (3, n); it failed",
-    ),
-    "table empty": (
-        lambda: rf.Table((), ()),
-        "Table: times and values must be lists of numbers, of the same",
-    ),
     "table down": (
         lambda: rf.Table((1, 0), (0, 1)),
         "Table: times must increase strictly; a jump takes a time",
@@ -418,16 +302,10 @@ CASES = {
         lambda: rf.Table((0, 1), (0,)),
         "Table: times and values must be lists of numbers, of the same",
     ),
-    "table nan": (lambda: rf.Table((0, np.nan), (0, 1)), "Table: times and values must be finite."),
     "order three": (lambda: _scene(order=3), "Scene: order must be 1 or 2, got 3."),
-    "order 1.0": (lambda: _scene(order=1.0), "Scene: order must be 1 or 2, got 1.0."),
     "mass list": (
         lambda: _scene(mass=["lumped"]),
         "Scene: mass must be 'lumped' or 'consistent', got ['lumped'].",
-    ),
-    "scheme text": (
-        lambda: _scene(scheme="midpoint"),
-        "Scene: scheme must be EnergyMomentum(), Midpoint() or",
     ),
     "scheme namespace": (
         lambda: _scene(scheme=types.SimpleNamespace(virtual_work=1)),
@@ -436,10 +314,6 @@ CASES = {
     "tets second lumped": (
         lambda: _scene(domain=rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1), "tetrahedron"), order=2),
         "Scene: second-order tetrahedra have negative lumped masses at",
-    ),
-    "domain path": (
-        lambda: rf.Scene("bar.msh", SOFT),
-        "Scene: domain must be a Domain (box, from_arrays, read_msh, or",
     ),
     "domain none": (
         lambda: rf.Domain(None),
@@ -457,10 +331,6 @@ CASES = {
         lambda: rf.box((0, 0, 0), (1, 1, 1), (1.0, 1.0, 1.0)),
         "box: lower and upper must be three numbers each and cells three",
     ),
-    "box zero": (
-        lambda: rf.box((0, 0, 0), (1, 1, 1), (0, 1, 1)),
-        "box: cells must be three whole numbers ≥ 1, got (0, 1, 1).",
-    ),
     "box of more cells than are counted": (
         lambda: rf.box((0, 0, 0), (1, 1, 1), (10**6, 10**6, 10**6)),
         "box: (1000000, 1000000, 1000000) cells are more than the 2147483647 that are counted",
@@ -468,10 +338,6 @@ CASES = {
     "order of 5000 digits": (
         lambda: _scene(order=10**5000),
         "Scene: order must be 1 or 2, got something of type int",
-    ),
-    "box swapped": (
-        lambda: rf.box((1, 1, 1), (0, 0, 0), (1, 1, 1)),
-        "box: lower and upper must be three finite numbers each, and",
     ),
     "box flat": (
         lambda: rf.box((0, 0, 0), (1, 0, 1), (1, 1, 1)),
@@ -488,14 +354,6 @@ CASES = {
     "box subnormal": (
         lambda: _scene(domain=rf.box((0, 0, 0), (1e-320, 1, 1), (2, 1, 1))),
         "box: from (0, 0, 0) m to (1e-320, 1, 1) m: Box seems to have",
-    ),
-    "box tiny": (
-        lambda: _scene(domain=rf.box((0, 0, 0), (1e-110, 1e-110, 1e-110), (2, 1, 1))),
-        "box: from (0, 0, 0) m to (1e-110, 1e-110, 1e-110) m: Box seems",
-    ),
-    "box huge": (
-        lambda: _scene(domain=rf.box((0, 0, 0), (1e110, 1e110, 1e110), (2, 1, 1))),
-        "The mesh has inverted or flat cells, the first around",
     ),
     "box comm null": (
         lambda: rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1), comm=MPI.COMM_NULL),
@@ -533,10 +391,6 @@ CASES = {
         lambda: _run(criterion=rf.StrainRate(1.0, 1.0), scheme=rf.Trapezoidal()),
         "simulate: Trapezoidal does not couple to rigid bodies; take",
     ),
-    "dt empty dict": (
-        lambda: _run(dt={}),
-        "simulate: dt must be a finite number > 0, or a dict of times to",
-    ),
     "dt dict late": (
         lambda: _run(dt={1.0: 0.1}),
         "simulate: dt must be a finite number > 0, or a dict of times to",
@@ -573,14 +427,6 @@ CASES = {
     "msh scale": (
         lambda: rf.read_msh("tests/none.msh", scale=-1.0),
         "read_msh: scale must be a finite number > 0, got -1.0.",
-    ),
-    "gmsh no function": (
-        lambda: rf.from_gmsh(3),
-        "from_gmsh: the function that builds the model failed with",
-    ),
-    "gmsh empty": (
-        lambda: rf.from_gmsh(lambda g: None),
-        "The model has no physical group of volume cells (dimension 3)",
     ),
     "gmsh fails": (
         lambda: rf.from_gmsh(lambda g: 1 / 0),

@@ -44,28 +44,6 @@ def solution(cholesky, A):
 
 
 @pytest.mark.skipif(not cholmod.exists(), reason="PETSc has no CHOLMOD")
-def test_the_symmetric_part_is_solved_with_as_often_as_it_is_new():
-    symmetric, skew = entries()
-    A = matrix(symmetric + 0.5 * SKEW * skew)
-    cholesky = Cholesky(A)
-    for factor in (1.0, 2.0):
-        A.scale(factor)
-        assert cholesky.renew()
-        expected = np.linalg.solve(factor * symmetric, np.arange(1, N + 1))
-        assert solution(cholesky, A) == pytest.approx(expected, rel=1e-10)
-    # A contact may add entries where there were none.
-    row, column = np.argwhere(symmetric == 0)[0]
-    for i, j in ((row, column), (column, row)):
-        A.setValue(i, j, 1e-3)
-        symmetric[i, j] = 1e-3 / 2.0
-    A.assemble()
-    assert cholesky.renew()
-    expected = np.linalg.solve(2 * symmetric, np.arange(1, N + 1))
-    assert solution(cholesky, A) == pytest.approx(expected, rel=1e-10)
-    cholesky.destroy()
-
-
-@pytest.mark.skipif(not cholmod.exists(), reason="PETSc has no CHOLMOD")
 def test_what_is_skew_or_not_definite_is_left_to_lu(capfd):
     symmetric, skew = entries()
     assert not Cholesky(matrix(symmetric + 2 * SKEW * skew)).renew()

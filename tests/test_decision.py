@@ -27,12 +27,6 @@ def test_cell_at_its_tolerance_qualifies():
     assert closeness == 0.0
 
 
-def test_each_cell_has_its_own_tolerance():
-    able, closeness = decide([1.0, 1.0, 1.0], [0.5, 1.25, 4.0])
-    assert able.tolist() == [False, True, True]
-    assert closeness == pytest.approx(0.2)  # |1/1.25 - 1|
-
-
 def test_only_cells_observed_in_the_whole_window_count():
     able, closeness = decide([1.0, 0.0, 3.0], [2.0, 2.0, 2.0], [True, False, True])
     assert able.tolist() == [True, False, False]
@@ -82,28 +76,10 @@ def test_new_bodies_get_new_numbers():
     assert free == 7
 
 
-def test_body_that_stays_as_it_is_is_kept():
-    parts, free = assign([(0, 1), (4, 5, 6)], {2: (4, 5, 6)})
-    assert [facts(p) for p in parts] == [(2, "part 2", True), (5, "part 5", False)]
-    assert free == 6
-
-
 @pytest.mark.parametrize("cells", [(4, 5, 6, 7), (4, 5)], ids=["grows", "shrinks"])
 def test_body_that_grows_or_shrinks_keeps_its_number(cells):
     (part,), free = assign([cells], {2: (4, 5, 6)})
     assert facts(part) == (2, "part 2", False)
-    assert free == 5
-
-
-def test_body_that_swaps_a_cell_is_not_kept():
-    """Its size alone does not tell."""
-    (part,), _ = assign([(4, 5, 7)], {2: (4, 5, 6)})
-    assert facts(part) == (2, "part 2", False)
-
-
-def test_merged_bodies_have_the_number_of_the_oldest():
-    (part,), free = assign([(0, 1, 2, 3, 4)], {4: (0, 1), 3: (3, 4)})
-    assert facts(part) == (3, "part 3", False)
     assert free == 5
 
 
@@ -126,12 +102,6 @@ def test_piece_of_one_body_may_merge_with_another():
         (3, "part 3", False),
     ]
     assert free == 5
-
-
-def test_bodies_are_ordered_by_number():
-    parts, _ = assign([(0, 1), (4, 5), (8, 9)], {4: (0, 1), 2: (8, 9)})
-    assert [p.number for p in parts] == [2, 4, 5]
-    assert [p.cells[0] for p in parts] == [8, 0, 4]
 
 
 def test_body_is_called_by_the_first_set_in_it_that_is_rigid_always():
@@ -172,16 +142,6 @@ def test_low_mode_that_is_not_excited_does_not_count(amplitude):
     assert found == near(HIGH)
 
 
-def test_period_is_that_of_any_signal():
-    found = period_of(lambda t: np.stack([sine(t, HIGH), sine(t, LOW), 0 * t], axis=1))
-    assert found == near(LOW)
-
-
-def test_signal_that_hardly_moves_does_not_count():
-    found = period_of(lambda t: np.stack([sine(t, HIGH), sine(t, LOW, 0.4 * EXCITED)], axis=1))
-    assert found == near(HIGH)
-
-
 @pytest.mark.parametrize("slope", [-0.02, 5.0])
 def test_linear_trend_is_no_period(slope):
     assert period_of(lambda t: sine(t, LOW) + slope * t) == near(LOW)
@@ -208,15 +168,6 @@ def test_rest_has_no_period(level):
     noise = np.random.default_rng(0).normal(size=1600)
     assert period_of(lambda t: 0 * t + level) == 0.0
     assert period_of(lambda t: level * (1 + 1e-15 * noise)) == 0.0
-
-
-def test_no_signals_have_no_period():
-    assert longest_period(np.linspace(0, 1, 50), np.empty((50, 0))) == 0.0
-
-
-def test_record_that_is_too_short():
-    t = np.linspace(0.0, 40.0, 7)
-    assert np.isnan(longest_period(t, sine(t, LOW)[:, None]))
 
 
 def test_uneven_steps():

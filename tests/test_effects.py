@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from balances import follow
 from dolfinx import fem
-from histories import column, drift, show
+from histories import between, column, drift, show
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from parallel import run as run_on
@@ -54,7 +54,7 @@ def bar(*effects, cells=(4, 1, 1), E=2e3, cell="hexahedron", **options):
     """A bar of 4 m × 1 m × 1 m, ρ = 2 kg/m³, with named ends and a part that may be rigid."""
     domain = rf.box((0, 0, 0), (4, 1, 1), cells, cell)
     domain = (
-        domain.with_cells("middle", lambda x: (x[0] >= 1 - 1e-9) & (x[0] <= 3 + 1e-9))
+        domain.with_cells("middle", between(1, 3))
         .with_cells("end", lambda x: x[0] >= 3 - 1e-9)
         .with_cells("root", lambda x: x[0] <= 1 + 1e-9)
         .with_facets("top", lambda x: np.isclose(x[2], 1))

@@ -16,6 +16,7 @@ from elements import (
     EXACT,
     MATERIAL,
     PARTS,
+    SOFT,
     SPIN,
     Forces,
     bent,
@@ -38,17 +39,19 @@ ANY = 1e9  # a tolerance under which everything is rigid
 SIZES = {"enhanced": (0.05, 0.03), "assumed": (0.02, 0.01)}  # of displacements at random [m]
 
 of_each = pytest.mark.parametrize("element", ELEMENTS)
+of_materials = pytest.mark.parametrize("material", [MATERIAL, SOFT], ids=["quadratic", "neo-Hooke"])
 
 
 # The cell ----------------------------------------------------------------------------------------
 
 
+@of_materials
 @of_each
-def test_forces_and_tangents_are_derivatives(element):
-    """Of the energy, and of the forces."""
-    scene = scene_of(element, PARTS[element]())
+def test_forces_and_tangents_are_derivatives(element, material):
+    """Of the energy, and of the forces; for small strains all materials are one."""
+    scene = scene_of(element, PARTS[element](), material=material)
     forces, rng = Forces(scene), np.random.default_rng(2)
-    u, d = rng.normal(scale=SIZES[element][0], size=(2, forces.u0.x.array.size))
+    u, d = rng.normal(scale=SIZES[element][material is SOFT], size=(2, forces.u0.x.array.size))
     h = 1e-5 if element == "enhanced" else 1e-6
     f = forces.at(u)
     slope = (forces.energy(u + h * d) - forces.energy(u - h * d)) / (2 * h)
@@ -57,11 +60,14 @@ def test_forces_and_tangents_are_derivatives(element):
     K = forces.tangent(u)
     np.testing.assert_allclose(K @ d, change, atol=1e-7 * np.abs(change).max())
     assert abs(K - K.T).max() < EXACT * abs(K).max()
+    small, plain = 1e-7 * u, Forces(scene_of(element, PARTS[element]())).at(1e-7 * u)
+    np.testing.assert_allclose(forces.at(small), plain, atol=1e-5 * np.abs(plain).max())
 
 
 @pytest.mark.parametrize("damped", [False, True])
+@of_materials
 @of_each
-def test_tangent_of_a_step_is_the_derivative_of_its_residual(element, damped):
+def test_tangent_of_a_step_is_the_derivative_of_its_residual(element, material, damped):
     """With and without ξ and viscous stresses, whose modes are their own; some cells are thin."""
     effects = [rf.KelvinVoigt(30.0), rf.NumericalDamping(0.1)] if damped else []
     domain, h, near = PARTS[element](), 1e-5, 1e-8
@@ -71,16 +77,16 @@ def test_tangent_of_a_step_is_the_derivative_of_its_residual(element, damped):
             "some", lambda x: (np.hypot(x[0], x[2]) > 1.1 - 1e-9) & (x[0] < 0.7)
         )
         assert set(thickness_axes(domain, "some")) == {0, 3}
-        scene = rf.Scene(domain, MATERIAL, effects, element=rf.AssumedStrains("some"))
+        scene = rf.Scene(domain, material, effects, element=rf.AssumedStrains("some"))
         h, near = 1e-6, 1e-7
     else:
-        scene = scene_of(element, domain, *effects)
+        scene = scene_of(element, domain, *effects, material=material)
     u0 = fem.Function(scene.space)
     forces = InternalForces(scene, u0, acting=[effects])
     forces.set_time(0.0, 0.1)
     bound = forces.bind(forces.cells())
     rng = np.random.default_rng(1)
-    x0, x1, d = rng.normal(scale=SIZES[element][0], size=(3, u0.x.array.size))
+    x0, x1, d = rng.normal(scale=SIZES[element][material is SOFT], size=(3, u0.x.array.size))
 
     def residual(x):
         forces.u1.x.array[:] = x
@@ -169,12 +175,18 @@ def test_rank_of_a_cell(element):
 # Dynamics ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("mass", ["lumped", "consistent"])
-@of_each
-def test_free_flight_and_a_cycle(element, mass):
+@pytest.mark.parametrize(
+    ("element", "mass", "material"),
+    [
+        *((element, mass, MATERIAL) for element in ELEMENTS for mass in ("lumped", "consistent")),
+        ("assumed", "lumped", SOFT),
+    ],
+)
+def test_free_flight_and_a_cycle(element, mass, material):
     """H, L and J stay while it is frozen, turns by a radian, is released, twice, and then flies."""
     criterion = rf.StrainRate(ANY, 0.2, release=rf.Release(at=[1.0, 2.0]), until=1.5)
-    stress = CauchyStress(scene := scene_of(element, PARTS[element](), SPIN, mass=mass))
+    scene = scene_of(element, PARTS[element](), SPIN, mass=mass, material=material)
+    stress = CauchyStress(scene)
     reports, sizes = [], []
     for r in rf.simulate(
         scene, 0.02, {"enhanced": 5.6, "assumed": 2.4}[element], rigidify=criterion
@@ -231,11 +243,12 @@ def test_bodies_wake_beside_them(element):
 # Several ranks -----------------------------------------------------------------------------------
 
 
-def followed(element, domain, pressure, mass):
+def followed(element, domain, pressure, mass, material=MATERIAL):
     """A history with every term of the forms, beside a body."""
     pressed = rf.Pressure("outside", pressure)
     effects = [SPIN, rf.Rigid("end"), pressed, rf.KelvinVoigt(20.0), rf.NumericalDamping(0.05)]
-    reports = list(rf.simulate(scene_of(element, domain, *effects, mass=mass), 0.05, 0.5))
+    scene = scene_of(element, domain, *effects, mass=mass, material=material)
+    reports = list(rf.simulate(scene, 0.05, 0.5))
     assert imbalance(reports) < 1e-11, imbalance(reports)
     return [
         [r.kinetic, r.strain, *r.linear_momentum, *r.angular_momentum, sum(r.dissipated.values())]
@@ -260,7 +273,7 @@ def on_ranks(comm):
     long = long.with_facets("outside", lambda x: x[2] < 1e-9)
     tube = bent((6, 4, 1), comm, turned=2).with_cells("end", lambda x: x[1] > 1.0)
     rows = [followed("enhanced", long, 40.0, mass) for mass in ("lumped", "consistent")]
-    return [thin_ways(comm), *rows, followed("assumed", tube, 3.0, "lumped")]
+    return [thin_ways(comm), *rows, followed("assumed", tube, 3.0, "lumped", SOFT)]
 
 
 @cache

@@ -10,19 +10,13 @@ import numpy as np
 import parallel
 import pytest
 from mpi4py import MPI
-from petsc4py import PETSc
 from test_contact_pairs import boxes
 
 import rigidfx as rf
-from rigidfx.coupling.rows import Rows
 from rigidfx.error import equations
 from rigidfx.error.error_motion import ErrorMotion
-from rigidfx.error.frames import Frames
-from rigidfx.error.ground import ground_of
 from rigidfx.error.linear_motion import LinearMotion
-from rigidfx.error.loose import loose_parts
 from rigidfx.error.validity import Validity
-from rigidfx.mechanics.rotation import cayley
 
 DT = 0.02  # s
 SOFT, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8))
@@ -265,41 +259,6 @@ def test_strain_rates_of_what_flies_are_the_twins(mass, followed):
                 size += float((true**2).sum())
     assert size > 0
     assert off <= 0.1**2 * size
-
-
-@pytest.mark.parametrize(
-    ("effects", "motions"),
-    [
-        ((), 6),
-        ((rf.Spring("x0", 1e3),), 0),
-        ((rf.Spring("x0", (0.0, 0.0, 1e3)),), 4),
-        ((rf.Spring(**FACE, stiffness=(0.0, 0.0, 1e3)),), 5),
-        ((HELD,), 0),
-    ],
-    ids=["free", "springs", "springs of one direction", "at a face", "clamped"],
-)
-def test_what_nothing_holds_keeps_its_momenta(effects, motions):
-    made = scene(*effects, PUSHED)
-    n = made.owned_nodes
-    x = made.space.tabulate_dof_coordinates()[:n]
-    held = np.repeat((x[:, 0] < 1e-9) & (HELD in effects), 3)
-    rows = Rows(made.space, np.arange(n, dtype=np.int32))
-    ground = ground_of(made, rows)
-    M = PETSc.Mat().createDiagonal(PETSc.Vec().createWithArray(np.repeat(np.linspace(1, 2, n), 3)))
-    loose = loose_parts(made, Frames(made, x), held, ground, M)
-    assert loose.count == motions
-    assert loose.nodes.all() == (motions > 0)
-    assert loose.pins().size == motions
-    force = np.random.default_rng(1).normal(size=(n, 3))
-    left, size = loose.balanced(force), np.abs(force).sum()
-    if motions == 6:
-        assert np.abs(left.sum(axis=0)).max() <= 1e-12 * size
-        assert np.abs(np.cross(x, left).sum(axis=0)).max() <= 1e-12 * 8 * size
-        v, m = loose.still(force), np.linspace(1, 2, n)[:, None]
-        assert np.abs((m * v).sum(axis=0)).max() <= 1e-12 * size
-        assert np.abs(np.cross(x, m * v).sum(axis=0)).max() <= 1e-12 * 8 * size
-    elif motions == 0:
-        np.testing.assert_array_equal(left, force)
 
 
 class Told:
@@ -620,22 +579,6 @@ def test_strains_of_rigid_cells_are_those_of_the_field(unknowns):
         assert found["worst"] <= 1e-4
     here, there = np.array(one["rows"]), np.array(two["rows"])
     assert (np.abs(there - here).max(axis=0) <= 1e-9 * here.max(axis=0)).all()
-
-
-def test_cells_round_a_node_tell_its_rotation():
-    """Two halves of a bar that have turned against each other; only those of one are asked."""
-    scene = rf.Scene(
-        rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)), rf.StVenantKirchhoff(E=1e7, nu=0.3, rho=1e3)
-    )
-    X, cells = scene.start_places, scene.space.dofmap.list
-    turns = cayley([0.3, 0.2, -1.0]), cayley([-2.0, 0.5, 1.0])
-    x = np.where(X[:, :1] < 2.1, X @ turns[0].T, (X - [2, 0, 0]) @ turns[1].T)
-    owned = scene.mesh.topology.index_map(3).size_local
-    inner = np.flatnonzero((X[:, 0] > 2.9)[cells[:owned]].all(axis=1)).astype(np.int32)
-    Q = Frames(scene, X).of_nodes(x, inner)
-    there = np.isin(np.arange(len(X)), cells[inner])
-    np.testing.assert_allclose(Q[there], np.broadcast_to(turns[1], Q[there].shape), atol=1e-12)
-    np.testing.assert_array_equal(Q[~there], np.broadcast_to(np.eye(3), Q[~there].shape))
 
 
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from histories import tips
 from joints import PIN, bars, boxes
 from mpi4py import MPI
 from parallel import check_the_same, report
@@ -49,10 +50,6 @@ BESIDE = rule(TOL, grow=False)
 def run(scene, tol=TOL, t_end=T_END, rigidify=None):
     rigidify = rule(tol) if rigidify is None else rigidify or None
     return list(rf.simulate(scene, DT, t_end, rigidify=rigidify))
-
-
-def tips(reports):
-    return np.array([r.probes["tip"] for r in reports])
 
 
 def unknowns(reports):

@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from histories import sizes
 from mpi4py import MPI
 from parallel import report as tell
 from parallel import run as mpirun
@@ -83,10 +84,6 @@ def written(folder, text, name="part.inp"):
     path = folder / name
     path.write_text(text, encoding="utf-8")
     return path
-
-
-def sizes(domain):
-    return {key: domain.count(entities) for key, entities in domain.sets.items()}
 
 
 def middles(domain, name, dim):

@@ -10,10 +10,8 @@ import parallel
 import pytest
 from histories import EPS
 from mpi4py import MPI
-from runs import prepared
 
 import rigidfx as rf
-from rigidfx.decide.decision import Decision, PlannedBody
 
 RHO, LENGTH = 2.0, 6
 PARTS = {"left": (0, 2), "middle": (3, 4), "right": (5, 6)}
@@ -100,30 +98,6 @@ def test_bodies_of_given_mass_have_their_own_momenta():
     assert report.angular_momentum == pytest.approx(wanted[1], rel=1e-13, abs=1e-12)
 
 
-def begun(scene, bodies=()):
-    """Motion, velocities of nodes, and what is kept, when some bodies have been frozen by hand."""
-    with prepared(scene) as run:
-        planned = []
-        for number, name in enumerate(bodies, start=1):
-            cells = scene.owned_cells(name, "")
-            nodes = np.unique(scene.space.dofmap.list[cells]).astype(np.int32)
-            planned.append(PlannedBody(cells, nodes, name, number))
-        if planned:
-            run.switch.apply(Decision("freeze", "test", tuple(planned), frozenset(), 9))
-        state = run.stepper.state
-        state.rebuild()
-        measures = run.stepper.measure()
-        return state.bodies.rates, state.v.x.array.copy(), measures.stored, measures.kinetic
-
-
-def test_it_is_what_a_freeze_does():
-    """A part named rigid begins like the same part of a flexible bar that is frozen at t = 0."""
-    named = begun(bar(rf.Rigid("left"), rf.Rigid("right")))
-    frozen = begun(bar(), ["left", "right"])
-    for a, b in zip(named, frozen, strict=True):
-        assert np.abs(a - b).max() <= 1e-13 * np.abs(b).max()
-
-
 def test_beside_a_support():
     """Its nodes keep their velocity, and energy is kept; the support takes part in momenta."""
     report, gap = first(bar(rf.Rigid("right"), rf.Fixed("x0"), start=shear))
@@ -132,22 +106,6 @@ def test_beside_a_support():
     assert gap <= 100 * EPS
     assert np.abs(state.v.x.array.reshape(-1, 3)[held]).max() == 0.0
     assert report.energy == pytest.approx(exact(shear, 0, LENGTH)[0], rel=1e-13)
-
-
-def turning(X):
-    return np.array([1.0, 2.0, 0.0])[:, None] + np.cross([0.3, -0.2, 0.5], X.T).T
-
-
-@pytest.mark.parametrize(("mass", "start"), [("consistent", turning), ("lumped", shear)])
-def test_nothing_is_changed_where_nothing_has_to_be(mass, start):
-    """By a velocity that is rigid, and of lumped masses, the flexible nodes begin as told."""
-    report, gap = first(bar(rf.Rigid("left"), start=start, mass=mass))
-    state = report.state
-    flexible = state.X[:, 0] > 2.1
-    v = state.v.x.array.reshape(-1, 3)[flexible]
-    assert np.array_equal(v, start(state.X.T).T[flexible])
-    assert gap <= 100 * EPS
-    assert (report.stored > 0.01) == (mass == "lumped")
 
 
 # How it goes on --------------------------------------------------------------------------------
@@ -167,24 +125,6 @@ def test_what_steps_leave_is_of_second_order():
     coarse, fine = (max(gaps(bar(rf.Rigid("left")), dt, 0.2)) for dt in (0.02, 0.01))
     assert 1e-8 < fine < 1e-2
     assert coarse / fine > 3.4
-
-
-@MASSES
-def test_a_run_that_finds_bodies(mass):
-    """What is frozen and released beside a part named rigid leaves nothing, nor loses anything."""
-    scene = bar(rf.Rigid("left"), start=stretch, nu=0.0, mass=mass)
-    tolerances, release = {"middle": 1e9, "left": 1e9}, rf.Release(at=0.5)
-    criterion = rf.StrainRate(
-        0.0, 0.2, tolerances=tolerances, release=release, min_cells=1, patience=1
-    )
-    events, found, energies = [], [], []
-    for r in rf.simulate(scene, 0.05, 0.6, rigidify=criterion):
-        events += r.events
-        found.append(r.interface_mismatch)
-        energies.append(r.energy)
-    assert [event.kind for event in events][:2] == ["freeze", "release"]
-    assert max(found) <= (1e-12 if mass == "consistent" else 0.0)
-    assert np.ptp(energies) <= 1e-11 * energies[0]
 
 
 def test_it_is_asked_for_before_the_run_goes_on():

@@ -36,14 +36,6 @@ for report in rf.simulate(scene, 0.1, 100.0):
 """
 
 
-@pytest.fixture
-def heard_signals():
-    """A shell's job in the background ignores SIGINT, and so do the processes it starts."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
 def steps():
     material = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=1.0)
     pulled = [rf.Fixed("x0"), rf.Traction("x1", (1.0, 0.0, 2.0))]
@@ -67,7 +59,7 @@ def test_what_a_callback_raises_is_raised(monkeypatch, owner, name, error):
         next(run)
 
 
-@pytest.mark.usefixtures("heard_signals")
+@pytest.mark.usefixtures("hears")
 def test_a_signal_during_a_solve_is_a_keyboard_interrupt(monkeypatch):
     residual = Equilibrium.residual
 

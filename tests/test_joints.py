@@ -755,7 +755,7 @@ def history(mass):
     rows = []
     for effects, sides in (PARTS["flexible"], PARTS["one rigid"]):
         scene = bars(*effects, sides=sides, mass=mass, probes={"tip": (2.02, 0.2, 0.2)})
-        for r in rf.simulate(scene, 0.01, 0.15):
+        for r in rf.simulate(scene, 0.01, 0.08):
             rows.append([r.energy, r.kinetic, *r.angular_momentum, *r.probes["tip"]])
     sides = rf.RigidFace("a"), rf.RigidFace("b")
     scene = bars(sides=sides, mass=mass, probes={"tip": (2.02, 0.2, 0.2)})

@@ -1,4 +1,4 @@
-"""A tangent that is kept and turned along: the rules, and the same motions as by Newton's method.
+"""A tangent that is kept and turned along: the same motions as by Newton's method.
 
 Run as a script under mpirun, this file reports histories of motions with tangents that are kept.
 """
@@ -8,146 +8,17 @@ from __future__ import annotations
 import numpy as np
 import parallel
 import pytest
-from histories import EPS, column, drift, show
+from histories import column, drift, show
 from mpi4py import MPI
-from scipy.spatial.transform import Rotation
 
 import rigidfx as rf
-from rigidfx.coupling.dof_layout import dof_layout
-from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.mechanics.bodies import Bodies
 from rigidfx.step.newton import chord, factors, two_levels
-from rigidfx.step.newton.chord import Control
-from rigidfx.step.newton.frames import Frames
 from rigidfx.step.newton.kept_tangent import KeptTangent
-from rigidfx.step.newton.stopping_test import MAX_ITERATIONS, ROUNDING, ChordTest
 
 STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)
 DT = 1.2e-4  # s; some 25 to a period of the bar's first bending motion
 SPIN = rf.InitialVelocity(angular=(100.0, 400.0, 50.0))  # 0.05 rad per step
 NEWTON = {"snes_lag_jacobian": 1}  # who says how tangents are used, is obeyed
-
-
-# Rules -----------------------------------------------------------------------------------------
-
-LIMIT = 25  # iterations
-FIRST = [1e6] * 4  # iterates that do not count
-
-
-def rule(price=8.0):
-    """A rule whose tangent was made in a step of four iterations."""
-    control = Control()
-    control.price = price
-    control.begin()
-    assert control.wanted([1.0], 1e-12, LIMIT)  # the first step needs one
-    control.renewed([1.0])
-    assert not control.wanted([1.0, 0.9, 3.0, 2.0, 9.0], 1e-12, LIMIT)  # four tell nothing
-    control.accepted(4, 1)
-    control.begin()
-    return control
-
-
-@pytest.mark.parametrize(
-    ("history", "wanted"),
-    [
-        ([*FIRST, 1e4, 1e2], False),  # 6 decades at 2 each
-        ([*FIRST, 1e6, 3e5], True),  # at half a decade in two, more than a tangent and four others
-        ([*FIRST, 9e6], False),  # as parts that bend are stretched by first corrections ...
-        ([*FIRST, 9e6, 2e6], True),  # ... which the next ones have not taken back
-        ([*FIRST, 1e4, 2e4], True),
-        ([*FIRST, 1e-5, 2e-5], False),  # nothing is left that would tell
-        ([1e6] + [1e6 * 0.8**k for k in range(1, 20)], True),  # the limit would throw all away
-    ],
-)
-def test_a_tangent_is_renewed_in_a_step_where_it_does_not_fit(history, wanted):
-    assert rule().wanted(history, 1e-4, LIMIT) == wanted
-
-
-def _cost_of(steps, kept, newton):
-    """Cost of steps relative to Newton's method, which takes so many iterations a step.
-
-    Args:
-        steps: How many.
-        kept: Iterations and new tangents of a step by kept tangents, by its number.
-        newton: Iterations of Newton's method in a step.
-    """
-    control, spent, served = rule(), 0.0, []
-    for k in range(steps):
-        if not control.indebted:
-            iterations, tangents = kept(k)
-            control.accepted(iterations, tangents)
-            spent += iterations + tangents * control.price
-            served.append(k)
-        else:
-            control.passed(newton)
-            spent += newton * (1 + control.price)
-    return spent / (steps * newton * (1 + control.price)), served
-
-
-@pytest.mark.parametrize("newton", [3, 6])
-def test_kept_tangents_never_cost_more_than_newtons_method_by_a_tenth(newton):
-    """In a motion that they never fit, they are tried in fewer and fewer steps."""
-    cost, served = _cost_of(300, lambda _: (8, 2 * newton), newton)
-    assert 1 < cost <= 1.1
-    assert len(served) <= 40
-
-
-def test_kept_tangents_come_back_where_they_fit_again():
-    cost, served = _cost_of(300, lambda k: (8, 8) if 50 < k < 100 else (6, 0), 4)
-    assert cost < 0.5
-    assert served[-150:] == list(range(150, 300))
-
-
-# Where it ends ---------------------------------------------------------------------------------
-
-
-def level(rounding=1e-6, **options):
-    stop = ChordTest(**options)
-    stop.expect_rounding(rounding / (ROUNDING * EPS))
-    return stop
-
-
-def end(norms, stop, renewed=()):
-    """Iterate at which a sequence of norms ends; -1 if it does not."""
-    stop.restart()
-    for k, norm in enumerate(norms):
-        if stop(k, norm):
-            return k
-        if k in renewed:
-            stop.renewed()
-    return -1
-
-
-def test_slow_convergence_is_no_stall_unless_the_tangent_is_new():
-    slow = [1e2, 1e-4, 1e-5, 9e-6]
-    assert end(slow, level()) == -1
-    stop = level()
-    assert end(slow, stop, renewed=[2]) == 3
-    # Where rounding has been met is remembered: the next step stops there at once.
-    assert stop.target == pytest.approx(ROUNDING * 9e-6)
-    assert end([1e2, 1e0, 1e-2, 1e-4, 1.7e-5, 9e-6], stop) == 4
-
-
-def test_reduction_ends_a_step_below_that_of_newton():
-    assert end([1e7, 1e1, 1e-5, 1e-6], level(0.0)) == 3
-    assert end([1.0] * 50, level(0.0)) == MAX_ITERATIONS
-
-
-# Secants ---------------------------------------------------------------------------------------
-
-
-def corrections(secants, kept, true, right):
-    """Errors of the iterates of one step, relative."""
-    secants.begin()
-    exact, y = np.linalg.solve(true, right), np.zeros(len(right))
-    errors = []
-    for _ in range(12):
-        r = right - true @ y
-        z = np.linalg.solve(kept, r)
-        secants.mend(z, learning=bool(np.linalg.norm(r) > 1e-10))
-        y += z
-        errors.append(np.linalg.norm(y - exact) / np.linalg.norm(exact))
-    return errors
 
 
 def test_small_strains_wear_no_tangent_out():
@@ -159,64 +30,6 @@ def test_small_strains_wear_no_tangent_out():
     reports = list(rf.simulate(scene, 3e-3, 0.18, progress=False))
     assert sum(report.tangents for report in reports) <= 6
     assert all("kept" in report.solver for report in reports[1:])
-
-
-# Frames ----------------------------------------------------------------------------------------
-
-
-def _frames(scene, held=None):
-    mask = np.zeros(3 * scene.owned_nodes, dtype=bool)
-    if held is not None:
-        mask[held] = True
-    owned = np.arange(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
-    layout = dof_layout(scene, {0: owned}, Bodies.of_each([]).of, mask)
-    prolongation = Prolongation(layout, scene.comm)
-    return layout, prolongation, Frames(prolongation)
-
-
-@pytest.mark.parametrize("angle", [0.0, 0.3, 3.1])
-def test_a_rotation_is_found_whatever_is_strained_and_moved(angle):
-    scene = rf.Scene(rf.box((0, 0, 0), (4, 1, 1), (4, 2, 1)), STEEL)
-    layout, _, frames = _frames(scene)
-    R = Rotation.from_rotvec(angle * np.array([0.6, 0.0, 0.8])).as_matrix()
-    X = layout.rows.X
-    for F in (R, R @ np.diag([1.3, 0.9, 1.1])):
-        found = frames.rotations((X @ F.T + [3.0, -2.0, 5.0] - X).reshape(-1))
-        assert found == pytest.approx(np.broadcast_to(R, found.shape), abs=1e-13)
-
-
-def test_each_node_turns_with_what_is_round_it():
-    """A strip that is bent to an arc: half of a turn, by 3.6 degrees a cell."""
-    scene = rf.Scene(rf.box((0, 0, 0), (50, 1, 1), (50, 1, 1)), STEEL)
-    layout, _, frames = _frames(scene)
-    X, radius = layout.rows.X, 50 / np.pi
-    angle = X[:, 0] / radius
-    x = np.stack([(radius + X[:, 2]) * np.sin(angle), X[:, 1], (radius + X[:, 2]) * np.cos(angle)])
-    for _ in range(2):  # from nowhere, and from where it is
-        found = frames.rotations((x.T - X - [0, 0, radius]).reshape(-1))
-        turned = np.arctan2(found[:, 0, 2], found[:, 0, 0])
-        assert np.abs(turned - angle).max() <= 0.5 / radius + 1e-6  # a cell's at the ends
-
-
-def test_unknowns_turn_as_vectors_and_single_components_do_not():
-    scene = rf.Scene(rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)), STEEL)
-    Q = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
-    for held in (None, [4, 9]):
-        layout, prolongation, frames = _frames(scene, held)
-        of_each = frames.rotations(np.zeros(layout.rows.dofs.size)) @ Q
-        y = np.random.default_rng(1).standard_normal(prolongation.size)
-        turned = y.copy()
-        frames.turn(turned, of_each)
-        back = turned.copy()
-        frames.turn(back, of_each, back=True)
-        assert back == pytest.approx(y, abs=1e-15)
-        if held is None:
-            assert turned == pytest.approx((y.reshape(-1, 3) @ Q.T).reshape(-1), abs=1e-15)
-            continue
-        assert turned[:3] == pytest.approx(Q @ y[:3], abs=1e-15)
-        assert np.array_equal(turned[3:5], y[3:5])  # of node 1, whose second component is held
-        assert turned[5:8] == pytest.approx(Q @ y[5:8], abs=1e-15)
-        assert np.array_equal(turned[8:10], y[8:10])
 
 
 # Motions ---------------------------------------------------------------------------------------
@@ -306,22 +119,6 @@ def test_a_change_of_the_time_step_is_followed(monkeypatch):
 
 
 @pytest.mark.usefixtures("_keeping")
-def test_where_a_kept_tangent_fails_a_new_one_is_tried(monkeypatch):
-    """Newton's method would take a tangent in each iteration of such a step."""
-    apply = KeptTangent.apply
-
-    def old_ones_fail(self, pc, r, z):
-        apply(self, pc, r, z)
-        if self._Q is not None:
-            z.scale(-1e4)
-
-    monkeypatch.setattr(KeptTangent, "apply", old_ones_fail)
-    second = follow("turning", {})[2]
-    assert second.solver.startswith("kept")
-    assert second.tangents == 1
-
-
-@pytest.mark.usefixtures("_keeping")
 def test_what_fails_is_left_to_newtons_method(monkeypatch):
     """No step is cut that Newton's method can take."""
 
@@ -358,14 +155,6 @@ def test_a_needle_in_long_steps_keeps_no_tangent():
     assert max(drift(H), drift(J)) <= 1e-11
 
 
-def test_small_systems_do_not_keep_tangents():
-    """They would not gain by it: 96 unknowns."""
-    bar = rf.box((0, 0, 0), (1, 0.1, 0.1), (8, 1, 1))
-    scene = rf.Scene(bar, STEEL, [rf.Fixed("x0"), PUSH])
-    reports = list(rf.simulate(scene, DT, 4 * DT))
-    assert all(r.tangents == r.iterations for r in reports)
-
-
 def test_a_reduced_part_beside_many_cells_keeps_tangents():
     """Some 90 unknowns, but each tangent condenses cells of 225 dofs for the columns of shapes."""
     bar = rf.box((0, 0, 0), (0.8, 0.4, 0.4), (8, 4, 4))
@@ -374,27 +163,6 @@ def test_a_reduced_part_beside_many_cells_keeps_tangents():
     *_, last = rf.simulate(scene, DT, 4 * DT)
     assert last.unknowns == 89
     assert last.solver.startswith("kept")
-
-
-def test_systems_of_two_hundred_unknowns_keep_tangents_however_stiff():
-    """Where the fastest wave passes 11 cells in Δt, and where it passes 110."""
-    for dt in (DT, 10 * DT):
-        *_, last = rf.simulate(MOTIONS["clamped"](), dt, 4 * dt)
-        assert last.solver.startswith("kept")
-
-
-@pytest.mark.filterwarnings("ignore:Up to t = .* goes back and forth")  # in two steps
-def test_what_a_tangent_costs_is_told_by_its_factors(monkeypatch):
-    """A block's fill more than a bar's of as many unknowns: 15 and 8 iterations were measured."""
-    told, price = [], factors.price
-    monkeypatch.setattr(factors, "price", lambda *of: told.append(price(*of)) or told[-1])
-    for sides in ((60, 2, 2), (8, 7, 7)):
-        box = rf.box((0, 0, 0), tuple(0.05 * n for n in sides), sides)
-        scene = rf.Scene(box, STEEL, [rf.Fixed("x0"), PUSH])
-        *_, last = rf.simulate(scene, 2e-3, 4e-3)
-        assert last.solver.startswith("kept")
-    bar, block = told[0], told[-1]
-    assert 5 < bar < 13 < block < 22
 
 
 @pytest.mark.parallel

@@ -12,15 +12,13 @@ from dolfinx.fem import petsc as fem_petsc
 from histories import EPS, column, drift, show
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
-from ufl.algorithms.apply_derivatives import apply_derivatives
 
 import rigidfx as rf
 from rigidfx.base.errors import SceneError
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.kernels import jit_options
 from rigidfx.mechanics import schemes as forms
-from rigidfx.mechanics.schemes import rounding_of_energy
+from rigidfx.mechanics.rest import rest_moduli
 
 MATERIALS = {
     "StVenantKirchhoff": rf.StVenantKirchhoff(rho=10.0, E=2.0, nu=0.3),
@@ -261,6 +259,24 @@ def test_tangent_is_finite_and_symmetric_where_nothing_moves(name, xi):
         assert np.abs(K_v - (1 + 2 * xi) * undamped).max() <= 100 * EPS * np.abs(K_v).max()
 
 
+def test_moduli_at_rest():
+    """Of formulas; of an energy with a direction those of its mean over all directions."""
+
+    def fibres(C, mu, k):
+        return (
+            mu * ufl.inner(C - ufl.Identity(3), C - ufl.Identity(3)) / 4
+            + k * (C[0, 0] - 1) ** 2 / 8
+        )
+
+    assert rest_moduli(rf.NeoHooke(E=1e4, nu=0.3, rho=10.0)) == pytest.approx(
+        (1e4 * 0.3 / 1.3 / 0.4, 1e4 / 2.6)
+    )
+    stiff = rf.MooneyRivlin(c10=1.0, c01=2.0, kappa=30.0, rho=1.0)
+    assert rest_moduli(stiff) == pytest.approx((26.0, 6.0))
+    lam, mu = rest_moduli(rf.Hyperelastic(rho=1.0, W=fibres, values={"mu": 2.0, "k": 15.0}))
+    assert (lam, mu) == pytest.approx((1.0, 3.0))  # k/15 each beside μ
+
+
 # Materials in a scene ---------------------------------------------------------------------------
 
 
@@ -404,64 +420,3 @@ def test_mooney_rivlin_constants_out_of_range(c10, c01, kappa):
     """c10, c01 ≥ 0 with a positive sum, κ > 0."""
     with pytest.raises(SceneError, match="MooneyRivlin"):
         rf.MooneyRivlin(rho=1.0, c10=c10, c01=c01, kappa=kappa)
-
-
-# What rounding makes of an energy: against numbers of more digits ---------------------------------
-
-
-def _value(expression):
-    """A UFL expression without coefficients as a number."""
-    return float(apply_algebra_lowering(apply_derivatives(apply_algebra_lowering(expression)))(()))
-
-
-def _fibres(C, k1, k2):
-    """G. A. Holzapfel's: fibres that bear tension only; a maximum, a root, a derivative."""
-    a = ufl.as_vector([0.6, 0.8, 0])
-    J = ufl.variable(ufl.sqrt(ufl.det(C)))
-    volume = ufl.diff((J - 1) ** 3 / 3, J)
-    stretch = ufl.max_value(ufl.dot(a, C * a) - 1, 0.0)
-    return k1 / (2 * k2) * (ufl.exp(k2 * stretch**2) - 1) + k1 * volume
-
-
-def _exponential(C, a, b):
-    E = ufl.variable((C - ufl.Identity(3)) / 2)  # of whose entries UFL knows but one
-    return a / (2 * b) * (ufl.exp(b * ufl.inner(E, E)) - 1)
-
-
-def _digits(name, C):
-    """The energies with 64 bits for digits, where long doubles have them."""
-    C = C.astype(np.longdouble)
-    one, two = np.longdouble(1), np.longdouble(2)
-    J2 = np.dot(C[0], np.cross(C[1], C[2]))
-    if name == "neo-Hooke":
-        lmbda, mu = (np.longdouble(v) for v in MATERIALS["NeoHooke"].parameters.values())
-        return mu / two * (np.trace(C) - 3 - np.log(J2)) + lmbda / 8 * np.log(J2) ** 2
-    if name == "fibres":
-        a = np.array([np.longdouble(0.6), np.longdouble(0.8), 0 * one])
-        stretch = max(a @ C @ a - 1, 0 * one)
-        return 5 / (two * 30) * (np.exp(30 * stretch**2) - 1) + 5 * (np.sqrt(J2) - 1) ** 2
-    E = (C - np.eye(3)) / two
-    return 4 / (two * 10000) * (np.exp(10000 * (E * E).sum()) - 1)
-
-
-ENERGIES = {
-    "neo-Hooke": (MATERIALS["NeoHooke"].energy, dict(MATERIALS["NeoHooke"].parameters)),
-    "fibres": (_fibres, {"k1": 5.0, "k2": 30.0}),
-    "exponential": (_exponential, {"a": 4.0, "b": 1e4}),
-}
-
-
-@pytest.mark.skipif(np.finfo(np.longdouble).eps > EPS / 100, reason="no longer numbers here")
-@pytest.mark.parametrize("strain", [1e-6, 1e-3, 1e-2])
-@pytest.mark.parametrize("name", ENERGIES)
-def test_the_rounding_of_an_energy_is_known_from_its_formula(name, strain):
-    """Its error is no larger than the estimate, and its largest no less than a fiftieth of it."""
-    energy, p = ENERGIES[name]
-    rng, errors = np.random.default_rng(7), []
-    for _ in range(40):
-        C = np.eye(3) + strain * _symmetric(rng, np.ones(1))[0]
-        given_C = ufl.as_matrix(C.tolist())
-        off = abs(_value(energy(given_C, **p)) - _digits(name, C))
-        errors.append(off / (EPS * _value(rounding_of_energy(energy, given_C, p))))
-    show(of_the_estimate=float(max(errors)))
-    assert 0.02 <= max(errors) <= 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
+from histories import sizes
 from mpi4py import MPI
 
 import rigidfx as rf
@@ -24,10 +25,6 @@ BRICKS += (
 )
 ENDS = "*NSET, NSET={0}\n1, 2, 3, 4\n*NSET, NSET={1}\n201, 202, 203, 204\n"
 HALVES = "*ELSET, ELSET={2}\n1\n*ELSET, ELSET={3}\n2\n"
-
-
-def sizes(domain):
-    return {key: domain.count(entities) for key, entities in domain.sets.items()}
 
 
 @alone

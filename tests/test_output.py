@@ -17,6 +17,7 @@ from time import monotonic, sleep
 
 import numpy as np
 import pytest
+from histories import table
 from mpi4py import MPI
 from parallel import report as tell
 from parallel import run as mpirun
@@ -341,14 +342,9 @@ def test_series_holds_stresses(tmp_path):
         assert grid.GetCellData().GetNumberOfArrays() == 1
 
 
-def read_table(path):
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def test_bodies_have_a_row_at_each_time_of_the_fields(tmp_path):
     recorder, reports, _ = record_switches(tmp_path)
-    rows = read_table(recorder.bodies)
+    rows = table(recorder.bodies)
     pairs = [(r.t, b) for r in reports for b in r.bodies]
     assert len(rows) == len(pairs) == 4
     for row, (t, body) in zip(rows, pairs, strict=True):
@@ -370,7 +366,7 @@ def test_bodies_are_written_with_the_fields_only(tmp_path):
     with rf.Recorder(scene, tmp_path, every=3) as recorder:
         for report in rf.simulate(scene, 0.1, 0.5, progress=False):
             recorder.write(report)
-    times = [float(row["t"]) for row in read_table(recorder.bodies)]
+    times = [float(row["t"]) for row in table(recorder.bodies)]
     assert times == list(read_series(recorder.series)) == pytest.approx([0.0, 0.3, 0.5])
 
 
@@ -410,14 +406,14 @@ def test_files_of_a_run_that_was_stopped(tmp_path, how, times):
     h = rf.read_history(tmp_path / "history.csv")
     np.testing.assert_allclose(np.diff(h["t"]), 0.1, rtol=1e-9)
     assert h["t"][-1] >= max(grids)
-    rows = read_table(tmp_path / "bodies.csv")
+    rows = table(tmp_path / "bodies.csv")
     numbers = {float(row["t"]): 0 for row in rows}
     for row in rows:
         assert None not in row.values()
         numbers[float(row["t"])] += 1
     for t in sorted(grids)[:-1]:  # bodies follow the fields
         assert numbers.get(t, 0) == cell_data(grids[t], "body").max()
-    assert len(read_table(tmp_path / "events.csv")) == 2
+    assert len(table(tmp_path / "events.csv")) == 2
     fields = rf.read_fields(tmp_path / "fields.vtkhdf")
     assert fields.times.size in (len(grids), len(grids) - 1)  # it is written after the .pvd
     for t, u in zip(fields.times, fields["displacement"], strict=True):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import parallel
 import pytest
-from histories import apart, largest
+from histories import apart, between, largest
 from mpi4py import MPI
 
 import rigidfx as rf
@@ -69,13 +69,9 @@ def _second_order():
     return scene, 0.2, 2.0
 
 
-def _between(low, high):
-    return lambda x: (x[0] >= low - 1e-9) & (x[0] <= high + 1e-9)
-
-
 def _long():
     """Nine tenths rigid, tumbling: the body is on all ranks, and some hold nothing else."""
-    domain = rf.box((0, 0, 0), (20, 1, 1), (20, 1, 1)).with_cells("stiff", _between(0, 18))
+    domain = rf.box((0, 0, 0), (20, 1, 1), (20, 1, 1)).with_cells("stiff", between(0, 18))
     scene = rf.Scene(
         domain,
         rf.StVenantKirchhoff(rho=1.0, E=1e4, nu=0.3),
@@ -95,7 +91,7 @@ def _two():
     """Two bodies of tetrahedra, one of given mass, one that a support stops and lets go."""
     domain = rf.box((0, 0, 0), (9, 2, 2), (9, 2, 2), "tetrahedron")
     for name, low, high in (("left", 0, 3), ("right", 6, 9)):
-        domain = domain.with_cells(name, _between(low, high))
+        domain = domain.with_cells(name, between(low, high))
     scene = rf.Scene(
         domain,
         rf.NeoHooke(rho=1.0, E=2e4, nu=0.2),

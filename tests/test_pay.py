@@ -55,30 +55,6 @@ def test_steps_with_bodies_are_compared_with_those_without():
     assert "took 1.08 of one without, which does not pay" in dear
 
 
-def test_parts_named_rigid_are_in_both_kinds_of_steps():
-    """They are no savings of the run, which has no step without them."""
-    pay = Pay()
-    for step in range(41):
-        pay.follow(report(step, step > 20, 1.0 if step > 20 else 2.0, named=1))
-    assert "a step with them took 0.51 of one without" in pay.told()
-    alone = Pay()
-    for step in range(41):
-        alone.follow(report(step, 0, 1.0, named=1))
-    assert "none to compare with" in alone.told()
-    assert not alone.loses
-
-
-def test_compilations_are_no_part_of_steps(monkeypatch):
-    """They are made once for many runs."""
-    spent = []
-    monkeypatch.setattr("rigidfx.report.account.SPENT", spent)
-    pay = Pay()
-    for step in range(41):
-        spent += [60.0] * (step == 25)
-        pay.follow(report(step, step > 20, (1.0 if step > 20 else 2.0) + 60.0 * (step == 25)))
-    assert "a step with them took 0.51 of one without" in pay.told()
-
-
 def test_what_does_not_pay_is_told_in_pipes(capsys):
     """As a line on standard error, where a run is not silent; what pays is told to who asks."""
     for dear, verbose, told in ((True, None, 1), (True, False, 0), (False, None, 0)):

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from histories import tips
 from mpi4py import MPI
 from parallel import check_the_same, report
 
@@ -42,10 +43,6 @@ def bar(*effects, n=(12, 2, 2), **more):
 
 def run(scene, t_end=T_END, **more):
     return list(rf.simulate(scene, dt=DT, t_end=t_end, **more))
-
-
-def tips(reports):
-    return np.array([r.probes["tip"] for r in reports])
 
 
 def balance(reports):

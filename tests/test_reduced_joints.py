@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 from four_bars import MOTOR, bricard, four_bars
+from histories import tips
 from joints import apart
 from mpi4py import MPI
 from parallel import check_the_same, report
@@ -65,10 +66,6 @@ def run(scene, dt=DT, steps=STEPS):
     taken = [sum(r.dissipated.values()) for r in reports]
     work = np.cumsum([r.work_of_loads + r.work_of_supports for r in reports]) - np.cumsum(taken)
     return reports, np.abs(energy - energy[0] - work).max() / energy.max(), open_by
-
-
-def tips(reports):
-    return np.array([r.probes["tip"] for r in reports])
 
 
 A, B = HINGE.sides

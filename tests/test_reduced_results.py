@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import re
 import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from histories import table
 from mpi4py import MPI
 from parallel import check_the_same, report
 
@@ -66,11 +66,6 @@ def recorded(folder, *effects):
             recorder.write(r)
             reports.append(r)
     return reports
-
-
-def table(path):
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def test_files_tell_levels_shapes_and_stresses(tmp_path):

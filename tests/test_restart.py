@@ -273,14 +273,6 @@ def test_what_cannot_be_kept_is_refused_at_the_start(tmp_path, monkeypatch):
         rf.simulate(make(), 0.1, 1.0, rigidify=QUIET, checkpoint=rf.Checkpoint(tmp_path))
 
 
-@pytest.fixture
-def hears():
-    """A shell's job in the background ignores SIGINT, and so do the processes it starts."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
 @pytest.mark.usefixtures("hears")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1])
 def test_a_signal_leaves_a_checkpoint(number, tmp_path):

@@ -10,6 +10,7 @@ import pytest
 import ufl
 from basix.ufl import element
 from elements import Forces
+from histories import sizes
 from mpi4py import MPI
 
 import rigidfx as rf
@@ -34,10 +35,6 @@ NODES = """\
 """
 BRICK = "*ELEMENT, TYPE=C3D8, ELSET=brick\n1, 1, 2, 3, 4, 11, 12, 13, 14\n"
 TET = "*ELEMENT, TYPE=C3D4, ELSET=tet\n1, 1, 2, 3, 11\n"
-
-
-def sizes(domain):
-    return {key: domain.count(entities) for key, entities in domain.sets.items()}
 
 
 def read(folder, text):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import parallel
 import pytest
-from histories import EPS, NEWTON
+from histories import EPS, NEWTON, between
 from mpi4py import MPI
 
 import rigidfx as rf
@@ -24,9 +24,6 @@ MASSES = pytest.mark.parametrize("mass", ["lumped", "consistent"])
 
 def domain():
     """A bar of 6 m × 1 m × 1 m with names for some of its cells and nodes."""
-
-    def between(low, high):
-        return lambda x: (x[0] >= low - 1e-9) & (x[0] <= high + 1e-9)
 
     def corner(x):
         return np.isclose(x[0], 0) & np.isclose(x[1], 0) & np.isclose(x[2], 0)

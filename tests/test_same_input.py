@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from pathlib import Path
 
 import numpy as np
 import parallel
@@ -16,7 +15,6 @@ import refusals
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.base.same_input import digest, excerpts
 
 COMM = MPI.COMM_WORLD
 RANK = COMM.rank
@@ -137,47 +135,6 @@ def test_what_differs_between_ranks_is_named():
     assert first == second
     assert any("release" in kinds for _, _, kinds in first)
     assert [rank["accepted"] for rank in ranks] == [[[2.0, 1.0], 2]] * 2
-
-
-@pytest.mark.parametrize(
-    ("one", "other"),
-    [
-        (rf.Gravity(), rf.Gravity((0, 0, 1))),
-        (np.arange(3), np.arange(3.0)),
-        ({"a": 1}, {"a": 2}),
-        ({1, 2}, {1, 3}),
-        (rf.Table([0, 1], [0, 1]), rf.Table([0, 2], [0, 1])),
-        ([1.0, 2.0], [1.0]),
-        (Path("a"), Path("b")),
-    ],
-)
-def test_differences_of_plain_data_are_seen(one, other):
-    assert digest(one) == digest(one)
-    assert digest(one) != digest(other)
-
-
-def test_bytes_that_mean_nothing_are_not_compared():
-    """Six of the sixteen of a wide float are whatever was there."""
-    alike = []
-    for left_over in (0, 255):
-        value = np.full(np.longdouble(0).nbytes, left_over, np.uint8).view(np.longdouble)
-        value[:] = 0.1
-        alike.append(digest(value))
-    assert alike[0] == alike[1] != digest(np.array([0.2], np.longdouble))
-
-
-@pytest.mark.parametrize("at", [0, 30, 500, 990])
-def test_texts_are_shown_from_where_they_differ(at):
-    one = "x" * 1000
-    other = one[:at] + "y" + one[at + 1 :]
-    shown = excerpts(one, other)
-    assert shown[0] != shown[1]
-    assert "y" in shown[1]
-    assert max(map(len, shown)) < 150
-
-
-def test_what_looks_the_same_is_told():
-    assert "looks the same" in excerpts("a", "a")[1]
 
 
 def _script():

@@ -1,4 +1,4 @@
-"""When Newton stops: a pure rule from norms to reasons, and what it is worth in runs."""
+"""When Newton stops: a rule from norms to reasons, and runs whose residuals end in rounding."""
 
 from __future__ import annotations
 
@@ -8,80 +8,33 @@ from histories import EPS, column, drift, show
 
 import rigidfx as rf
 from rigidfx.step.newton.newton import Newton
-from rigidfx.step.newton.stopping_test import ROUNDING, StoppingTest, reason_name
-
-LEVEL = 1e-6  # N
+from rigidfx.step.newton.stopping_test import ROUNDING, StoppingTest
 
 
-def at_level(rounding: float = LEVEL, **options: float) -> StoppingTest:
-    """A test that takes residuals below so many newtons for rounding."""
-    stop = StoppingTest(**options)
-    stop.expect_rounding(rounding / (ROUNDING * EPS))
-    return stop
-
-
-def end(norms: list[float], stop: StoppingTest | None = None) -> tuple[int, str]:
-    """Iterate at which a sequence of norms ends, and why; -1 if it does not."""
-    stop = stop or at_level()
+@pytest.mark.parametrize(
+    ("norms", "ends"),
+    [
+        ([1e-9], False),  # a first guess, unless it is exact
+        ([0.0], True),
+        ([1e2, 1e-3, 1e-7], True),  # quadratic: what the next iterate would leave is nothing
+        ([1e2, 1e-1, 1e-7], False),
+        ([1e-3, 1e-1, 5e-6, 4e-6], True),  # a stall; the level is an estimate,
+        ([1e-3, 1e-1, 5e-4, 4e-4], False),  # but no worse than this
+        ([1e-3, 1e-1, 3e-7, 9e-7], True),  # growth is a stall below the level only
+        ([1e-3, 1e-1, 3e-6, 9e-6], False),
+        ([1e-3, 1e-1, 5e-7, 2e-2, 8e-7], True),  # thrown out by rounding, and back
+        ([1.0, 1e-3, np.nan], True),
+        ([1.0, 1e12], True),  # beyond the forces that it is the difference of
+    ],
+)
+def test_an_iteration_ends_at_the_rounding_of_its_forces(norms, ends):
+    """Residuals below 1 µN are rounding here."""
+    stop = StoppingTest()
+    stop.expect_rounding(1e-6 / (ROUNDING * EPS))
     stop.restart()
-    for iteration, norm in enumerate(norms):
-        reason = stop(iteration, norm)
-        if reason:
-            return iteration, reason_name(reason)
-    return -1, ""
-
-
-ROUNDED, REDUCED = "converged_fnorm_abs", "converged_fnorm_relative"
-
-
-def test_first_guess_is_never_taken_for_a_solution():
-    """Forces that move a stiff body as a whole may be far below rounding in its strains."""
-    assert end([1e-9]) == (-1, "")
-    assert end([0.0]) == (0, ROUNDED)  # unless it is one
-
-
-def test_quadratic_convergence_to_below_rounding():
-    """What the next iterate would leave is known to be nothing: it is not computed."""
-    assert end([1e2, 1e-3, 1e-7]) == (2, ROUNDED)  # 1e-13, less than 1e-12 of 1e2
-    assert end([1e2, 1e-1, 1e-7]) == (-1, "")  # 1e-7
-
-
-def test_slow_decrease_at_rounding_is_a_stall():
-    assert end([1e-3, 1e-1, 5e-7, 4e-7]) == (3, ROUNDED)
-    assert end([1e-3, 1e-1, 5e-6, 4e-6]) == (3, ROUNDED)  # the level is an estimate ...
-    assert end([1e-3, 1e-1, 5e-4, 4e-4]) == (-1, "")  # ... but no worse than this
-
-
-def test_growth_is_a_stall_only_below_the_rounding_level():
-    assert end([1e-3, 1e-1, 3e-7, 9e-7]) == (3, ROUNDED)
-    assert end([1e-3, 1e-1, 3e-7, 2e-6]) == (-1, "")
-    assert end([1e-3, 1e-1, 3e-6, 9e-6]) == (-1, "")
-    assert end([9.2, 3e5, 0.54, 66.0], at_level(0.9)) == (-1, "")
-    assert end([9.2, 3e5, 2.2, 280.0], at_level(3.5)) == (-1, "")
-
-
-def test_return_to_rounding_ends_what_rounding_has_thrown_out():
-    assert end([1e-3, 1e-1, 5e-7, 2e-2, 8e-7]) == (4, ROUNDED)
-    # Of a first iterate below rounding that says nothing: its growth may be the motion's.
-    assert end([5e-7, 2e-2, 8e-7]) == (-1, "")
-
-
-@pytest.mark.parametrize("norm", [np.nan, np.inf])
-@pytest.mark.parametrize("before", [[], [1.0], [1.0, 1e-3]])
-def test_residual_that_is_not_finite(norm, before):
-    assert end([*before, norm]) == (len(before), "diverged_dtol")
-
-
-def test_growth_beyond_all_bounds():
-    """Beyond 1e6 times the first residual, and beyond the forces that it is the difference of."""
-    forces = LEVEL / (ROUNDING * EPS)
-    assert end([1e6, 1e12]) == (-1, "")
-    assert end([1e6, 1.1e12]) == (1, "diverged_dtol")
-    assert end([1.0, 0.9 * forces]) == (-1, "")
-    assert end([1.0, 1.1 * forces]) == (1, "diverged_dtol")
-
-
-# In runs ----------------------------------------------------------------------------------------
+    reasons = [stop(k, norm) for k, norm in enumerate(norms)]
+    assert not any(reasons[:-1])
+    assert bool(reasons[-1]) == ends
 
 
 @pytest.mark.filterwarnings("ignore:In the step from:rigidfx.RigidfxWarning")

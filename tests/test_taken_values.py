@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import copy
-import ctypes
 import inspect
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -94,81 +92,6 @@ def test_functions_and_what_cannot_change_are_not_copied():
     assert taken(never_ending) is never_ending
     with pytest.raises(rf.SceneError, match="three finite numbers"):
         rf.InitialVelocity(linear=never_ending)
-
-
-class _Held:
-    """What is a number or an array to others, and can be changed."""
-
-    def __init__(self, content):
-        self.content = content
-
-
-class _Number(_Held):
-    def __float__(self):
-        return self.content
-
-
-class _Array(_Held):
-    def __array__(self, dtype=None, copy=None):
-        return self.content
-
-
-class _Interface(_Held):
-    @property
-    def __array_interface__(self):
-        return self.content.__array_interface__
-
-
-class _Numbered(_Held):
-    def __len__(self):
-        return len(self.content)
-
-    def __getitem__(self, k):
-        return self.content[k]
-
-
-def _spoil_content(held):
-    if isinstance(held.content, float):
-        held.content = -1.0
-    else:
-        held.content[:] = [7.0] * 3
-
-
-NUMBERS = {
-    "a number of another kind": lambda: (_Number(5.0), _spoil_content),
-    "a number of C": lambda: (ctypes.c_double(5.0), lambda c: setattr(c, "value", -1.0)),
-    "an array without a dimension": lambda: (np.array(5.0, dtype=object), _spoil),
-}
-VECTORS = {
-    "an array of C": lambda: ((ctypes.c_double * 3)(1, 2, 3), lambda c: c.__setitem__(0, 7.0)),
-    "an array of another kind": lambda: (_Array(np.array([1.0, 2, 3])), _spoil_content),
-    "an array's interface": lambda: (_Interface(np.array([1.0, 2, 3])), _spoil_content),
-    "what is numbered": lambda: (_Numbered([1.0, 2, 3]), _spoil_content),
-    "an array of objects": lambda: (np.array([Fraction(1), 2, 3.0]), _spoil),
-    "a list of numbers of another kind": lambda: (
-        given := [_Number(1.0), 2.0, 3.0],
-        lambda _: _spoil_content(given[0]),
-    ),
-}
-
-
-@pytest.mark.parametrize("name", NUMBERS)
-def test_number_of_any_kind_is_taken(name):
-    """What passes for a number is one from then on; stiffness takes any."""
-    given, spoil = NUMBERS[name]()
-    spring = rf.Spring("x1", given)
-    spoil(given)
-    assert type(spring.stiffness) is float
-    assert spring.K[0, 0] == 5.0
-
-
-@pytest.mark.parametrize("name", VECTORS)
-def test_vector_of_any_kind_is_taken(name):
-    given, spoil = VECTORS[name]()
-    load = rf.Traction("x1", given)
-    spoil(given)
-    assert _fixed(load.value)
-    assert load.intensity(0.0).tolist() == [1.0, 2.0, 3.0]
 
 
 def test_constant_of_dolfinx_is_a_number():

@@ -9,11 +9,7 @@ from petsc4py import PETSc
 from test_kept_tangent import STEEL, STEPS, by_two_levels, follow, keep
 
 import rigidfx as rf
-from rigidfx.coupling.dof_layout import dof_layout
-from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.mechanics.bodies import Bodies
-from rigidfx.step.newton import chord, two_levels
-from rigidfx.step.newton.two_levels import CoarseGrid
+from rigidfx.step.newton import chord
 
 TWO_LEVELS = "kept fgmres+ilu+coarse"
 
@@ -57,65 +53,6 @@ def test_its_options_are_obeyed(name, value, solver):
         assert follow("clamped", {})[-1].solver == solver
     finally:
         options.delValue(name)
-
-
-@pytest.mark.usefixtures("_two_levels")
-def test_how_far_it_solves_may_be_told():
-    def linear(tolerance):
-        options = PETSc.Options("rigidfx_incomplete_")
-        options["ksp_rtol"] = tolerance
-        try:
-            return sum(r.linear_iterations for r in follow("clamped", {}))
-        finally:
-            options.delValue("ksp_rtol")
-
-    assert linear("1e-6") > 1.2 * linear("1e-2")
-
-
-def _prolongation(held=()):
-    scene = rf.Scene(rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)), STEEL)
-    mask = np.zeros(3 * scene.owned_nodes, dtype=bool)
-    mask[list(held)] = True
-    owned = np.arange(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
-    layout = dof_layout(scene, {0: owned}, Bodies.of_each([]).of, mask)
-    return layout, Prolongation(layout, scene.comm)
-
-
-@pytest.mark.parametrize("held", [(), range(1, 36, 3), [*range(0, 12), 17]])
-def test_aggregates_have_the_rigid_motions_that_supports_leave(held, monkeypatch):
-    monkeypatch.setattr(two_levels, "NODES", 5)
-    layout, prolongation = _prolongation(held)
-    X = layout.rows.X
-    P = two_levels.Aggregates(prolongation).motions(X)
-    found = P.getDenseArray() if P.getType().endswith("dense") else P[:, :]
-    P.destroy()
-    assert found.shape[1] <= found.shape[0]
-    assert found.T @ found == pytest.approx(np.eye(found.shape[1]), abs=1e-14)
-    moved = np.array([1.0, 2.0, 3.0])
-    turning = (np.cross([0.3, -0.2, 0.5], X) + moved).reshape(-1)[prolongation.free]
-    assert found @ (found.T @ turning) == pytest.approx(turning, abs=1e-13)
-
-
-@pytest.mark.usefixtures("_two_levels")
-def test_the_coarse_grid_solves_for_its_own_motions(monkeypatch):
-    """For A P c the answer is P c, whatever incomplete factors would make of it."""
-    off = []
-    set_up = CoarseGrid.setUp
-
-    def seen(self, pc):
-        set_up(self, pc)
-        moved, force = self._equilibrium.tangent_matrix.createVecs()
-        found = moved.duplicate()
-        self._motion.setRandom()
-        self._P.mult(self._motion, moved)
-        self._equilibrium.tangent_matrix.mult(moved, force)
-        self.apply(pc, force, found)
-        found.axpy(-1.0, moved)
-        off.append(found.norm() / moved.norm())
-
-    monkeypatch.setattr(CoarseGrid, "setUp", seen)
-    follow("rigid middle", {})
-    assert max(off) <= 1e-9
 
 
 @pytest.mark.parametrize(("thick", "solver"), [(1, "kept preonly+lu"), (8, TWO_LEVELS)])

@@ -11,6 +11,7 @@ from functools import cache
 import numpy as np
 import parallel
 import pytest
+from histories import between
 from mpi4py import MPI
 
 import rigidfx as rf
@@ -18,8 +19,6 @@ from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.errors import StepError
 from rigidfx.decide.clusters import CellGraph
 from rigidfx.decide.enclosed import round_enclosed
-from rigidfx.decide.memory.work import SWITCHES, too_dear
-from rigidfx.error.forces.parts import Parts
 from rigidfx.flexible.nodal_stress import NodalStress
 from rigidfx.flexible.stress import CauchyStress
 from rigidfx.step.watches.judge import Judge
@@ -49,7 +48,7 @@ def bar(*effects, block=STIFF, **options):
     box = box.with_cells("block", lambda x: x[0] >= 4 - 1e-9)
     materials = {"stalk": SOFT, "block": block}
     if options.pop("pieces", False):
-        box = box.with_cells("first", lambda x: (x[0] >= 4 - 1e-9) & (x[0] <= 5 + 1e-9))
+        box = box.with_cells("first", between(4, 5))
         box = box.with_cells("last", lambda x: x[0] >= 7 - 1e-9)
         ends = [box.find(name, (3,), "test").entities for name in ("first", "last")]
         box = box.with_cell_set("pieces", np.concatenate(ends))
@@ -379,15 +378,6 @@ def test_what_would_be_enclosed_and_is_not_quiet_stays_flexible_with_a_ring():
     assert not out(rf.Accuracy(0.01), loud).any()  # no cell wakes for itself
 
 
-def test_a_freeze_pays_as_much_work_as_it_costs():
-    one, small, large = np.ones(10, dtype=bool), np.array([0], np.int32), np.arange(1, 6)
-    quiet = np.full(10, 20.0)
-    parts = [small, large.astype(np.int32)]  # a tenth and half of the cells: 2 and 10 steps
-    assert np.flatnonzero(too_dear(parts, quiet, one, MPI.COMM_SELF)).tolist() == [0]
-    quiet[0] = 10 * SWITCHES
-    assert not too_dear(parts, quiet, one, MPI.COMM_SELF).any()
-
-
 @pytest.mark.parametrize(("where", "windows"), [(2.0, 1), (7.0, 3)])
 def test_small_parts_wait_longer_than_large_ones(where, windows):
     box = rf.box((0, 0, 0), (8, 1, 1), (16, 2, 2))
@@ -415,36 +405,6 @@ def test_named_parts_may_be_watched_where_nothing_qualifies():
         warnings.simplefilter("error", RuntimeWarning)
         *_, last = rf.simulate(scene, DT, 4 * DT, rigidify=rf.StrainRate(0.0, "auto", wake="local"))
     assert last.t == pytest.approx(4 * DT)
-
-
-@pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
-def test_what_moves_bodies_as_a_whole_is_taken_out(monkeypatch):
-    """Of forces on two bodies whose nodes are numbered in turns, and of displacements."""
-    parts, forces, balance = [], [], Parts.balance
-
-    def balanced(self, force):
-        balance(self, force)
-        parts[:], forces[:] = [self], [force.copy()]
-
-    monkeypatch.setattr(Parts, "balance", balanced)
-    box = rf.box((0, 0, 0), (1, 1, 4), (3, 3, 8))
-    box = box.with_cells("left", lambda x: x[0] < 0.4).with_cells("right", lambda x: x[0] > 0.6)
-    effects = rf.Rigid("left"), rf.Rigid("right"), rf.Traction("z1", (0, 300.0, 20.0), time=blow)
-    scene = rf.Scene(box, SOFT, effects)
-    list(rf.simulate(scene, DT, 1.2, rigidify=local(1e-9), progress=False))
-    (both,), (force,) = parts, forces
-    stretched = both.unmoved(both.V * [1.0, 2.0, 3.0])
-    turned = both.linear(np.array([[[1.0, 2, 3], [0, 4, 5], [-4, 0, 6], [-5, -6, 0]]] * 2))
-    assert np.abs(turned).max() > 1
-    assert np.abs(both.unmoved(turned)).max() < 1e-12
-    m = scene.nodal_mass[both.rows.nodes, None]
-    assert len(both.at) == 2
-    for at in both.at:
-        assert (np.diff(at) > 1).any()
-        for momenta in (force[at], (m * stretched)[at]):
-            sums = momenta.sum(axis=0), np.cross(both.V[at], momenta).sum(axis=0)
-            assert np.abs(momenta).max() > 1e-3
-            assert np.abs(sums).max() < 1e-12 * np.abs(momenta).sum()
 
 
 def test_what_is_at_rest_has_no_period():
