@@ -166,11 +166,11 @@ CASES = {
     ),
     "obstacle without a shape": (
         lambda: _scene(_contact(against=Obstacle())),
-        "Contact on 'z0': its obstacle failed with NotImplementedError",
+        "Contact on 'z0': its gap of the Obstacle failed with NotImplementedError",
     ),
     "gap that fails": (
         lambda: _told(lambda y: y[:, 3]),
-        "Contact on 'z0': its obstacle failed with IndexError",
+        "Contact on 'z0': its gap of the Told failed with IndexError",
     ),
     "gap that is none": (
         lambda: _told(lambda y: np.full(len(y) or 1, nan)),
