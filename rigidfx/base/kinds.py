@@ -23,7 +23,6 @@ __all__ = [
     "Items",
     "Kind",
     "Maybe",
-    "Own",
     "Record",
 ]
 
@@ -194,18 +193,6 @@ class Record(Kind):
             else:
                 given[name] = self._kind(name).own(whole[name], order)
         return self._made(**given)
-
-
-class Own(Kind):
-    """A value that says its parts and its whole."""
-
-    def part(self, value: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
-        return value.part(order)
-
-    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """See `Kind`."""
-        return value.whole(parts, orders)
 
 
 class Each(Kind):

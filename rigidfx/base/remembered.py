@@ -28,7 +28,6 @@ from rigidfx.base.kinds import (
     Items,
     Kind,
     Maybe,
-    Own,
     Record,
 )
 from rigidfx.base.mesh_order import MeshOrder
@@ -60,31 +59,16 @@ __all__ = [
 
 
 class ByObject(Kind):
-    """A mapping by the identity of effects or obstacles.
-
-    A value is the same on all ranks, or has the methods `part` and `whole` of a kind; its whole
-    then has a method `given(order)`.
-    """
-
-    def part(self, value: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
-        numbers = order.numbers()
-        return {numbers[key]: _kind_of(one).part(one, order) for key, one in value.items()}
+    """Values that are the same on all ranks, by the identity of effects or obstacles."""
 
     def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
         """See `Kind`."""
         numbers = orders[0].numbers()
-        return {
-            numbers[key]: _kind_of(one).whole(one, [p[numbers[key]] for p in parts], orders)
-            for key, one in value.items()
-        }
+        return {numbers[key]: one for key, one in value.items()}
 
     def own(self, whole: Any, order: MeshOrder) -> Any:
         """See `Kind`."""
-        return {
-            id(order.named[k]): one.given(order) if hasattr(one, "given") else one
-            for k, one in whole.items()
-        }
+        return {id(order.named[k]): one for k, one in whole.items()}
 
     def set(self, owner: Any, name: str, whole: Any, order: MeshOrder) -> None:
         """See `Kind`."""
@@ -130,11 +114,6 @@ def same(*names: str) -> Remembered:
         names: Of the fields.
     """
     return dict.fromkeys(names, SAME)
-
-
-def _kind_of(value: Any) -> Any:
-    """The part of a mapping's value that describes it: itself, if it does."""
-    return Own() if hasattr(value, "whole") else SAME
 
 
 class Forgetful(Exception):

@@ -5,7 +5,7 @@ which instants it changes abruptly; steps end exactly there. An effect that a sc
 adds nothing to the compiled forms, and no action to a step: see `action`.
 """
 
-from rigidfx.effects.action import Action, ContactAction, FormTerm, Structure, Touch
+from rigidfx.effects.action import Action, FormTerm, Structure, Touch
 from rigidfx.effects.attached.point_mass import PointMass
 from rigidfx.effects.attached.spring import Spring
 from rigidfx.effects.attached.spring_damper import SpringDamper, SpringDamperReport
@@ -41,7 +41,6 @@ __all__ = [
     "Action",
     "BodyForce",
     "Contact",
-    "ContactAction",
     "Cylinder",
     "Cylindrical",
     "DeadLoad",

@@ -15,12 +15,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rigidfx.base.types import Array, Bools, Ints
-from rigidfx.effects.motion import Forces, Instant
+from rigidfx.base.types import Array, Bools
+from rigidfx.effects.motion import Forces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.element import Element
 
-__all__ = ["Action", "ContactAction", "FormTerm", "Structure", "Touch"]
+__all__ = ["Action", "FormTerm", "Structure", "Touch"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,10 +78,6 @@ class Structure:
         return out
 
 
-def _nothing() -> Array:
-    return np.zeros(3)
-
-
 @dataclass(frozen=True)
 class Touch:
     """Force and impulse of a contact in a step; those of ranks and parts add up.
@@ -101,8 +97,8 @@ class Touch:
     """
 
     name: str
-    force: Array = field(default_factory=_nothing)
-    moment: Array = field(default_factory=_nothing)
+    force: Array = field(default_factory=lambda: np.zeros(3))
+    moment: Array = field(default_factory=lambda: np.zeros(3))
     pressing: float = 0.0
     resolved: float = 0.0
     energy: float = 0.0
@@ -131,7 +127,7 @@ class Action:
         dissipates: Whether the energy that it takes is dissipated, and not work of a load.
         couples: Whether forces on nodes depend on other nodes. Where bodies are treated as if they
             were flexible it is asked in the run's division, for forces on all nodes.
-        presses: Whether it is a contact: see `ContactAction`.
+        presses: Whether it is a contact: see `ContactForces`.
         nodes: The nodes that it acts on; `RemoteNodes` if joints move them.
     """
 
@@ -142,6 +138,11 @@ class Action:
     couples: bool = False
     nodes: Any = None
     presses: ClassVar[bool] = False
+
+    @classmethod
+    def does(cls, method: str) -> bool:
+        """Whether actions of its class do something of their own by a method."""
+        return getattr(cls, method, None) is not getattr(Action, method, None)
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate functions of time for a step whose midpoint is t [s].
@@ -181,55 +182,6 @@ class Action:
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-
-
-class ContactAction(Action):
-    """The forces of a contact."""
-
-    presses = True
-
-    def outdated(self) -> bool:
-        """Whether its derivative has jumped on this rank since a tangent was assembled.
-
-        A kept tangent is then renewed at once; a gradual change shows in residuals.
-        """
-        return False
-
-    def touch(self) -> Touch:
-        """Touch of the contact on this rank in the step that has been solved."""
-        raise NotImplementedError
-
-    def closes_after(self, v: Array, dt: float, at: Instant) -> float:
-        """Time from now until a node of this rank touches, at constant velocities [s].
-
-        Args:
-            v: Velocities of the rows [m/s].
-            dt: Length of the next step [s].
-            at: Now.
-
-        Returns:
-            Infinity if none does, a negative number if one touches already.
-        """
-        return np.inf
-
-    def pressing(self) -> tuple[Ints, Array]:
-        """Owned nodes that are pressed, deeper than rounding, and how.
-
-        Returns:
-            The nodes, and up to three directions of forces on each, the main one first and zero
-            ones for none, shape (nodes, 3, 3).
-        """
-        return np.empty(0, np.int64), np.empty((0, 3, 3))
-
-    def creep_for(self, time: float, began: Instant) -> None:
-        """Let friction be that of a longer motion, until a time is set again.
-
-        A step that needs forces by displacements, not by velocities, has no Δt of its own.
-
-        Args:
-            time: Length of the motion [s].
-            began: Its start.
-        """
 
 
 class FormTerm:

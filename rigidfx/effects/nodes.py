@@ -25,7 +25,7 @@ from rigidfx.effects.action import Structure
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion, Tangent
 from rigidfx.mechanics.bodies import Bodies
 
-__all__ = ["LinearNodes", "Nodes", "SharedNodes"]
+__all__ = ["LinearNodes", "Nodes", "SharedNodes", "on_all_ranks"]
 
 
 class Nodes:
@@ -219,11 +219,7 @@ class SharedNodes(Nodes):
 
     def _everywhere(self, values: Array) -> Array:
         """Values of all nodes from those of this rank, zero where there are none. Collective."""
-        out = np.zeros((self.size, *values.shape[1:]))
-        out[self._numbers] = values
-        if self._comm.size > 1:
-            self._comm.Allreduce(MPI.IN_PLACE, out)
-        return out
+        return on_all_ranks(self._comm, self.size, self._numbers, values)
 
     def _all(self, of_rows: Array, matrices: Array) -> Array:
         return self._everywhere(super()._all(of_rows, matrices))
@@ -277,6 +273,15 @@ class SharedNodes(Nodes):
         known = column >= 0
         shape = len(nodes), prolongation.size
         return csr_array((value[known], (row[known], column[known])), shape=shape)
+
+
+def on_all_ranks(comm: MPI.Intracomm, size: int, numbers: Ints, values: Array) -> Array:
+    """Values that ranks have of things with these numbers, shape (size, ...). Collective."""
+    out = np.zeros((size, *values.shape[1:]))
+    out[numbers] = values
+    if comm.size > 1:
+        comm.Allreduce(MPI.IN_PLACE, out)
+    return out
 
 
 def _factor(rows: Array) -> Array:

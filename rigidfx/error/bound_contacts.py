@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import copy
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.remembered import ByObject, Remembered
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.coupling.rows import Rows
@@ -61,15 +59,6 @@ class _Entries:
         self.own.append((row + self.first, column, own.data))
 
 
-class _Notes(ByObject):
-    """Memory that bound contacts hold, and that stays the same object."""
-
-    def set(self, owner: Any, name: str, whole: Any, order: MeshOrder) -> None:
-        known = getattr(owner, name)
-        for key, note in self.own(whole, order).items():
-            vars(known[key]).update(vars(note.memory(known[key].surface)))
-
-
 class BoundContacts:
     """The contacts of a scene bound to all nodes; `destroy` frees their PETSc objects.
 
@@ -77,7 +66,7 @@ class BoundContacts:
         notes: Their memory, by their identity.
     """
 
-    remembered: ClassVar[Remembered] = {"notes": _Notes()}
+    remembered: ClassVar[Remembered] = {"notes": ByObject()}
 
     def __init__(self, stepper: Stepper, rows: Rows, notes: dict[int, Any]) -> None:
         """Bind them. Collective.
@@ -143,8 +132,8 @@ class BoundContacts:
 
     def have(self, notes: Mapping[int, Any]) -> None:
         """Copy the memory that others have; of contacts that are over there is none."""
-        for key in self.notes.keys() & notes.keys():
-            vars(self.notes[key]).update(vars(copy(notes[key])))
+        keys = {id(contact) for contact in self._stepper.scene.named(Contact)} & notes.keys()
+        self.notes.update({key: notes[key] for key in keys})
 
     def accept(self) -> None:
         """See `Action`."""

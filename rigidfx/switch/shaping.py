@@ -236,7 +236,7 @@ class Shaping:
         Args:
             state: Its bodies are those at the start of the step.
             pressing: Owned nodes that contacts press, and directions of forces on each, shape
-                (nodes, 3, 3): see `ContactAction`.
+                (nodes, 3, 3): see `ContactForces`.
             dt: Length of the step, whose frequencies shapes follow [s].
         """
         new = ~self.pressed[pressing[0]]

@@ -25,7 +25,7 @@ from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import Structure, Touch
 from rigidfx.effects.base import vector_at
 from rigidfx.effects.contacts.obstacles import TINY, Approach, AskedObstacle, Obstacle
-from rigidfx.effects.contacts.penalty import CLOSED, PenaltyForces, secant, soonest
+from rigidfx.effects.contacts.penalty import CLOSED, ContactForces, secant, soonest
 from rigidfx.effects.contacts.surface import ContactSurface
 from rigidfx.effects.motion import Instant, Motion, Tangent
 from rigidfx.effects.nodes import Nodes
@@ -220,7 +220,7 @@ class Points:
         return Sliding(friction.mu, n, length, slid, root, t, friction.part)
 
 
-class ObstacleForces(PenaltyForces):
+class ObstacleForces(ContactForces):
     """The forces of an obstacle on the nodes and bodies of a division."""
 
     def __init__(

@@ -16,10 +16,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
-from dolfinx import fem, geometry, la
+from dolfinx import geometry
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
 from scipy.spatial import cKDTree
@@ -27,13 +26,11 @@ from scipy.spatial import cKDTree
 from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.types import Array, Bools, Ints
-from rigidfx.effects.contacts.surface import area_vectors, surface_of, triangles_of
+from rigidfx.effects.contacts.surface import area_vectors, once, surface_of, triangles_of
+from rigidfx.effects.nodes import on_all_ranks
 
 __all__ = ["PairSurface", "pair_of", "projected", "refuse_overlap"]
 
-
-_known: WeakKeyDictionary[Any, dict[tuple[str, str, float | None], PairSurface]]
-_known = WeakKeyDictionary()
 
 NEAREST = 12  # triangles that are looked at for a node
 BESIDE = 1e-6  # of a triangle: how far beside it a node may be and still meet it
@@ -46,7 +43,7 @@ DEEPEST = 0.5  # of the distance of nodes: what is deeper has come from the othe
 
 @dataclass(frozen=True)
 class PairSurface:
-    """Both surfaces; numbers count the nodes of both on all ranks.
+    """Both surfaces; numbers count the nodes and triangles of both alike on any number of ranks.
 
     Attributes:
         nodes: Owned nodes of this rank in them.
@@ -74,10 +71,7 @@ class PairSurface:
 
     def everywhere(self, comm: MPI.Intracomm, values: Array) -> Array:
         """Values of all nodes from those of this rank's local ones, shape (size, 3). Collective."""
-        out = np.zeros((self.size, 3))
-        out[self.numbers] = values[self.nodes]
-        comm.Allreduce(MPI.IN_PLACE, out)
-        return out
+        return on_all_ranks(comm, self.size, self.numbers, values[self.nodes])
 
     def mates(self, x: Array, bodies: Ints) -> Ints:
         """The triangle that each slave may meet, -1 where there is none, shape (n,).
@@ -190,61 +184,53 @@ def pair_of(
 
     Nodes of `where` are kept out of `against`; stiffness and errors are those of `surface_of`.
     """
-    known = _known.setdefault(scene, {})
     key = where, against, stiffness
-    if key not in known:
-        known[key] = _found(scene, where, against, stiffness, owner)
-    return known[key]
+    return once(scene, key, lambda: _found(scene, where, against, stiffness, owner))
 
 
 def _found(
     scene: Any, where: str, against: str, stiffness: float | None, owner: str
 ) -> PairSurface:
-    comm, n = scene.comm, scene.owned_nodes
-    k = surface_of(scene, where, stiffness, owner).stiffness[:n]
-    surface_of(scene, against, stiffness, owner)
-    _, triangles = triangles_of(scene, against, owner)
-    mark = fem.Function(scene.space)
-    mark.x.array[3 * triangles.reshape(-1)] = 1.0
-    mark.x.array[3 * np.flatnonzero(k > 0)] = 1.0
-    mark.x.scatter_reverse(la.InsertMode.add)
-    nodes = np.flatnonzero(mark.x.array[: 3 * n : 3] > 0)
-    first: int = comm.exscan(nodes.size) or 0
-    numbers = first + np.arange(nodes.size)
-    mark.x.array[:] = -1.0
-    mark.x.array[3 * nodes] = numbers
-    mark.x.scatter_forward()
-    known = mark.x.array[::3].astype(np.int64)
-    X = scene.space.tabulate_dof_coordinates()
-    slaves = np.flatnonzero(k[nodes] > 0)
-    parts = comm.allgather(
-        (numbers[slaves], k[nodes[slaves]], known[triangles], _longest(X[triangles]))
-    )
-    spacing = surface_of(scene, where, stiffness, owner).size
-    all_slaves, all_k, all_triangles = (
-        np.concatenate([part[j] for part in parts]) for j in range(3)
-    )
-    every = np.zeros((comm.allreduce(nodes.size), 3))
-    every[numbers] = X[nodes]
-    comm.Allreduce(MPI.IN_PLACE, every)
+    surface = surface_of(scene, where, stiffness, owner)
+    surface_of(scene, against, stiffness, owner)  # which refuses facets inside the mesh
+    triangles = _on_all_ranks(scene, against, owner)
+    named = np.concatenate([_on_all_ranks(scene, where, owner), triangles]).ravel()
+    every, first, number = np.unique(named, return_index=True, return_inverse=True)
+    order = np.argsort(first)  # numbers are in the order in which triangles name nodes
+    number = np.argsort(order)[number.ravel()]
+    begin, end = scene.space.dofmap.index_map.local_range
+    numbers = np.flatnonzero((every[order] >= begin) & (every[order] < end))
+    nodes = every[order][numbers] - begin
+    of_nodes = np.c_[surface.stiffness, scene.space.tabulate_dof_coordinates()][nodes]
+    k, X = np.split(on_all_ranks(scene.comm, every.size, numbers, of_nodes), [1], axis=1)
+    slaves = np.flatnonzero(k)
+    triangles = number[-triangles.size :].reshape(-1, 3)
+    edges = X[triangles] - X[np.roll(triangles, 1, axis=1)]
     return PairSurface(
         nodes,
         numbers,
-        len(every),
-        all_slaves,
-        all_k,
-        all_triangles,
-        reach=max(part[3] for part in parts) + spacing,
-        spacing=spacing,
-        X=every,
+        every.size,
+        slaves,
+        k[slaves, 0],
+        triangles,
+        reach=float(np.linalg.norm(edges, axis=2).max(initial=0.0)) + surface.size,
+        spacing=surface.size,
+        X=X,
         itself=where == against,
     )
 
 
-def _longest(corners: Array) -> float:
-    """Longest edge of triangles, shape (n, 3, 3) [m]."""
-    edges = corners - np.roll(corners, 1, axis=1)
-    return float(np.linalg.norm(edges, axis=2).max(initial=0.0))
+def _on_all_ranks(scene: Any, where: str, owner: str) -> Ints:
+    """Triangles of a set by global numbers of nodes, shape (m, 3). Collective.
+
+    They have the order of the cells in the mesh as it was given, whatever ranks have them.
+    """
+    cells, nodes = triangles_of(scene, where, owner)
+    number = scene.space.dofmap.index_map.local_to_global
+    corners = number(nodes.reshape(-1).astype(np.int32)).reshape(-1, 3)
+    parts = scene.comm.allgather((scene.mesh.topology.original_cell_index[cells], corners))
+    of_cells, every = (np.concatenate(of) for of in zip(*parts, strict=True))
+    return np.asarray(every[np.argsort(of_cells, kind="stable")])
 
 
 # Where a mesh overlaps itself -----------------------------------------------------------------

@@ -16,7 +16,6 @@ Newton's method takes one or two more iterations for that.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,11 +23,10 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import Structure, Touch
 from rigidfx.effects.contacts.pair_surface import PairSurface, projected
-from rigidfx.effects.contacts.penalty import CLOSED, PenaltyForces, secant, soonest
+from rigidfx.effects.contacts.penalty import CLOSED, ContactForces, secant, soonest
 from rigidfx.effects.motion import Instant, Motion, Tangent
 from rigidfx.effects.nodes import SharedNodes
 
@@ -38,7 +36,7 @@ __all__ = ["PairForces"]
 _SEARCH = PETSc.Log.Event("rigidfxSearch")  # PETSc's log of the search for triangles
 
 
-class PairForces(PenaltyForces):
+class PairForces(ContactForces):
     """The forces between two surfaces; its results are equal on all ranks."""
 
     couples = True
@@ -48,12 +46,18 @@ class PairForces(PenaltyForces):
         super().__init__(effect, surface.stiffness, structure)
         self._comm: MPI.Intracomm = structure.scene.comm
         self._surface = surface
+        n = surface.slaves.size
+        self._fresh = PairMemory(np.full(n, np.inf), np.full(n, -1))
         assert structure.notes is not None  # else it is not bound
-        self._memory = memory_of(structure.notes.get(id(effect)), surface)
-        structure.notes[id(effect)] = self._memory
+        self._notes, self._effect = structure.notes, effect
         self._nodes = SharedNodes(structure, surface.nodes, surface.numbers, surface.size)
         self.rounding = float(np.linalg.norm(self._k)) * self._nodes.far()
         self.set_time(0.0, 0.0)
+
+    @property
+    def _memory(self) -> PairMemory:
+        memory: PairMemory = self._notes.get(id(self._effect), self._fresh)
+        return memory
 
     def set_time(self, t: float, dt: float) -> None:
         """Begin an attempt at a step: findings of the last one are forgotten."""
@@ -129,9 +133,9 @@ class PairForces(PenaltyForces):
     def accept(self) -> None:
         """Store ḡ and the triangle of each node."""
         if self._mate is not None:
-            self._memory.gap = np.full(self._k.size, np.inf)
-            self._memory.gap[self._active] = self._gaps[1]
-            self._memory.mate = self._mate
+            gap = self._fresh.gap.copy()
+            gap[self._active] = self._gaps[1]
+            self._notes[id(self._effect)] = PairMemory(gap, self._mate)
 
     def _gap(self, at: Instant) -> Array:
         # All ranks have the same gaps, which count on the first one.
@@ -179,88 +183,14 @@ class PairForces(PenaltyForces):
         return soonest(np.maximum(g, 0.0), (n * apart).sum(axis=1))
 
 
-@dataclass
+@dataclass(frozen=True)
 class PairMemory:
     """Memory of a pair from step to step, of each node that is kept out.
 
     Attributes:
         gap: ḡ [m]; infinite while it meets nothing.
         mate: The triangle that it met last, -1 if none.
-        surface: Both surfaces, whose numbers these are.
     """
 
     gap: Array
     mate: Ints
-    surface: PairSurface
-
-    def __deepcopy__(self, known: dict[int, Any]) -> PairMemory:
-        """The same with arrays of its own."""
-        return replace(self, gap=self.gap.copy(), mate=self.mate.copy())
-
-    def part(self, order: MeshOrder) -> Any:
-        """A rank's part of a checkpoint: where its nodes are in the mesh."""
-        surface = self.surface
-        return surface.numbers, order.nodes[surface.nodes]
-
-    def whole(self, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> PairNote:
-        """The part of a checkpoint, by numbers of nodes in the mesh."""
-        surface = self.surface
-        number = np.empty(surface.size, np.int64)
-        for own, in_mesh in parts:
-            number[own] = in_mesh
-        closed = np.flatnonzero(np.isfinite(self.gap) | (self.mate >= 0))
-        corners = np.full((closed.size, 3), -1)
-        met = self.mate[closed] >= 0
-        corners[met] = np.sort(number[surface.triangles[self.mate[closed][met]]], axis=1)
-        return PairNote(number[surface.slaves[closed]], self.gap[closed], corners)
-
-
-@dataclass
-class PairNote:
-    """The memory of a pair as a checkpoint keeps it.
-
-    Attributes:
-        nodes: Numbers in the mesh of the nodes that meet something.
-        gap: ḡ of each [m].
-        corners: Numbers of the corners of the triangle that each met last, sorted; -1 if none.
-        order: Numbers of this rank's nodes, once it is given back.
-    """
-
-    nodes: Ints
-    gap: Array
-    corners: Ints
-    order: MeshOrder | None = None
-
-    def given(self, order: MeshOrder) -> PairNote:
-        """The same for a rank."""
-        return replace(self, order=order)
-
-    def memory(self, surface: PairSurface) -> PairMemory:
-        """The memory of surfaces as ranks number them now. Collective."""
-        order = self.order
-        assert order is not None
-        assert order.comm is not None
-        number = np.zeros(surface.size, np.int64)
-        number[surface.numbers] = order.nodes[surface.nodes]
-        order.comm.Allreduce(MPI.IN_PLACE, number)
-        slaves = {int(node): k for k, node in enumerate(number[surface.slaves])}
-        corners = np.sort(number[surface.triangles], axis=1)
-        triangles = {row.tobytes(): k for k, row in enumerate(corners)}
-        out = _fresh(surface)
-        places = [slaves[int(node)] for node in self.nodes]
-        out.gap[places] = self.gap
-        out.mate[places] = [triangles.get(row.tobytes(), -1) for row in self.corners]
-        return out
-
-
-def memory_of(known: PairMemory | PairNote | None, surface: PairSurface) -> PairMemory:
-    """The memory of a pair, by the note of a checkpoint if it is one. Collective."""
-    if known is None:
-        return _fresh(surface)
-    return known.memory(surface) if isinstance(known, PairNote) else known
-
-
-def _fresh(surface: PairSurface) -> PairMemory:
-    """That nothing has met."""
-    n = surface.slaves.size
-    return PairMemory(np.full(n, np.inf), np.full(n, -1), surface)

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from rigidfx.base.types import Array
-from rigidfx.effects.action import ContactAction, Structure, Touch
+from rigidfx.base.types import Array, Ints
+from rigidfx.effects.action import Action, Structure, Touch
 from rigidfx.effects.motion import Instant
 
-__all__ = ["CLOSED", "STALE", "PenaltyForces", "secant", "soonest", "stored"]
+__all__ = ["CLOSED", "STALE", "ContactForces", "secant", "soonest", "stored"]
 
 
 CLOSED = 1e-12  # of a point's coordinates: a gap that statics take for closed, as it rounds to zero
@@ -58,8 +58,10 @@ def soonest(g: Array, rate: Array) -> float:
         return float((g[comes] / -rate[comes]).min(initial=np.inf))
 
 
-class PenaltyForces(ContactAction):
+class ContactForces(Action):
     """The forces of a contact at points with stiffnesses; its kind says which gaps they have."""
+
+    presses = True
 
     def __init__(self, effect: Any, k: Array, structure: Structure) -> None:
         """Store the stiffnesses, shape (n,) [N/m]."""
@@ -76,13 +78,52 @@ class PenaltyForces(ContactAction):
         raise NotImplementedError
 
     def outdated(self) -> bool:
-        """Whether points closed, opened, stuck or slipped since the tangent was assembled."""
+        """Whether points of this rank closed, opened, stuck or slipped since the last tangent.
+
+        A kept tangent is then renewed at once; a gradual change shows in residuals.
+        """
         now = self._slopes()
         return bool((np.abs(now - self._in_tangent) > STALE * np.maximum(self._k, now)).any())
 
     def stored(self, at: Instant) -> float:
         """Σ U of the gaps [J]."""
         return float(stored(self._k, self._gap(at)).sum())
+
+    def creep_for(self, time: float, began: Instant) -> None:
+        """Let friction be that of a longer motion, until a time is set again.
+
+        A step that needs forces by displacements, not by velocities, has no Δt of its own.
+
+        Args:
+            time: Length of the motion [s].
+            began: Its start.
+        """
+
+    def pressing(self) -> tuple[Ints, Array]:
+        """Owned nodes that are pressed, deeper than rounding, and how.
+
+        Returns:
+            The nodes, and up to three directions of forces on each, the main one first and zero
+            ones for none, shape (nodes, 3, 3).
+        """
+        raise NotImplementedError
+
+    def closes_after(self, v: Array, dt: float, at: Instant) -> float:
+        """Time from now until a node of this rank touches, at constant velocities [s]. Collective.
+
+        Args:
+            v: Velocities of the rows [m/s].
+            dt: Length of the next step [s].
+            at: Now.
+
+        Returns:
+            Infinity if none does, -1 if one touches already.
+        """
+        raise NotImplementedError
+
+    def touch(self) -> Touch:
+        """Touch of the contact on this rank in the step that has been solved."""
+        raise NotImplementedError
 
     def _touched(self, k: Array, g: Array, force: Array, place: Array) -> Touch:
         """Touch of some points by their gaps, the forces on them and where these act."""

@@ -16,8 +16,9 @@ Within a hollow of radius R the angle is that share, 1 - r/R, of it which is lef
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
 import basix
@@ -39,6 +40,7 @@ __all__ = [
     "ContactSurface",
     "area_vectors",
     "modulus_of",
+    "once",
     "surface_of",
     "triangles_of",
     "warn_of_facets",
@@ -52,7 +54,8 @@ SHARP = 0.9  # rad, above an octagon's 45°: facets that meet at more are an edg
 ROLLS = 0.5  # of the distance from the middle of a part: least radius of what rolls
 FINE = np.radians(3.0)  # half the angle between facets that is not worth a word: 60 in a turn
 
-_known: WeakKeyDictionary[Any, dict[tuple[str, float | None], ContactSurface]] = WeakKeyDictionary()
+Found = TypeVar("Found")
+_known: WeakKeyDictionary[Any, dict[Any, Any]] = WeakKeyDictionary()  # of each scene
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,15 @@ class ContactSurface:
     size: float
 
 
+def once(scene: Any, key: tuple[Any, ...], find: Callable[[], Found]) -> Found:
+    """Data of a scene by a key, which are found when they are first asked for."""
+    known = _known.setdefault(scene, {})
+    if key not in known:
+        known[key] = find()
+    found: Found = known[key]
+    return found
+
+
 def surface_of(scene: Any, where: str, stiffness: float | None, owner: str) -> ContactSurface:
     """The surface of a set of facets; found once for a scene. Collective.
 
@@ -83,11 +95,7 @@ def surface_of(scene: Any, where: str, stiffness: float | None, owner: str) -> C
         SceneError: If the set is unknown, has facets inside the mesh or none, or a material tells
             no stiffness.
     """
-    known = _known.setdefault(scene, {})
-    key = where, stiffness
-    if key not in known:
-        known[key] = _found(scene, where, stiffness, owner)
-    return known[key]
+    return once(scene, (where, stiffness), lambda: _found(scene, where, stiffness, owner))
 
 
 def _found(scene: Any, where: str, stiffness: float | None, owner: str) -> ContactSurface:

@@ -21,7 +21,7 @@ from rigidfx.base.inputs import number, shown
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.base.uncaught import by_users
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import Action, ContactAction, Effect, Structure, Touch
+from rigidfx.effects import Action, Effect, Structure, Touch
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion, Tangent
 from rigidfx.step.equations.eased_forces import EasedForces
 
@@ -34,10 +34,8 @@ NUMBERS = ("stored", "taken")  # methods that give a number
 
 
 def doing(actions: Sequence[Action], method: str) -> list[Any]:
-    """Those actions whose class does something of its own by a method."""
-    own = [action for action in actions if hasattr(action, method)]
-    base = Action if hasattr(Action, method) else ContactAction
-    return [a for a in own if getattr(type(a), method) is not getattr(base, method)]
+    """Those actions that do something of their own by a method."""
+    return [action for action in actions if action.does(method)]
 
 
 class OwnMethods:
@@ -245,7 +243,7 @@ class Actions:
         self.dead = not doing(own, "resist")
 
     def creep_for(self, time: float, began: Instant) -> None:
-        """Compute friction for a longer motion; see `ContactAction`."""
+        """Compute friction for a longer motion; see `ContactForces`."""
         for creep in self._calls["creep_for"]:
             creep(time, began)
 
@@ -360,7 +358,7 @@ class Actions:
         return self._touches
 
     def pressing(self) -> tuple[Ints, Array]:
-        """Owned nodes that contacts press, and how: see `ContactAction`."""
+        """Owned nodes that contacts press, and how: see `ContactForces`."""
         each = [contact.pressing() for contact in self._contacts]
         nodes = np.concatenate([np.empty(0, np.int64), *(own for own, _ in each)])
         return nodes, np.concatenate([np.empty((0, 3, 3)), *(how for _, how in each)])
