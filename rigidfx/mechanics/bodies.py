@@ -25,7 +25,8 @@ __all__ = ["BODIES", "TRANSLATIONS", "Bodies", "Ensemble", "times"]
 
 
 # How a body's twelve numbers depend on its translation, see `Increments.L`.
-TRANSLATIONS = np.eye(12, 6) * (np.arange(6) < 3)
+TRANSLATIONS = np.eye(12, 6)
+TRANSLATIONS[:, 3:] = 0.0
 
 
 class Ensemble:
@@ -45,7 +46,7 @@ class Ensemble:
         frozen: The pose at the freeze, shape (bodies, n, 3) [m, 1].
         shapes: Those of the bodies; None if all are rigid.
         columns: 6 + m, the largest number of unknowns of a body.
-        known: Which of these each body has, shape (bodies, 6 + m): not Δr and ℓθ if it is held.
+        known: Which of these each body has, shape (bodies, 6 + m): not those that supports give.
         unknowns: Number of unknowns of each body, shape (bodies,).
         undeformed: q of bodies that are not deformed, shape (bodies, m).
         skews: v times them is -v̂/ℓ, row by row; shape (bodies, 3, 9) [1/m].
@@ -68,7 +69,7 @@ class Ensemble:
         self.columns = 6 + m
         self.known = np.ones((len(self.records), self.columns), dtype=bool)
         if self.shapes is not None:
-            self.known[:, 6:] = self.shapes.known
+            self.known[:, 6:] = self.shapes.known & ~self.shapes.given
             self.known[self.shapes.held, :6] = False
         self.unknowns = self.known.sum(axis=1)
         self.undeformed = np.zeros((len(self.records), m))

@@ -87,8 +87,8 @@ class Step:
         dt: Δt [s].
         share: Derivative of the arms that moments are taken with, by those at the end.
         damping: Derivative of the damping forces of shapes by Δq, shape (bodies, m, m) [N/m].
-        given: Increment Δc₀ and Cayley vector θ of the frames of bodies that are held, shape
-            (bodies, 6) [m, 1]; they rest if None.
+        given: Increment Δc₀ and Cayley vector θ of the frames of bodies that are held, and Δq that
+            supports give, shape (bodies, 6 + m) [m, 1]; they rest if None.
     """
 
     share = 0.5

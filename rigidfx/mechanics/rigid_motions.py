@@ -8,7 +8,7 @@ from scipy.linalg import null_space, qr
 
 from rigidfx.base.types import Array, Bools, Ints
 
-__all__ = ["free_motions", "independent", "rigid_motions", "spanning"]
+__all__ = ["RIGID", "free_motions", "independent", "rigid_motions", "spanning"]
 
 
 RIGID = 1e-6  # part of a body's length by which places on a line may be off it

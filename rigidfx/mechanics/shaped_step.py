@@ -12,7 +12,8 @@ the gain of kinetic energy and of U(q), as nodes move by exactly
     Δx = Δc + θ × (x½ - c½) + S Φ Δq.
 
 The frame of a body that a support holds is given: Δr follows Δq by Δc₀ and the drift, and the rows
-of Δr and θ are the force and the moment of the support.
+of Δr and θ are the force and the moment of the support. So are some Δq, by which nodes of further
+supports move in the frame.
 
 The derivative is complete, forces on nodes included: with v₁ = R₁ (V + Φ q₁), moments change by
 ½ (T dθ × v₁ + R₁ Φ dq) × f, and Q_k by ½ dθ · (R₀ Φ_k × f).
@@ -32,7 +33,7 @@ from rigidfx.mechanics.body_step import Increments, Step
 from rigidfx.mechanics.rotation import IDENTITY, axial, cayley, skew
 from rigidfx.mechanics.shapes import ShapesOfBodies, contracted, times
 
-__all__ = ["increments_of"]
+__all__ = ["ShapedIncrements", "increments_of"]
 
 
 def increments_of(step: Step, unknowns: Array) -> Increments:
@@ -50,20 +51,21 @@ class ShapedIncrements(Increments):
     """A trial step of bodies some of which have shapes."""
 
     def __init__(self, step: Step, unknowns: Array) -> None:
-        """See `Increments`; Δr and ℓθ of bodies that are held are of no meaning."""
+        """See `Increments`; those that supports give are of no meaning."""
         shapes, start = step.start.of.shapes, step.start
         assert shapes is not None
         self._held = np.flatnonzero(shapes.held)
         if self._held.size:
             unknowns, held = unknowns.copy(), self._held
-            given = np.zeros((len(start), 6)) if step.given is None else step.given
+            given = np.zeros(unknowns.shape) if step.given is None else step.given
+            unknowns[:, 6:][shapes.given] = given[:, 6:][shapes.given]
             # Increments by themselves: differences of places would lose digits.
-            turn = np.array([cayley(theta) - IDENTITY for theta in given[held, 3:]])
+            turn = np.array([cayley(theta) - IDENTITY for theta in given[held, 3:6]])
             gained = np.einsum("bkc,bk->bc", shapes.drift[held], unknowns[held, 6:])
             gained = times(start.R[held], gained)
             before = times(start.R[held], start.drifted[held])
             unknowns[held, :3] = given[held, :3] + gained + times(turn, before + gained)
-            unknowns[held, 3:6] = given[held, 3:] * start.of.length[held, None]
+            unknowns[held, 3:6] = given[held, 3:6] * start.of.length[held, None]
         super().__init__(step, unknowns)
 
     @property
@@ -108,7 +110,7 @@ class ShapedIncrements(Increments):
         return rate * turned - W, rate * self.dq[self._some] - rates
 
     @cached_property
-    def _S(self) -> Array:
+    def S(self) -> Array:
         """S, with which nodes follow Δq; R₁ in statics, shape (some, 3, 3)."""
         R0, R1 = self._R
         if self.step.share == 1.0:
@@ -173,7 +175,7 @@ class ShapedIncrements(Increments):
         own = (self._momenta[1] - start.momenta_of_shapes[1]) / dt
         own -= self._shapes.gradient(self._half, self._rates, self._before)
         if self._held.size:
-            own += times(self._drifts(self._S), out[some, :3])
+            own += times(self._drifts(self.S), out[some, :3])
         out[some, 6:] = own
         return out
 
@@ -224,7 +226,7 @@ class ShapedIncrements(Increments):
 
     def _followed_by(self, end: bool) -> Array:
         """L, or P at the end of the step."""
-        of, some, m, R = self.start.of, self._some, self.dq.shape[1], self._R[1] if end else self._S
+        of, some, m, R = self.start.of, self._some, self.dq.shape[1], self._R[1] if end else self.S
         out = of.frames.copy()
         out[:, 3:12, 3:6] = self._turning[end]
         own = np.zeros((some.size, m, 9, 3))
@@ -263,7 +265,7 @@ class ShapedIncrements(Increments):
             y = weight * (q[some, None, None] @ shapes)[:, :, 0]
             turned += (y @ at[some].reshape(-1, 3, 9)).reshape(turned.shape)
         out[own, :, :, 3:6] += turned @ self.T[of[own], None] if end else turned
-        R = (self._R[1] if end else self._S)[some]
+        R = (self._R[1] if end else self.S)[some]
         follow = R[:, None] @ shapes.swapaxes(2, 3)
         if self._held.size:
             drift = R @ self._drift[some].swapaxes(1, 2)
@@ -277,7 +279,7 @@ class ShapedIncrements(Increments):
         if not self._held.size:
             return self.unknowns
         out, some = self.unknowns.copy(), self._some
-        out[some, :3] -= times(self._drifts(self._S).swapaxes(1, 2), self.dq[some])
+        out[some, :3] -= times(self._drifts(self.S).swapaxes(1, 2), self.dq[some])
         return out
 
     def work(self, forces: Array) -> float:
@@ -285,14 +287,14 @@ class ShapedIncrements(Increments):
         return float(np.vdot(forces, self._apart))
 
     def work_of_supports(self, rows: Array) -> float:
-        """Work of supports on the frames that they hold [J].
+        """Work of supports on the frames that they hold, and on shapes that they move [J].
 
         Args:
-            rows: Residual of the bodies, as `balance` gives it; its rows of Δr and θ are what the
+            rows: Residual of the bodies, as `balance` gives it; rows of what is given are what the
                 supports exert.
         """
-        held = self._held
-        return float(np.vdot(rows[held, :6], self._apart[held, :6]))
+        given = ~self.start.of.known
+        return float(np.vdot(rows[given], self._apart[given]))
 
     def resultant(self, moments: Array) -> Array:
         """See `Increments`; Lᵀ without L, as torques Σ (x½ - c½) × f and Q = Σ Φᵀ Sᵀ f."""
@@ -306,9 +308,9 @@ class ShapedIncrements(Increments):
         if self.step.share != 1.0:
             turned = 0.5 * (turned + self._R[0] @ ends[:, 0])
         out[some, 3:6] += axial(turned) / self.start.of.length[some, None]
-        own = times(flat, self._S.swapaxes(1, 2).reshape(-1, 9))
+        own = times(flat, self.S.swapaxes(1, 2).reshape(-1, 9))
         if self._held.size:
-            own += times(self._drifts(self._S), out[some, :3])
+            own += times(self._drifts(self.S), out[some, :3])
         out[some, 6:] = own
         return out
 
@@ -360,7 +362,7 @@ class ShapedIncrements(Increments):
         own = (rate * shapes.mass - shapes.twisted(W1 + W0)) / dt
         own -= 0.5 * shapes.curvature(contracted(W1, W0))
         if self._held.size:
-            drifting = self._drifts(self._S) @ self._drifts(R1).swapaxes(1, 2)
+            drifting = self._drifts(self.S) @ self._drifts(R1).swapaxes(1, 2)
             own += rate / dt * start.of.mass[some, None, None] * drifting
         turn = rate / dt * R1 @ gained @ back
         by_turn = rate * (B / dt - by_W).swapaxes(1, 2) @ back

@@ -13,7 +13,9 @@ beside that of the centre is ½ w·A(q) w,
 
 The frame of a body may be held by a support, where its shapes are zero then: nodes are at
 c₀ + R (ξ + Φ̃ q), with c₀ and R given, and Φ = Φ̃ - Σ m Φ̃/M, the part without momentum, is the shape.
-So the centre of mass is at c = c₀ + R dᵀ q, d = Σ m Φ̃/M being the drift.
+So the centre of mass is at c = c₀ + R dᵀ q, d = Σ m Φ̃/M being the drift. Where further supports
+hold nodes of the body, the first shapes are static responses to unit motions of these, and their
+coordinates are given.
 
 A body that spins is stiffer than Ω: the stress of its centrifugal forces resists bending. With the
 displacements ψ_ab by M (δ_ab ξ - sym(e_a ξ_b)) and K' the change of K with a displacement,
@@ -60,6 +62,7 @@ class Shapes:
             spin is too slow to count.
         drift: Of a body whose frame is held, by how much its centre of mass moves in the frame per
             coordinate, shape (m, 3); None of a body that moves freely.
+        given: Number of the first shapes whose coordinates supports give.
     """
 
     nodes: Indices
@@ -70,6 +73,7 @@ class Shapes:
     drift: Array | None = None
     spun: Array | None = None
     images: Array = field(default_factory=lambda: np.array([]))
+    given: int = 0
 
     def __post_init__(self) -> None:
         """Let nobody change the arrays: reports show them."""
@@ -96,6 +100,7 @@ class ShapesOfBodies:
         force: f₀, shape (some, most) [N].
         drift: See `Shapes`, of all bodies, shape (all, most, 3); zero of those that move freely.
         held: Whether the frame of each of all bodies is held.
+        given: Which coordinates supports give, of all bodies, shape (all, most).
     """
 
     def __init__(self, each: Sequence[Shapes | None]) -> None:
@@ -111,6 +116,8 @@ class ShapesOfBodies:
         self.stiffness, self.force = np.zeros((k, m, m)), np.zeros((k, m))
         self.drift, added = np.zeros((len(each), m, 3)), np.zeros_like(self.moments)
         self.held = np.array([own is not None and own.drift is not None for own in each])
+        count = np.array([0 if own is None else own.given for own in each])
+        self.given = np.arange(m) < count[:, None]
         for k, body in enumerate(self.some):
             own, n = each[int(body)], self.counts[body]
             assert own is not None

@@ -1,9 +1,9 @@
 """Patterns of forces by motion: supports that move, spin, and a state that is not in balance.
 
 With r the rates of a rigid motion that supports prescribe to a part, it bears inertia -M r, and
--M (ω × r) by its spin ω. A motion of supports that is not rigid, e at held dofs, pulls at the nodes
-beside them by -K e. A state that strains or moves has its internal forces and momenta M v, which
-make it vibrate where they are not in balance.
+-M (ω × r) by its spin ω. The motion of a part that is held is that of its frame. A motion of
+supports beside r, e at held dofs, pulls at the nodes beside them by -K e. A state that strains or
+moves has its internal forces and momenta M v, which make it vibrate where they are not in balance.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.samples import compressed, instants
 from rigidfx.shapes.stiffness import times
 from rigidfx.state import State
+from rigidfx.step.system.division import Hold
 
-__all__ = ["of_state", "of_supports"]
+__all__ = ["of_state", "of_supports", "pulled"]
 
 
 # Kinetic energy of the rotation over that of a rigid motion, and square of a motion of supports
@@ -28,12 +29,15 @@ __all__ = ["of_state", "of_supports"]
 SMALL = 1e-4
 
 
-def of_supports(responses: Responses, span: tuple[float, float]) -> list[Array]:
+def of_supports(
+    responses: Responses, span: tuple[float, float], hold: Hold | None = None
+) -> list[Array]:
     """Patterns by the supports that act. Collective.
 
     Args:
         responses: Of the whole structure.
         span: From when to when [s].
+        hold: The supports in the part that bears the forces; none if None.
 
     Returns:
         Shape (owned nodes, 3, k) each; none if no support moves.
@@ -52,14 +56,23 @@ def of_supports(responses: Responses, span: tuple[float, float]) -> list[Array]:
     rates = np.stack([rates_at(t) for t in ts], axis=1)
     V = responses.rigid.all
     on_held = columns(V)[held.mask]
-    gram = np.asarray(scene.sum(on_held.T @ on_held))
-    rigid = np.linalg.pinv(gram, hermitian=True) @ scene.sum(on_held.T @ rates)
+    leads = np.ones(len(on_held), dtype=bool)
+    if hold is not None:
+        own = [
+            dofs
+            for s, (_, dofs) in zip(held.active, held.of_each(), strict=True)
+            if s is hold.frame
+        ]
+        leads = np.isin(np.flatnonzero(held.mask), np.concatenate([*own, np.empty(0)]))
+    told = on_held[leads]
+    gram = np.asarray(scene.sum(told.T @ told))
+    rigid = np.linalg.pinv(gram, hermitian=True) @ scene.sum(told.T @ rates[leads])
     out = [compressed(scene, responses.inertia(V @ rigid)), _spun(responses, V, rigid)]
     left = rates - on_held @ rigid
     if scene.sum((left**2).sum()) > SMALL * scene.sum((rates**2).sum()):
         e = np.zeros((scene.owned_nodes, 3, ts.size))
         columns(e)[held.mask] = left
-        out.append(compressed(scene, _pulled(responses, e)))
+        out.append(compressed(scene, pulled(responses, e)))
     return out
 
 
@@ -81,7 +94,7 @@ def _spun(responses: Responses, V: Array, rigid: Array) -> Array:
     return compressed(responses.scene, F)
 
 
-def _pulled(responses: Responses, e: Array) -> Array:
+def pulled(responses: Responses, e: Array) -> Array:
     """Forces -K e of cells on nodes. Collective.
 
     Args:

@@ -28,17 +28,19 @@ from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.samples import compressed, instants, interleaved
 from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions
+from rigidfx.step.system.division import Hold
 
 __all__ = ["of_springs", "patterns", "unit_loads"]
 
 
-def patterns(responses: Responses, state: State, until: float) -> Array:
+def patterns(responses: Responses, state: State, until: float, hold: Hold | None = None) -> Array:
     """Forces on nodes by all that acts from the present time on. Collective.
 
     Args:
         responses: Of the whole structure, about the state.
         state: The state.
         until: When the run ends [s].
+        hold: The supports in the part that bears them; none if None.
 
     Returns:
         Patterns of norm 1, the main ones of all effects first, shape (owned nodes, 3, k). Those
@@ -49,7 +51,7 @@ def patterns(responses: Responses, state: State, until: float) -> Array:
     """
     scene, span = responses.scene, (state.t, until)
     each = [compressed(scene, F) for F in _of_loads(responses, span)]
-    each += of_supports(responses, span)
+    each += of_supports(responses, span, hold)
     each += of_state(responses, state)
     return interleaved(responses, each)
 

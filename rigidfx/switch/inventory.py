@@ -12,24 +12,30 @@ from typing import Any
 import numpy as np
 
 from rigidfx.base.errors import SceneError, agree
-from rigidfx.base.types import Array, Indices
+from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.decide.decision import PlannedBody
 from rigidfx.effects import Reduced, Resultant, Rigid, Support, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body
+from rigidfx.mechanics.rigid_motions import free_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 from rigidfx.shapes.responses import Responses
 from rigidfx.state import State
-from rigidfx.step.system.division import Division
+from rigidfx.step.system.division import Division, Hold
 from rigidfx.step.system.supports import dofs_of, supports_of
 from rigidfx.switch.exchange import freeze
 from rigidfx.switch.faces import face_bodies
 
 __all__ = ["about_start", "check_clamps", "divide"]
 
-Shape = Callable[[Any, Body, bool], Body]  # of a `Reduced` part
+CHAIN = (
+    "{} has nodes held by the support on '{}'. A body on a support would be a kinematic chain: "
+    "leave a layer of flexible cells between them, or clamp all components (xyz) of at least three "
+    "of its nodes that are not in line, by one motion; it is then fixed, or follows that motion."
+)
+Shape = Callable[[Any, Body, Hold | None], Body]  # of a `Reduced` part
 
 
 def check_clamps(scene: Scene, timeline: Timeline) -> bool:
@@ -52,17 +58,21 @@ def check_clamps(scene: Scene, timeline: Timeline) -> bool:
     for effect in scene.named(Rigid) if scene.named(Support) else ():
         _, nodes = _cells_and_nodes(scene, effect)
         title = f"{effect.kind} '{effect.name}'"
-        first = _clamp(scene, supports_of(scene.acting(timeline.after(0.0))), effect, title, nodes)
+        known = title, nodes
+        held: list[Hold | None] = []
         for t in times:
             acting = scene.acting(timeline.after(t))
-            clamp = _clamp(scene, supports_of(acting), effect, title, nodes)
-            if effect.deforms and (clamp is None) != (first is None):
+            if effect.deforms:
+                held.append(_hold(scene, supports_of(acting), *known))
+                if held[-1] == held[0]:
+                    continue
                 raise SceneError(
                     f"{effect.owner}: at t = {t:g} s a support begins or ends on it, and shapes "
                     "are those of a part that is held always, or never. Let the support act all "
                     "the time, or leave a layer of flexible cells between the two."
                 )
-            found |= clamp is not None and not effect.deforms
+            clamp = _clamp(scene, supports_of(acting), *known)
+            found |= clamp is not None
             if clamp is not None and effect.given:
                 raise SceneError(
                     f"Rigid '{effect.name}': its mass or inertia is given, and at t = {t:g} s a "
@@ -95,8 +105,8 @@ def divide(
         state: Current state; named bodies that are in it already keep data and motion.
         active: Supports that act now.
         found: Further bodies. Those that hold named sets stand for these.
-        shape: Gives a body of a `Reduced` part its shapes, and is told whether a support holds its
-            frame; such parts are flexible if None, as in modes, but for `stiff` cells.
+        shape: Gives a body of a `Reduced` part its shapes, and is told which supports hold it, if
+            any do; such parts are flexible if None, as in modes, but for `stiff` cells.
 
     Raises:
         SceneError: If two bodies share a node, or a support holds a body other than by clamping
@@ -107,7 +117,7 @@ def divide(
     inside_found = {name for body in found for name in body.data.named}
     driven: dict[int, Indices] = {}
     clamped: dict[int, Indices] = {}
-    held: dict[str, int] = {}
+    held: dict[str, Hold] = {}
     taken = np.zeros(scene.owned_nodes, dtype=bool)
     known = {body.data.name: body for body in state.bodies}
     for number, effect in enumerate(_named(scene, shape is None), start=1):
@@ -118,10 +128,12 @@ def divide(
         _check_hinge(scene, name, bool(taken[nodes].any()))
         taken[nodes] = True
         rigid.append(cells)
-        support = _clamp(scene, active, effect, f"{effect.kind} '{name}'", nodes)
-        if support is not None and effect.deforms:
-            held[name] = support
-        if support is not None and not effect.deforms:
+        title, support, hold = f"{effect.kind} '{name}'", None, None
+        if not effect.deforms:
+            support = _clamp(scene, active, title, nodes)
+        elif (hold := _hold(scene, active, title, nodes)) is not None:
+            held[name] = hold
+        if support is not None:
             clamped[number] = cells
             driven[support] = np.union1d(driven.get(support, nodes), nodes).astype(np.int32)
         elif name in known and name not in inside_found:
@@ -130,7 +142,7 @@ def divide(
             what = PlannedBody(cells, nodes, name, number, (name,))
             body = _freeze_named(scene, forces, state, effect, what)
             if effect.deforms and shape is not None:
-                body = shape(effect, body, support is not None)
+                body = shape(effect, body, hold)
             bodies.append(body)
     bodies += found
     for body in found:
@@ -223,45 +235,72 @@ def _cells_and_nodes(scene: Scene, effect: Rigid) -> tuple[Indices, Indices]:
     return cells, nodes[nodes < scene.owned_nodes]
 
 
-def _clamp(
-    scene: Scene, active: tuple[Support, ...], effect: Rigid, name: str, nodes: Indices
-) -> int | None:
+def _clamp(scene: Scene, active: Sequence[Support], name: str, nodes: Indices) -> int | None:
     """Number of the support that clamps a body, None if nothing holds it. Collective."""
-    inside = np.zeros(3 * scene.owned_nodes, dtype=bool)
-    inside[(3 * nodes[:, None] + np.arange(3)).reshape(-1)] = True
-    holding: list[int] = []
-    for k, support in enumerate(active):
-        dofs = dofs_of(scene, support)
-        if scene.sum(np.count_nonzero(inside[dofs])) > 0:
-            holding.append(k)
+    holding = _holding(scene, active, name, nodes)
     if not holding:
         return None
-    first = active[holding[0]]
-    if effect.deforms and len(holding) > 1:
-        raise SceneError(
-            f"{name} is held by supports on '{first.where}' and '{active[holding[1]].where}', "
-            "whose reactions cannot be told apart. Give both sets one name, or leave a layer of "
-            "flexible cells at one of them."
-        )
-    dofs = np.unique(np.concatenate([dofs_of(scene, active[k]) for k in holding]))
-    counts = np.bincount(dofs[inside[dofs]] // 3, minlength=scene.owned_nodes)
-    X = scene.space.tabulate_dof_coordinates()[np.flatnonzero(counts == 3)]
-    partly = scene.sum(np.count_nonzero((counts > 0) & (counts < 3))) > 0
-    points = np.concatenate(scene.comm.allgather(X))
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) if len(points) else [0]
-    spans = len(points) >= 3 and spread[1] > 1e-9 * spread[0]
+    first = active[min(holding)]
+    dofs = np.unique(np.concatenate(list(holding.values())))
+    partly = scene.sum(np.count_nonzero(np.bincount(dofs // 3) % 3)) > 0
     same = all(active[k].same_motion(first) for k in holding)
-    if not first.keeps_rigid:
+    if partly or not same or not _holds(scene, dofs):
+        raise SceneError(CHAIN.format(name, first.where))
+    return min(holding)
+
+
+def _hold(scene: Scene, active: Sequence[Support], name: str, nodes: Indices) -> Hold | None:
+    """The supports in a part that deforms, None if nothing holds it. Collective.
+
+    The frame follows one that clamps nodes not in line, if there is any, one that does not turn if
+    it can. Otherwise it rests, and all supports together prevent its six rigid motions.
+    """
+    holding = _holding(scene, active, name, nodes)
+    if not holding:
+        return None
+    clamps = [
+        active[k] for k, own in holding.items() if len(active[k].axes) == 3 and _holds(scene, own)
+    ]
+    frame = next((s for s in clamps if s.uniform), clamps[0] if clamps else None)
+    guides = tuple(active[k] for k in holding if active[k] is not frame)
+    partial = next((s for s in guides if len(s.axes) < 3), None)
+    if frame is not None and not frame.uniform and partial is not None:
         raise SceneError(
-            f"{name} is clamped by {first.kind} on '{first.where}', which would strain it: "
-            "a part that a support takes along needs one that moves all its nodes alike, or a "
-            "PrescribedRotation from the start on."
+            f"{name} turns with the support on '{frame.where}', and that on '{partial.where}' "
+            f"holds {partial.components} alone. Let it hold xyz, or leave a layer of flexible "
+            "cells at one of them."
         )
-    if partly or not spans or not same:
-        raise SceneError(
-            f"{name} has nodes held by the support on '{first.where}'. A body on a "
-            "support would be a kinematic chain: leave a layer of flexible cells between them, or "
-            "clamp all components (xyz) of at least three of its nodes that are not in line, by "
-            "one motion; it is then fixed, or follows that motion."
-        )
-    return holding[0]
+    if frame is None and not _holds(scene, np.unique(np.concatenate(list(holding.values())))):
+        raise SceneError(CHAIN.format(name, guides[0].where))
+    return Hold(frame, guides)
+
+
+def _holding(scene: Scene, active: Sequence[Support], name: str, nodes: Indices) -> dict[int, Ints]:
+    """Owned dofs of some nodes that each support holds, by its number, if any. Collective.
+
+    Raises:
+        SceneError: If one of these supports strains what it moves.
+    """
+    inside = (3 * nodes[:, None].astype(np.int64) + np.arange(3)).reshape(-1)
+    holding = {}
+    for k, support in enumerate(active):
+        own = np.intersect1d(dofs_of(scene, support), inside)
+        if not scene.sum(own.size):
+            continue
+        holding[k] = own
+        if not support.keeps_rigid:
+            raise SceneError(
+                f"{name} is clamped by {support.kind} on '{support.where}', which would strain it: "
+                "a part that a support takes along needs one that moves all its nodes alike, or a "
+                "PrescribedRotation from the start on."
+            )
+    return holding
+
+
+def _holds(scene: Scene, dofs: Ints) -> bool:
+    """Whether owned dofs of all ranks prevent all rigid motions of their nodes. Collective."""
+    nodes, axes = np.divmod(dofs, 3)
+    x = scene.space.tabulate_dof_coordinates()[nodes]
+    sums = np.asarray(scene.sum(np.r_[x.sum(axis=0), len(x)]))
+    known = axes[:, None] == np.arange(3), scene.mean_cell_size, scene.comm
+    return not free_motions(x - sums[:3] / sums[3], *known).size

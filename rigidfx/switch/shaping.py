@@ -27,12 +27,15 @@ from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.mesh_order import mesh_order
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.faces import of_faces
+from rigidfx.shapes.motion import pulled
 from rigidfx.shapes.orthonormal import to_one
 from rigidfx.shapes.part import LACKING, MOST, Part, PartShapes
 from rigidfx.shapes.patterns import of_springs, patterns
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz, shapes_of
 from rigidfx.state import State
+from rigidfx.step.system.division import Hold
+from rigidfx.step.system.held_bodies import guided
 from rigidfx.switch.inventory import about_start
 from rigidfx.switch.spent import Spent, whole_modes
 
@@ -82,7 +85,7 @@ class Shaping:
         self.start: Array | None = None
         self.pressed = np.zeros(scene.owned_nodes, dtype=bool)
         self._responses: Responses | None = None
-        self._loads: Array | None = None  # patterns of forces from the start on
+        self._loads: dict[str, Array] = {}  # patterns of forces from the start on, of each part
         self._parts: dict[str, Part] = {}
         self._full: set[str] = set()  # parts that have been warned of
         self._spent = Spent(scene)
@@ -101,7 +104,7 @@ class Shaping:
             self._responses = about_start(*known)
         return self._responses
 
-    def shaped(self, state: State, effect: Reduced, body: Body, held: bool) -> Body:
+    def shaped(self, state: State, effect: Reduced, body: Body, hold: Hold | None) -> Body:
         """A body with its shapes, where it was rigid. Collective.
 
         The shapes take over what they can of the nodes' velocities. They have no momenta beside
@@ -111,16 +114,17 @@ class Shaping:
             state: Displacements and velocities, up to date at the body's nodes.
             effect: What names the part.
             body: The body, frozen just now.
-            held: Whether a support holds its frame, where the shapes are zero. It then moves as the
-                support does, which is for the step to say: see `HeldBodies.moving`.
+            hold: The supports in it, if any, where shapes are zero but those that follow guides.
+                It moves as these do, which is for the step to say: see `HeldBodies.moving`.
 
         Raises:
             SceneError: On every rank, if the part cannot have as many shapes, or buckles.
         """
         responses, count = self._bind(state), effect.shapes
-        if self._loads is None:
-            self._loads = patterns(responses, state, self._until)
-        part, loads = self._part(body.data), self._loads
+        name = body.data.name
+        if name not in self._loads:
+            self._loads[name] = patterns(responses, state, self._until, hold)
+        part, loads = self._part(body.data), self._loads[name]
         others = count, of_springs(responses), of_faces(responses), self._dt / RESOLVED
         found = shapes_of(part, responses, loads, *others)
         if count is not None and len(found.force) < count:
@@ -130,17 +134,50 @@ class Shaping:
                 f"{effect.owner}: shapes={count} are more than can be told apart in it, which are "
                 f"{len(found.force)}. Ask for fewer, or refine its mesh."
             )
+        held, guides = hold is not None, self._guides(body.data, hold)
         if held and not len(found.force):  # what contacts call for begins from a part that is held
             found = shapes_of(part, responses, self._with_spins(loads), *others)
         if not len(found.force):
             return body
+        given = guides.shape[2]
+        if given:
+            found = part.projected(np.concatenate([guides, found.modes], axis=2))
         m, nodes = len(found.force), int(self._scene.sum(body.data.nodes.size))
         memory = found.modes.itemsize * 3 * m * nodes / MEGA
         text = f"{effect.owner}: {m} shapes of {nodes} nodes, which take {memory:.1f} MB"
         tell(self._scene.comm, text)
         rates = self._rates(state, body, found, held)
         spun = part.spun(found.modes) if self._spins(body, found) else None
-        return self._with(body, found, rates, held=held, spun=spun)
+        return self._with(body, found, rates, held=held, spun=spun, given=given)
+
+    def _guides(self, data: RigidBody, hold: Hold | None) -> Array:
+        """Static responses of the whole to unit motions of guides, at a body's nodes. Collective.
+
+        Args:
+            data: The body.
+            hold: The supports in it, if any.
+
+        Returns:
+            Shape (nodes, 3, n).
+
+        Raises:
+            SceneError: On every rank, if a support holds a `Rigid` part in it beside another one.
+        """
+        if hold is None or not hold.guides:
+            return np.zeros((data.nodes.size, 3, 0))
+        responses, scene = self._responses, self._scene
+        assert responses is not None
+        stiffness = responses.stiffness
+        clamped = (stiffness.held & ~stiffness.prescribed.mask).reshape(-1, 3)[data.nodes]
+        if scene.sum(np.count_nonzero(clamped)):
+            raise SceneError(
+                f"Reduced '{data.name}': a support clamps a Rigid part in it, and another one "
+                "holds it, too. Take the Rigid away, or leave a layer of flexible cells."
+            )
+        offsets = stiffness.places - data.origin
+        each = [motions for _, motions, _ in guided(scene, hold, data, offsets)]
+        moved = np.concatenate(each, axis=2)
+        return (moved + responses.solve(pulled(responses, moved)))[data.nodes]
 
     def _spins(self, body: Body, part: PartShapes) -> bool:
         """Whether a body spins fast enough for its shapes to be stiffer by that. Collective."""
@@ -167,6 +204,7 @@ class Shaping:
         rates: Array | None = None,
         held: bool | None = None,
         spun: Array | None = None,
+        given: int | None = None,
     ) -> Body:
         """A body with other shapes, of which the first ones are those that it has. Collective.
 
@@ -176,10 +214,13 @@ class Shaping:
             rates: Their rates; those that it has, and zero for others, if None [m/s].
             held: Whether a support holds its frame; as before if None.
             spun: N of the shapes: see `Part.spun`; none if None.
+            given: Number of the first ones that follow supports; as before if None.
         """
         scene, data, motion, drift = self._scene, body.data, body.motion, None
         if held is None:
             held = data.shapes is not None and data.shapes.drift is not None
+        if given is None:
+            given = 0 if data.shapes is None else data.shapes.given
         fields = np.concatenate([data.offsets[:, None], part.modes.swapaxes(1, 2)], axis=1)
         images = self._images(data, fields)
         if held:
@@ -190,7 +231,7 @@ class Shaping:
         moments[0, 0] = 0.0  # it is that of the rigid body
         m, shapes = fields.shape[1] - 1, fields[:, 1:].copy()
         known = data.nodes, shapes, moments, part.stiffness, part.force
-        made = Shapes(*known, drift, spun)
+        made = Shapes(*known, drift, spun, given=given)
         kept = replace(NOTHING, strain=data.frozen.strain)
         q, rate = np.zeros((2, m))
         q[: motion.q.size], rate[: motion.q.size] = motion.q, motion.q_rate
@@ -298,13 +339,8 @@ class Shaping:
         if data.name not in self._growing:
             return body
         part = self._part(data)
-        old: Array = whole_modes(data).swapaxes(1, 2)
-        m = old.shape[2]
-        stiffness: Array = np.zeros((0, 0))
-        if data.shapes is not None:
-            stiffness = data.shapes.stiffness
-        known = PartShapes(old, stiffness, np.zeros(m))
-        basis, fits = part.begun(old), []
+        known = _free(data)
+        m, basis, fits = len(known.force), part.begun(known.modes), []
         for F, follow in zip(self._new_loads(body, nodes, ways), (True, False), strict=True):
             F = responses.balanced(F)
             room = max(MOST - len(basis), 0)
@@ -318,7 +354,7 @@ class Shaping:
         if len(basis) == m:
             return body
         new, _ = to_one(self._scene.comm, basis.vectors[:, :, m:])
-        every = np.concatenate([old, new], axis=2)
+        every = np.concatenate([whole_modes(data).swapaxes(1, 2), new], axis=2)
         spins = data.shapes is not None and data.shapes.spun is not None
         spun = part.spun(every) if spins else None
         return self._with(body, part.projected(every), spun=spun)
@@ -342,16 +378,13 @@ class Shaping:
         for body in state.bodies:
             if body.data.shapes is None:
                 continue
-            own, loads = body.data.shapes, self._loads
-            part = self._part(body.data)
-            known = PartShapes(whole_modes(body.data).swapaxes(1, 2), own.stiffness, own.force)
-            assert loads is not None
-            if count := part.unspanned(known, loads)[0].shape[2]:
+            own, loads = _free(body.data), self._loads[body.data.name]
+            if count := self._part(body.data).unspanned(own, loads)[0].shape[2]:
                 warn(
                     self._scene.comm,
-                    f"Reduced '{body.data.name}': shapes={len(own)} lack more than {LACKING:.0%} "
-                    f"of the response to {count} of {loads.shape[2]} patterns of loads. Ask for "
-                    "more, or leave shapes= out.",
+                    f"Reduced '{body.data.name}': shapes={len(own.force)} lack more than "
+                    f"{LACKING:.0%} of the response to {count} of {loads.shape[2]} patterns of "
+                    "loads. Ask for more, or leave shapes= out.",
                 )
 
     def lacking(self, bodies: Bodies, squares: Array, fields: Array) -> Array:
@@ -393,3 +426,12 @@ class Shaping:
                 item.destroy()
         self._parts.clear()
         self._responses = None
+
+
+def _free(data: RigidBody) -> PartShapes:
+    """The shapes of a body but those that follow supports."""
+    own = data.shapes
+    if own is None:
+        return PartShapes(np.zeros((data.nodes.size, 3, 0)), np.zeros((0, 0)), np.zeros(0))
+    modes, n = whole_modes(data).swapaxes(1, 2), own.given
+    return PartShapes(modes[:, :, n:], own.stiffness[n:, n:], own.force[n:])

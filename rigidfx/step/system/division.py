@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +12,20 @@ from rigidfx.effects import Support
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.mechanics.bodies import Bodies
 
-__all__ = ["Division"]
+__all__ = ["Division", "Hold"]
+
+
+@dataclass(frozen=True)
+class Hold:
+    """The supports in a part that deforms by shapes.
+
+    Attributes:
+        frame: The support that the part's frame follows; None if the frame rests.
+        guides: Others, whose motions in the frame are coordinates of shapes.
+    """
+
+    frame: Support | None
+    guides: tuple[Support, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -26,7 +39,7 @@ class Division:
             none.
         driven_nodes: Owned nodes that move with a support, by the support's number.
         clamped: Owned cells of each named part that moves with a support, by the part's number.
-        held: Number of the support that holds the frame of a body, by the body's name.
+        held: The supports in each body that deforms and is held, by the body's name.
     """
 
     flexible: Cells
@@ -34,12 +47,7 @@ class Division:
     driven_cells: Cells | None
     driven_nodes: Mapping[int, Indices]
     clamped: Mapping[int, Indices]
-    held: Mapping[str, int] = field(default_factory=dict)
-
-    def frames(self, active: Sequence[Support]) -> dict[int, Support]:
-        """The support of each body whose frame is held, by its place, of those that act."""
-        records = enumerate(self.bodies.of.records)
-        return {k: active[self.held[b.name]] for k, b in records if b.name in self.held}
+    held: Mapping[str, Hold] = field(default_factory=dict)
 
     @property
     def nodes_of_held(self) -> Indices:

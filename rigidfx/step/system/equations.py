@@ -165,16 +165,15 @@ class Equations:
         found, moments = supports.reactions(forces, x)
         return dict(found), dict(moments)
 
-    def add_frames(self, held: HeldBodies, places: Array, to: OfSupports) -> None:
-        """Add what supports exert on the frames of bodies.
+    def add_frames(self, held: HeldBodies, to: OfSupports) -> None:
+        """Add what supports exert on bodies that they hold.
 
         Args:
             held: These bodies.
-            places: Centres of all bodies, shape (bodies, 3) [m].
             to: Forces and moments of supports, added to.
         """
-        lengths = self.structure.bodies.of.length
-        for where, *both in held.reactions(self.equilibrium.body_rows, places, lengths):
+        increments: Any = self.prolongation.increments
+        for where, *both in held.reactions(increments, self.equilibrium.body_rows):
             for out, more in zip(to, both, strict=True):
                 out[where] = out.get(where, 0.0) + more
 

@@ -90,7 +90,7 @@ class StaticSystem(Equations):
         self.unknowns = self.prolongation.size
         self._newton = Newton(self.equilibrium, scene)
         self._searching: Newton | None = None
-        self._held = HeldBodies(scene, division.frames(self.prescribed.active), state.bodies)
+        self._held = HeldBodies(scene, division.held, state.bodies)
         self._last: tuple[Array, Array, float] | None = None  # increments and length of a step
         self._before: Array | None = None  # forces of supports there [N]
         self._rows = np.zeros_like(state.bodies.rates)  # those on the rows of bodies there [N]
@@ -236,7 +236,7 @@ class StaticSystem(Equations):
         if len(self._held):
             increments, own = self.prolongation.increments, self.equilibrium.body_rows
             work += increments.work_of_supports(0.5 * (self._rows + own))
-            self.add_frames(self._held, increments.end.r, of_supports)
+            self.add_frames(self._held, of_supports)
         return *of_supports, work
 
     def dissipated(self) -> dict[str, float]:

@@ -19,7 +19,6 @@ from rigidfx.effects import (
     JointReports,
     ResolvedForces,
     SpringDamperReport,
-    Support,
     Touch,
     Windowed,
 )
@@ -38,6 +37,7 @@ from rigidfx.step.newton.first_guess import predict
 from rigidfx.step.newton.newton import Newton
 from rigidfx.step.newton.solution import Solution
 from rigidfx.step.system.constraint_forces import HeldForces, JointForces, ReducedMass
+from rigidfx.step.system.division import Hold
 from rigidfx.step.system.equations import Equations
 from rigidfx.step.system.held_bodies import HeldBodies
 from rigidfx.step.system.resolved_forces import ResolvedConstraints
@@ -95,7 +95,7 @@ class System(Equations):
         dealing: Dealing,
         eased_stress: EasedStress,
         driven: Cells | None = None,
-        held: Mapping[str, int] | None = None,
+        held: Mapping[str, Hold] | None = None,
     ) -> None:
         """Bind everything to a division and to the effects that act. Collective.
 
@@ -110,7 +110,7 @@ class System(Equations):
             eased_stress: Form of the stresses that releases have let down.
             driven: Owned cells by subdomain id that move with a support: not flexible, all their
                 dofs prescribed, their mass counted.
-            held: Number of the support that holds the frame of a body, by the body's name.
+            held: The supports in each body that deforms and is held, by the body's name.
         """
         forces.select(acting)
         of_division = state, flexible, prescribed.mask, driven
@@ -126,14 +126,9 @@ class System(Equations):
         self.energies = Energies(scene, forces, self.mass, self.layout, self.actions, self.linkage)
         self._taken = forces.bind_taken(flexible, driven)
         self.newton = Newton(self.equilibrium, scene)
-        self.held = HeldBodies(scene, self._frames(held or {}), state.bodies)
+        self.held = HeldBodies(scene, held or {}, state.bodies)
         self._v0 = rows.vector()
         self._bind_constraints(state.bodies)
-
-    def _frames(self, held: Mapping[str, int]) -> dict[int, Support]:
-        """The support of each body whose frame is held, by its place among the bodies."""
-        records = enumerate(self.layout.bodies)
-        return {k: self._prescribed.active[held[b.name]] for k, b in records if b.name in held}
 
     def _bind_constraints(self, bodies: Bodies) -> None:
         """Bind what takes the alternating part out of forces of constraints. Collective."""
@@ -267,9 +262,8 @@ class System(Equations):
             dissipated[kind] = dissipated.get(kind, 0.0) + energy
         loads = dead + followed
         if len(self.held):
-            increments = self.increments
-            self.add_frames(self.held, state.bodies.r + 0.5 * increments.dr, of_supports)
-            supports += increments.work_of_supports(self.equilibrium.body_rows)
+            self.add_frames(self.held, of_supports)
+            supports += self.increments.work_of_supports(self.equilibrium.body_rows)
         supports += sum(touch.work for touch in touches.values())
         joints, springs = JointReports(), dict[str, SpringDamperReport]()
         if self.linkage is not None:

@@ -1,0 +1,117 @@
+"""Reduced parts that several supports hold, guide or drive, beside their flexible twins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from parallel import check_the_same, report
+from test_reduced import SOFT, balance, pushed, run
+
+import rigidfx as rf
+
+SIDE = rf.Traction("z1", (0, 20.0, 30.0), time=pushed)
+
+
+def bar(*effects, **how):
+    domain = rf.box((0, 0, 0), (1.0, 0.1, 0.1), (12, 2, 2))
+    domain = domain.with_cells("half", lambda x: x[0] < 0.5 + 1e-9)
+    probes = {"middle": (0.5, 0.05, 0.1), "quarter": (0.25, 0.05, 0.1)}
+    return rf.Scene(domain, SOFT, effects, probes=probes, element="enhanced", **how)
+
+
+def lift(t):
+    return (0, 0, 2e-3 * np.sin(40 * t) ** 2)
+
+
+def turned(where):
+    axis, through = (0, 0, 1), (0, 0.05, 0.05)
+    return rf.PrescribedRotation(where, axis=axis, angle=lambda t: 20 * t * t, through=through)
+
+
+LEFT = rf.Fixed("x0")
+DRIVEN = LEFT, rf.PrescribedMotion("x1", displacement=lift)
+PLANES = rf.Fixed("x0", "x"), rf.Fixed("y0", "y"), rf.Fixed("z0", "z")
+CASES = {
+    "both ends": ([SIDE, LEFT, rf.Fixed("x1")], {}),
+    "driven": (DRIVEN, {}),
+    "consistent": (DRIVEN, {"mass": "consistent"}),
+    "guided": ([SIDE, *(rf.PrescribedMotion(x, displacement=lift) for x in ("x0", "x1"))], {}),
+    "roller": ([SIDE, LEFT, rf.Fixed("x1", "z")], {}),
+    "planes": ([SIDE, *PLANES], {}, 12),
+    "turned": ([SIDE, turned("x0"), turned("x1")], {}),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_it_moves_as_its_flexible_twin(case):
+    effects, how, *shapes = CASES[case]
+    part = rf.Reduced(shapes=shapes[0] if shapes else None)
+    own, twin = (run(bar(*more, *effects, **how)) for more in ([part], []))
+    assert own[-1].unknowns < 0.1 * twin[-1].unknowns
+    places = [
+        np.array([np.r_[r.probes["middle"], r.probes["quarter"]] for r in reports])
+        for reports in (own, twin)
+    ]
+    assert np.abs(places[0] - places[1]).max() < 5e-3 * np.ptp(places[1], axis=0).max()
+    assert balance(own) < 1e-10
+
+
+PRESS = rf.Traction("z1", (100.0, 20.0, 300.0))
+SLED = rf.PrescribedMotion("y0", components="y", displacement=lambda t: (0, 0.03 * t, 0))
+STILL = {
+    "both ends": (PRESS, LEFT, rf.Fixed("x1")),
+    "driven": (LEFT, rf.PrescribedMotion("x1", displacement=lambda t: (0, 1e-5 * t, 2e-5 * t))),
+    "roller": (PRESS, LEFT, rf.Fixed("x1", "z")),
+    "sled": (PRESS, PLANES[0], SLED, PLANES[2]),
+}
+
+
+@pytest.mark.parametrize("part", [None, "half"])
+@pytest.mark.parametrize("case", STILL)
+def test_equilibria_have_the_twin_s_places_stresses_and_reactions(case, part):
+    own, twin = ([*rf.static(bar(*more, *STILL[case]), 1)][-1] for more in ([rf.Reduced(part)], []))
+    assert own.unknowns < 0.6 * twin.unknowns
+
+    def off(a, b):
+        return np.abs(np.subtract(a, b)).max() / np.abs(b).max()
+
+    assert off(own.probes["middle"], twin.probes["middle"]) < 1e-3
+    assert off(own.stresses["middle"].stress, twin.stresses["middle"].stress) < 5e-3
+    assert own.energy == pytest.approx(twin.energy, rel=1e-3)
+    for forces in ("reactions", "reaction_moments"):
+        found, expected = (
+            np.concatenate([value for _, value in sorted(getattr(r, forces).items())])
+            for r in (own, twin)
+        )
+        assert off(found, expected) < 5e-3
+
+
+def test_modes_are_those_of_the_flexible_twin():
+    pulse = rf.Traction("z1", (100.0, 20.0, 300.0), time=lambda t: float(0.3 < t < 0.301))
+    effects = pulse, LEFT, rf.Fixed("x1", "z")
+    own, twin = (rf.modes(bar(*more, *effects), 3) for more in ([rf.Reduced()], []))
+    np.testing.assert_allclose(own.frequencies[:3], twin.frequencies[:3], rtol=1e-3)
+
+
+def test_a_part_that_turns_is_not_held_in_some_directions():
+    with pytest.raises(rf.SceneError, match="turns with the support on 'x0', and that on 'x1'"):
+        run(bar(rf.Reduced(), turned("x0"), rf.Fixed("x1", "z")))
+
+
+def found():
+    raised = rf.PrescribedMotion("x1", components="z", displacement=lift)
+    parts = [rf.Reduced("half"), LEFT, rf.Fixed("y0", "y"), raised], [rf.Reduced(), *DRIVEN]
+    return [run(bar(SIDE, *effects))[-1].probes["middle"].tolist() for effects in parts]
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("ranks", [3])
+def test_it_is_the_same_on_several_ranks(ranks):
+    check_the_same(__file__, ranks, found())
+
+
+if __name__ == "__main__":
+    known = found()
+    if MPI.COMM_WORLD.rank == 0:
+        report(known)
