@@ -16,7 +16,7 @@ import refusals
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.decide.criteria.error_rule import ErrorRule
+from rigidfx.decide.criteria.criterion import ErrorRule
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.tolerances import Tolerances
 from rigidfx.effects.action import Action

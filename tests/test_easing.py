@@ -17,8 +17,7 @@ import rigidfx as rf
 from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.errors import SceneError
 from rigidfx.decide.decision import Decision, PlannedBody
-from rigidfx.decide.easing import STEEPEST, Easing
-from rigidfx.decide.reasons import CHECKED
+from rigidfx.decide.policy import CHECKED, STEEPEST, Easing
 from rigidfx.mechanics.eased import Eased
 from rigidfx.preparation import prepare
 from rigidfx.scene.timeline import Timeline

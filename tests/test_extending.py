@@ -13,7 +13,7 @@ from histories import column, drift, show
 from scipy.spatial import cKDTree
 
 import rigidfx as rf
-from rigidfx.decide.criteria.error_rule import ErrorRule
+from rigidfx.decide.criteria.criterion import ErrorRule
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.tolerances import Tolerances
 from rigidfx.effects.action import Action

@@ -14,11 +14,11 @@ from error_on_ranks import DT, scene
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.decide.reasons import CHECKED, FAILED
+from rigidfx.decide.policy import CHECKED, FAILED
 from rigidfx.error import equations
 from rigidfx.error.cell_strains import CellStrains
 from rigidfx.error.ending import Ending
-from rigidfx.error.forces.withheld import Withheld
+from rigidfx.error.forces.body_forces import Withheld
 from rigidfx.error.impulse import Impulse
 from rigidfx.error.linear_motion import LinearMotion
 from rigidfx.error.response import AllUnknowns

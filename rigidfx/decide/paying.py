@@ -1,26 +1,64 @@
 """Which quiet parts freeze if the error motion is known: those that pay for their switches.
 
-The error motion corrects the effect of a freeze, so only its cost decides (`memory.work`). Enclosed
-cells freeze with a part unless they strain too fast (`enclosed`).
+The error motion corrects the effect of a freeze, so only its cost decides: flexible steps that a
+switch costs, and those that a part has been quiet for. Enclosed cells freeze with a part unless
+they strain too fast.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from mpi4py import MPI
 
-from rigidfx.base.types import Array, Bools
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.decide.clusters import CellGraph
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision
-from rigidfx.decide.enclosed import round_enclosed
 from rigidfx.decide.memory.memory import Memory
-from rigidfx.decide.memory.work import too_dear
 
-__all__ = ["Paying"]
+__all__ = ["SWITCHES", "Paying", "round_enclosed", "too_dear"]
+
+SWITCHES = 7.0  # flexible steps that a freeze and a release of a body take
+
+
+def too_dear(parts: Sequence[Indices], quiet: Array, flexible: Bools, comm: MPI.Intracomm) -> Bools:
+    """Owned cells of parts whose work while quiet is below the cost of switches. Collective.
+
+    Args:
+        parts: Owned flexible cells that are to freeze, of each body that is to be.
+        quiet: Steps in a row in which each owned cell has been quiet.
+        flexible: Cells that are flexible now.
+        comm: Ranks that share the cells.
+    """
+    out = np.zeros(quiet.size, dtype=bool)
+    sums = np.array([flexible.sum(), *(quiet[own].sum() for own in parts)])
+    comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+    for own, wasted in zip(parts, sums[1:], strict=True):
+        out[own] = wasted < SWITCHES * sums[0]
+    return out
+
+
+def round_enclosed(
+    graph: CellGraph, parts: Sequence[Indices], able: Bools, loud: Array, most: float
+) -> Bools:
+    """Enclosed cells that strain too fast, with the cells round them. Collective.
+
+    Such a cell would wake soon after the freeze. So it stays flexible, with a ring of cells.
+
+    Args:
+        graph: Neighbours of the cells.
+        parts: Owned flexible cells that are to freeze, of each body that is to be.
+        able: Owned cells that may freeze; others are in parts because these enclose them.
+        loud: Strain rate of each owned cell over its tolerance.
+        most: Permitted strain of an enclosed cell, over its tolerance.
+    """
+    inside = np.zeros(loud.size)
+    for own in parts:
+        inside[own] = (~able & (loud > most))[own]
+    return graph.touching(graph.largest_at_nodes(inside) > 0)
 
 
 class Paying:

@@ -10,8 +10,9 @@ damping or of the output release nothing. A policy changes nothing but its own m
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from math import ceil, isfinite, pi
 from typing import ClassVar
 
 import numpy as np
@@ -25,7 +26,6 @@ from rigidfx.decide.clusters import NONE, CellGraph
 from rigidfx.decide.criteria.judging import CHANGE, Criterion, judged_cells, part_of_window
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision, qualify
-from rigidfx.decide.easing import Easing
 from rigidfx.decide.memory.back_off import BackOff
 from rigidfx.decide.memory.contact_changes import ContactChanges
 from rigidfx.decide.memory.load_changes import LoadChanges
@@ -35,7 +35,6 @@ from rigidfx.decide.memory.window import Window
 from rigidfx.decide.named_parts import NamedParts
 from rigidfx.decide.paying import Paying
 from rigidfx.decide.planner import Planner
-from rigidfx.decide.reasons import ASKED, CHECKED, FAILED, OUTGROWN
 from rigidfx.decide.releases import PLANNED, Releases
 from rigidfx.effects import Contact, Touch
 from rigidfx.error.strained import Strained
@@ -45,7 +44,41 @@ from rigidfx.scene.linked import linked, met
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
-__all__ = ["Policy"]
+__all__ = ["CHECKED", "FAILED", "STEEPEST", "Easing", "Policy"]
+
+CHECKED = "checked: forces would strain them"  # the step is solved again
+ASKED = "checked: a condition"
+FAILED = "the error motion failed"
+OUTGROWN = "forces strain them otherwise than their shapes can"
+# A stress that fades as ½ (1 + cos πt/T) lets cells strain by ε at a rate of up to π/2 ε/T.
+STEEPEST = pi / 2
+# What cells would spring by is known to less than this part of it.
+KNOWN = 1e-3
+
+
+@dataclass(frozen=True)
+class Easing:
+    """Chooses the time T in which a stress fades, so slowly that it wakes no cells.
+
+    Attributes:
+        part: Least T as a part of a window; with zero no stress is kept.
+    """
+
+    part: float
+
+    def span(self, window: float, dt: float, spring: float) -> float:
+        """T [s]; zero if no stress is kept.
+
+        Args:
+            window: Length of a window [s].
+            dt: Length of the step [s].
+            spring: Strain rate of a sudden release in this step, over the rate that wakes cells.
+        """
+        if not self.part > 0 or not isfinite(window):
+            return 0.0
+        # In whole steps, so that what it is known by makes no difference.
+        steps = ceil(STEEPEST * spring * (1 - KNOWN))
+        return min(window, max(self.part * window, steps * dt))
 
 
 class Policy:

@@ -26,6 +26,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.sparse import csr_array
 
 from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.base.types import Array, Bools, Indices
@@ -41,7 +42,6 @@ from rigidfx.error.impulse import Impulse
 from rigidfx.error.linear_motion import step_kind
 from rigidfx.error.response import Response
 from rigidfx.error.shown import Shown
-from rigidfx.error.sums import of_point
 from rigidfx.error.validity import Validity
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.scene.points import Point
@@ -57,6 +57,22 @@ LOOKS = 4  # steps from look to look: at the size of e, and at cells that it har
 
 # Kicks, response and contacts, and how many steps there were, before an attempt.
 _Before = tuple[Array, object, object, int]
+
+
+def of_point(point: Point, nodes: int) -> csr_array:
+    """The displacement of a point, by weights of this rank's dofs.
+
+    Args:
+        point: Weighted nodes.
+        nodes: Number of owned nodes.
+
+    Returns:
+        Shape (3, 3 · nodes).
+    """
+    dofs = 3 * point.nodes[:, None] + np.arange(3)
+    axes = np.broadcast_to(np.arange(3), dofs.shape)
+    weights = np.repeat(point.weights, 3)
+    return csr_array((weights, (axes.ravel(), dofs.ravel())), shape=(3, 3 * nodes))
 
 
 class ErrorMotion(Watch):

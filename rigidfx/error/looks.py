@@ -1,4 +1,8 @@
-"""Advances the error motion before a step is accepted, and finds the cells that wake."""
+"""Advances the error motion before a step is accepted, and finds the cells that wake.
+
+Strain rates of u + e in flexible cells are measured with it. Strains of e are measured in one of
+four steps while they are small.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +10,13 @@ from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
+from dolfinx import fem
 from mpi4py import MPI
 
-from rigidfx.base.remembered import CELLS, ON_CELLS, PART, Remembered, same
+from rigidfx.base.remembered import CELLS, FIELD, ON_CELLS, ON_NODES, PART, Remembered, same
 from rigidfx.base.types import Array, Indices
-from rigidfx.error.error_motion import ErrorMotion
+from rigidfx.error.error_motion import LOOKS, ErrorMotion
 from rigidfx.error.forces.body_forces import BodyForces
-from rigidfx.error.pace import Pace
-from rigidfx.error.shared_strains import SharedStrains
 from rigidfx.error.strained import Limits, Strained, part_of
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import Cells
@@ -21,6 +24,107 @@ from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt, Watch
 
 __all__ = ["Looks"]
+
+CALM = 0.5  # part of the rate that wakes cells, below which a look in several steps is enough
+ALARM = 2.0  # times the largest recent change of ρ in a step: a force that is new is looked at
+RECENT = 8  # steps whose changes count
+
+
+class Pace:
+    """Says whether bodies are far from waking.
+
+    Attributes:
+        ratio: Largest strain rate of e in rigid cells at the last look, over the rate that wakes.
+    """
+
+    remembered: ClassVar[Remembered] = same("_alarmed", "_waited", "ratio", "_bodies", "_changes")
+    remembered |= {"_last": ON_NODES}
+
+    def __init__(self, forces: BodyForces, nodes: int) -> None:
+        """Nothing has been looked at.
+
+        Args:
+            forces: Knows ρ.
+            nodes: How many nodes this rank owns.
+        """
+        self._forces, self._nodes = forces, nodes
+        self._last: Array | None = None  # ρ of the step before, at these nodes [N] ...
+        self._bodies: tuple[int, ...] = ()  # ... and the numbers of its bodies
+        self._changes: tuple[float, ...] = ()
+        self._alarmed, self._waited = True, 0
+        self.ratio = 1.0
+
+    @property
+    def calm(self) -> bool:
+        """Whether e strains rigid cells little, and no force is new."""
+        return self.ratio <= CALM and not self._alarmed
+
+    def follow(self) -> None:
+        """Compare ρ of an attempt with that of the step before. Collective."""
+        before, of = self._last, self._bodies
+        self._last, self._bodies, self._alarmed = None, (), True
+        if self._forces.borne is not None:
+            parts, force = self._forces.borne
+            self._bodies = tuple(body.number for body in parts.bodies)
+            self._last = np.zeros((self._nodes, 3))
+            self._last[parts.rows.nodes] = force
+        if self._last is None or before is None or of != self._bodies:
+            self._changes = ()
+            return
+        change = parts.size(force - before[parts.rows.nodes])
+        self._alarmed = not self._changes or change > ALARM * max(self._changes)
+        self._changes = (*self._changes, change)[-RECENT:]
+
+    @property
+    def looked(self) -> bool:
+        """Whether the last step had a look."""
+        return self._waited == 0
+
+    def due(self) -> bool:
+        """Whether a look is due at this step of e."""
+        self._waited = 0 if not self.calm or self._waited + 1 >= LOOKS else self._waited + 1
+        return self._waited == 0
+
+
+class SharedStrains:
+    """Measures them from step to step."""
+
+    remembered: ClassVar[Remembered] = same("_known") | {"_end": FIELD}
+
+    def __init__(self, space: fem.FunctionSpace, indicator: Indicator) -> None:
+        """Measure nothing yet.
+
+        Args:
+            space: Space of the displacements.
+            indicator: A measure of its own.
+        """
+        self._start, self._end = fem.Function(space), fem.Function(space)
+        self._indicator, self._known = indicator, False
+
+    def bind(self, cells: Cells) -> None:
+        """Measure these owned cells from now on, by subdomain id."""
+        self._indicator.bind(cells, (self._start, self._end))
+
+    def step(self, moved: Array | None, dt: float) -> Array | None:
+        """Strain rates of a step that ends with given displacements. Collective.
+
+        Args:
+            moved: u + e at the owned nodes, shape (nodes, 3) [m]; None if e is not known.
+            dt: Length of the step [s].
+
+        Returns:
+            Of each owned cell, zero in rigid ones [1/s]; None where the start is not known.
+        """
+        known, self._known = self._known, moved is not None
+        if moved is None:
+            return None
+        self._start.x.array[:] = self._end.x.array
+        self._end.x.array[: moved.size] = moved.reshape(-1)
+        self._end.x.scatter_forward()
+        if not known:
+            return None
+        self._indicator.measure(dt)
+        return self._indicator.values.copy()
 
 
 class Looks(Watch):

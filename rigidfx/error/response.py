@@ -88,7 +88,7 @@ class Response(Protocol):
         """This rank's part of some sums of e and of ė, shape (sums, 3) each.
 
         Args:
-            sums: Weights of the owned dofs, shape (3, dofs) each: see `rigidfx.error.sums`.
+            sums: Weights of the owned dofs, shape (3, dofs) each: see `rigidfx.error.error_motion`.
         """
         ...
 

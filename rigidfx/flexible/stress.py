@@ -27,19 +27,22 @@ damping, and it is not the mean over a step by which the energy-momentum method 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import basix
 import numpy as np
 import ufl
 from dolfinx import fem
+from ufl.algorithms.analysis import extract_coefficients
 
+from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.errors import SceneError
 from rigidfx.base.form_cache import compile_expression
 from rigidfx.base.types import Array, Bools, Indices
-from rigidfx.flexible.enhancements import Enhancements
+from rigidfx.flexible.elimination import library_of
 from rigidfx.flexible.kernels import jit_options
 from rigidfx.flexible.material_classes import material_classes
+from rigidfx.mechanics.enhancement import Enhancement
 from rigidfx.mechanics.rotation import nearest_rotations
 from rigidfx.mechanics.schemes import second_piola_kirchhoff
 from rigidfx.scene.scene import Scene
@@ -54,10 +57,45 @@ __all__ = [
     "von_mises",
 ]
 
-
 SYMMETRIC = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))  # components that are computed
 PLACES = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where each of all nine is among them
 AT_ONCE = 1 << 14  # cells, so that what is in between does not take more memory than the result
+
+
+class Enhancements:
+    """The enhancement of a displacement as a function that expressions can read."""
+
+    def __init__(self, u: fem.Function) -> None:
+        """Keep the displacement."""
+        self._u = u
+        self._eta: fem.Function | None = None
+
+    def readable(self, expression: Any) -> Any:
+        """The expression with a function in the place of the enhancement. Collective."""
+        of = [w for w in extract_coefficients(expression) if isinstance(w, Enhancement)]
+        if not of:
+            return expression
+        if self._eta is None:
+            self._law = of[0].law
+            self._eta = fem.Function(self._law.function_space)
+            options = jit_options()["cffi_extra_compile_args"]
+            self._library, _ = library_of(self._law.function_space.mesh.comm, options)
+        return ufl.replace(expression, {of[0]: self._eta})
+
+    def update(self, cells: Indices) -> None:
+        """Compute it for some local cells; nothing if no expression reads it."""
+        if self._eta is None or not cells.size:
+            return
+        mesh, V = self._u.function_space.mesh, self._u.function_space
+        dofs = self._law.function_space.dofmap.list[cells]
+        x = mesh.geometry.x[cell_geometry_dofs(mesh)[cells]]
+        u = self._u.x.array.reshape(-1, 3)[V.dofmap.list[cells]]
+        law = self._law.x.array.reshape(-1, 6)[dofs[:, 0], :3]
+        eta = np.empty((cells.size, dofs.shape[1], 6))
+        ffi = self._library.ffi
+        given = (ffi.from_buffer("double[]", np.ascontiguousarray(a)) for a in (x, u, law))
+        self._library.lib.enhancements(cells.size, *given, ffi.from_buffer("double[]", eta))
+        self._eta.x.array.reshape(-1, 6)[dofs] = eta
 
 
 class Added(NamedTuple):

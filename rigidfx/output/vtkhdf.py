@@ -11,7 +11,10 @@ The format: https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import signal
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from io import DEFAULT_BUFFER_SIZE
 from pathlib import Path
@@ -22,7 +25,6 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.interrupts import uninterrupted
 from rigidfx.flexible.stress import SYMMETRIC
 from rigidfx.output.changed import ChangedFile
 from rigidfx.output.paraview import Body, Cloud
@@ -34,6 +36,23 @@ Array = npt.NDArray[Any]
 
 DOUBLE = ("displacement", "error_motion")  # small strains are differences of large displacements
 ROWS = 64  # times in a chunk of their table, and for which datasets are made longer at once
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Delay a SIGINT to the end. Other threads get none in any case."""
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or before is None:
+        yield
+        return
+    heard: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, frame: heard.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if heard:
+            signal.raise_signal(signal.SIGINT)
 
 
 def hdf(owner: str) -> Any:

@@ -110,7 +110,7 @@ ADVICE = {
         "here, a mean over a step) does not. With Δt ≤ {dt:.2g} s the peak is found to a few per "
         "cent; a smaller `stiffness` makes blows longer.",
     ),
-    "a blow on a `Stop` or a cable in the only step": Row(
+    "a blow on a `Stop`": Row(
         "the same, of a run",
         RESOLVED,
         "joints.md",

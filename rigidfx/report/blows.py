@@ -276,7 +276,7 @@ class BriefStops(Adviser):
         how = "went taut" if title in self._cables else "was struck"
         found = {"title": title, "how": how, "peak": blow.peak}
         if alone:
-            self.advise("a blow on a `Stop` or a cable in the only step", **found)
+            self.advise("a blow on a `Stop`", **found)
         else:
             dt = rounded_down(short / RESOLVED)
             self.advise("a blow on a `Stop` or a cable", t=blow.since, short=short, dt=dt, **found)

@@ -21,34 +21,133 @@ closed: otherwise a freeze would give their two sides different velocities.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Set
+from collections.abc import Callable, Sequence, Set
 from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from rigidfx.base.types import Array, Bools
-from rigidfx.coupling.dof_layout import nodes_of
+from rigidfx.coupling.dof_layout import nodes_of, split
+from rigidfx.coupling.mass import mass_operator
+from rigidfx.coupling.rows import Rows
 from rigidfx.decide.decision import PlannedBody
 from rigidfx.effects import Motor
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.rigid_body import Body, Frozen
+from rigidfx.mechanics.rigid_body import Body, Frozen, RigidBody
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.system.division import Division
 from rigidfx.switch.exchange import Works, faces_within, freeze
 from rigidfx.switch.faces import with_faces
-from rigidfx.switch.present_velocities import Present
 from rigidfx.switch.projected_velocities import Field, RigidFields
-from rigidfx.switch.whole_mass import WholeMass
 
 __all__ = ["ConsistentExchange"]
-
 
 NEGLIGIBLE = 1e-15  # of the largest: difference velocities that need not be kept
 CONTINUOUS = 1e-13  # of the largest: difference of velocities at an interface that is only rounding
 ROUNDING = 1e-13  # of the energy: what is too little to find the scale of a field by
+
+
+class Present:
+    """The velocities as they are, two of them where bodies meet flexible cells.
+
+    Attributes:
+        mass: M of all cells but those in bodies whose mass is given.
+        nodal: Velocity of all owned dofs, the bodies' at their nodes [m/s].
+        difference: At each owned node of an interface, the flexible cells' velocity less the
+            body's; zero elsewhere, shape (nodes, 3) [m/s].
+        bodies: Velocity of the centre and ℓω of each body, shape (bodies, 6) [m/s].
+        momenta: Momenta at all owned dofs, but those of masses that are given [kg m/s].
+        energy: Kinetic energy [J].
+    """
+
+    def __init__(self, scene: Scene, forces: InternalForces, state: State, mass: PETSc.Mat) -> None:
+        """Add up momenta and energy. Collective.
+
+        Args:
+            scene: The problem.
+            forces: Internal forces.
+            state: Velocities, and bodies.
+            mass: See the attribute.
+        """
+        self.mass = mass
+        self.nodal: Array = state.v.x.array[: 3 * scene.owned_nodes].copy()
+        outside = self.nodal.copy()
+        for moving in state.bodies:
+            self.nodal.reshape(-1, 3)[moving.data.nodes] = moving.velocities
+        every = np.arange(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
+        inside = np.concatenate([every[:0], *(b.cells for b in state.bodies.of.records)])
+        flexible = np.setdiff1d(every, inside)
+        # With lumped masses nodes have one velocity each, those of bodies that of their body.
+        touched = nodes_of(scene, {0: flexible})[: scene.owned_nodes] & (scene.mass != "lumped")
+        self.difference = np.where(touched[:, None], (outside - self.nodal).reshape(-1, 3), 0.0)
+        self.bodies = state.bodies.rates
+        v, p = mass.createVecRight(), mass.createVecLeft()
+        v.array[:] = self.nodal
+        mass.mult(v, p)
+        self.momenta: Array = p.array_r.copy()
+        energy = float(self.nodal @ self.momenta)
+        # The flexible cells at interfaces have other velocities there.
+        differing = np.flatnonzero(self.difference.any(axis=1))
+        if scene.sum(differing.size) > 0:
+            own = np.ones(scene.owned_nodes, dtype=bool)
+            for body in state.bodies.of.records:
+                own[body.nodes] = False  # a point mass moves with the body that holds its node
+            rows = Rows(scene.space, np.arange(scene.owned_nodes, dtype=np.int32))
+            near = split(scene, forces.cells(flexible), differing)[1]
+            theirs = mass_operator(scene, rows, near, own)
+            v.array[:] = self.difference.reshape(-1)
+            theirs.mult(v, p)
+            theirs.destroy()
+            self.momenta += p.array_r
+            energy += float((2 * self.nodal + self.difference.reshape(-1)) @ p.array_r)
+        blocks = state.bodies.given_mass_blocks
+        given = np.einsum("ki,kij,kj->", self.bodies, blocks, self.bodies)
+        self.energy = 0.5 * float(scene.sum(energy) + given)
+        v.destroy()
+        p.destroy()
+
+
+class WholeMass:
+    """Assembles M once for the same bodies of given mass: masses do not change with the motion."""
+
+    def __init__(self, scene: Scene, forces: InternalForces) -> None:
+        """Nothing is assembled.
+
+        Args:
+            scene: The problem.
+            forces: Internal forces.
+        """
+        self._scene, self._forces = scene, forces
+        self._without: set[int] | None = None  # numbers of the bodies whose mass is given
+        self._matrix: PETSc.Mat | None = None
+
+    def matrix(self, bodies: Sequence[RigidBody]) -> PETSc.Mat:
+        """M, one row per owned dof, which stays this object's own. Collective.
+
+        Args:
+            bodies: All bodies.
+        """
+        scene, given = self._scene, [body for body in bodies if body.given]
+        without = {body.number for body in given}
+        if self._matrix is not None and without == self._without:
+            return self._matrix
+        if self._matrix is not None:
+            self._matrix.destroy()
+        every = np.arange(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
+        theirs = np.concatenate([every[:0], *(body.cells for body in given)])
+        counted = np.ones(scene.owned_nodes, dtype=bool)
+        for body in given:
+            counted[body.nodes] = False
+        rows = Rows(scene.space, np.arange(scene.owned_nodes, dtype=np.int32))
+        cells = self._forces.cells(np.setdiff1d(every, theirs))
+        operator = mass_operator(scene, rows, cells, counted)
+        self._matrix, self._without = operator.matrix(), without
+        operator.destroy()
+        return self._matrix
 
 
 class ConsistentExchange:

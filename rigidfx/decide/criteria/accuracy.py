@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import ceil, floor, log1p, log10
 from typing import Any
 
@@ -14,14 +15,14 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import positive, shown, whole
 from rigidfx.base.log import tell
 from rigidfx.base.taken import take_fields
+from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.decide.criteria.budget_rule import BudgetRule
 from rigidfx.decide.criteria.judging import CHANGE, Criterion, judged_cells, never_rigid
 from rigidfx.decide.criteria.rule import Rule
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.effects import NumericalDamping, Rigid
-from rigidfx.report.beside import beside
-from rigidfx.report.ledger import Ledger, Rigidity
+from rigidfx.report.ledger import Entry, Ledger, Rigidity
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl, check_probes, fraction, probe_names
@@ -38,6 +39,51 @@ WORTH = 600
 # Unknowns of a structure, from which it is looked at: with half of fewer rigid a step would lose 1
 # of its 4 ms, and looking takes 0.6 ms.
 WATCHED = 1500
+KNOWN = 8  # steps of the finer run that are remembered
+AHEAD = 2  # of them past the time that is asked, as slopes are taken from neighbours
+
+
+def beside(
+    reports: Iterator[Report], finer: Iterator[Report], names: Sequence[str], budget: float
+) -> Iterator[Report]:
+    """Reports with the largest distance of probes from where they are in a finer run. Collective.
+
+    The finer run goes along, and ends with them.
+
+    Args:
+        reports: Of a run with ledgers.
+        finer: Of the other run.
+        names: Which probes count.
+        budget: Their permitted distance, over the largest displacement.
+    """
+    known: deque[tuple[float, Array]] = deque(maxlen=KNOWN)
+    worst = 0.0
+    try:
+        for report in reports:
+            while sum(t >= report.t for t, _ in known) < AHEAD:
+                other = next(finer, None)
+                if other is None:
+                    break
+                known.append((other.t, np.array([other.probes[name] for name in names])))
+            now = np.array([report.probes[name] for name in names])
+            worst = max(worst, float(np.linalg.norm(now - _at(report.t, known), axis=1).max()))
+            assert report.ledger is not None
+            scale = report.ledger.time.scale
+            measured = Entry(worst, scale, budget * scale, "m")
+            yield replace(report, ledger=replace(report.ledger, measured=measured))
+    finally:
+        for run in (reports, finer):
+            run.close()  # type: ignore[attr-defined]
+
+
+def _at(t: float, known: deque[tuple[float, Array]]) -> Array:
+    """Displacements at t [s], by a cubic of the steps around."""
+    times, u = np.array([s for s, _ in known]), np.array([place for _, place in known])
+    if len(times) < 3:
+        return np.asarray(u[int(np.argmin(np.abs(times - t)))])
+    from scipy.interpolate import CubicHermiteSpline  # takes 0.1 s to import
+
+    return np.asarray(CubicHermiteSpline(times, u, np.gradient(u, times, axis=0))(t))
 
 
 @dataclass(frozen=True)
