@@ -156,14 +156,14 @@ class Record(Kind):
         return self._inner.get(name, SAME)
 
     def part(self, value: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
+        """Numbers of its nodes, values over them, and other fields as their kinds gather them."""
         numbers = order.nodes[getattr(value, self._nodes)]
         others = [n for n in self._names if n != self._nodes and n not in self._over]
         out = {name: self._kind(name).part(getattr(value, name), order) for name in others}
         return out | {self._nodes: numbers} | {n: getattr(value, n) for n in self._over}
 
     def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """See `Kind`."""
+        """Its fields over the nodes of all ranks, each of them once."""
         out = {}
         numbers, first = np.unique(
             np.concatenate([part[self._nodes] for part in parts]), return_index=True
@@ -179,7 +179,7 @@ class Record(Kind):
         return out
 
     def own(self, whole: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
+        """The record of the nodes that this rank knows."""
         local = order.nodes if self._ghosts else order.nodes[: order.owned]
         place = np.full(order.every_node, -1)
         place[whole[self._nodes]] = np.arange(whole[self._nodes].size)
@@ -203,16 +203,16 @@ class Each(Kind):
         self._kind = kind
 
     def part(self, value: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
+        """The gathered form of each value."""
         return [self._kind.part(one, order) for one in value]
 
     def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """See `Kind`."""
+        """One value of the parts of each."""
         both = zip(value, zip(*parts, strict=True), strict=True)
         return [self._kind.whole(one, each, orders) for one, each in both]
 
     def own(self, whole: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
+        """A rank's values, as a tuple."""
         return tuple(self._kind.own(one, order) for one in whole)
 
 
@@ -224,15 +224,15 @@ class Maybe(Kind):
         self._kind = kind
 
     def part(self, value: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
+        """The gathered form of the value, if there is one."""
         return None if value is None else self._kind.part(value, order)
 
     def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """See `Kind`."""
+        """One value of the parts, if there is one."""
         return None if value is None else self._kind.whole(value, parts, orders)
 
     def own(self, whole: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
+        """A rank's value, if there is one."""
         return None if whole is None else self._kind.own(whole, order)
 
 
@@ -244,16 +244,16 @@ class Items(Kind):
         self._kinds = kinds
 
     def part(self, value: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
+        """The gathered form of each value by its kind."""
         return [kind.part(one, order) for kind, one in zip(self._kinds, value, strict=True)]
 
     def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """See `Kind`."""
+        """One value of the parts of each, by its kind."""
         three = zip(self._kinds, value, zip(*parts, strict=True), strict=True)
         return [kind.whole(one, each, orders) for kind, one, each in three]
 
     def own(self, whole: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
+        """A rank's values by their kinds, as a tuple."""
         return tuple(kind.own(one, order) for kind, one in zip(self._kinds, whole, strict=True))
 
 

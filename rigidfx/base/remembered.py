@@ -62,16 +62,16 @@ class ByObject(Kind):
     """Values that are the same on all ranks, by the identity of effects or obstacles."""
 
     def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """See `Kind`."""
+        """Rank 0's mapping, by numbers of the objects."""
         numbers = orders[0].numbers()
         return {numbers[key]: one for key, one in value.items()}
 
     def own(self, whole: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
+        """The mapping by the identities of this rank's objects."""
         return {id(order.named[k]): one for k, one in whole.items()}
 
     def set(self, owner: Any, name: str, whole: Any, order: MeshOrder) -> None:
-        """See `Kind`."""
+        """Fill the mapping, which others may hold."""
         mapping = getattr(owner, name)  # others may hold it
         mapping.clear()
         mapping.update(self.own(whole, order))
@@ -81,20 +81,20 @@ class Part(Kind):
     """An object, or a sequence of objects, with `remembered` of their own."""
 
     def part(self, value: Any, order: MeshOrder) -> Any:
-        """See `Kind`."""
+        """What the object, or each of them, remembers."""
         if isinstance(value, (list, tuple)):
             return [part_of(one, order) for one in value]
         return part_of(value, order)
 
     def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """See `Kind`."""
+        """The memory of the object, or of each, joined over the ranks."""
         if isinstance(value, (list, tuple)):
             both = zip(value, zip(*parts, strict=True), strict=True)
             return [joined(one, each, orders) for one, each in both]
         return joined(value, parts, orders)
 
     def set(self, owner: Any, name: str, whole: Any, order: MeshOrder) -> None:
-        """See `Kind`."""
+        """Restore the object, or each of them."""
         value = getattr(owner, name)
         if isinstance(value, (list, tuple)):
             for one, own in zip(value, whole, strict=True):

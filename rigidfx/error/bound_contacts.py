@@ -136,7 +136,7 @@ class BoundContacts:
         self.notes.update({key: notes[key] for key in keys})
 
     def accept(self) -> None:
-        """See `Action`."""
+        """Let contacts remember the step."""
         self._actions.accept()
 
     def destroy(self) -> None:

@@ -188,7 +188,7 @@ class Contacts:
         self.apart: Mapping[str, Array] = {}
 
     def refresh(self) -> None:
-        """See `Watch`: columns lie in the order in which they were asked for."""
+        """Forget columns, which lie in the order in which they were asked for."""
         self._columns = None, self._columns[1]
 
     def follow(self, attempt: Attempt) -> None:

@@ -156,17 +156,17 @@ class Modal:
 
     @property
     def moving(self) -> bool:
-        """See `Response`."""
+        """Whether amplitudes, their rates or the constant part are not zero."""
         return bool(self._eta.any() or self._rate.any() or self._fixed.any())
 
     @property
     def valid(self) -> bool:
-        """See `Response`: whether K is definite."""
+        """Whether K is definite."""
         return self._bound
 
     @property
     def hurried(self) -> bool:
-        """See `Response`: whether r changes as fast as modes that are left out."""
+        """Whether r changes as fast as modes that are left out."""
         return bool(self._change > self._slow * self._level)
 
     @property
@@ -175,7 +175,7 @@ class Modal:
         return float(self._modes.quasistatic * np.sqrt(self._squares[-1]))
 
     def fields(self) -> tuple[Array, Array]:
-        """See `Response`; by one solve a step."""
+        """e and ė at the owned nodes, shape (nodes, 3) each, by one solve a step. Collective."""
         e = self._field(self._free_part()) + self._fixed.reshape(-1, 3)
         return e, self._field(self._rate @ self._phi)
 
@@ -186,7 +186,7 @@ class Modal:
         return np.asarray(self._still[1] + self._amplitudes() @ self._phi)
 
     def coarse(self) -> Array:
-        """See `Response`: the modes, and the constant part."""
+        """The modes and the constant part, shape (nodes, 3) [m]."""
         return self._field(self._eta @ self._phi) + self._fixed.reshape(-1, 3)
 
     def _field(self, free: Array) -> Array:
@@ -196,7 +196,7 @@ class Modal:
         return out.reshape(-1, 3)
 
     def at(self, sums: Sequence[csr_array]) -> tuple[Array, Array]:
-        """See `Response`; the sums are among those given at the start."""
+        """This rank's part of sums that were given at the start."""
         e, rate = np.zeros((2, len(sums), 3))
         amplitudes = self._amplitudes()
         for k, own in enumerate(sums):
@@ -212,11 +212,11 @@ class Modal:
     # What changes -------------------------------------------------------------------------------
 
     def kick(self, change: Array) -> None:
-        """See `Response`; the part of modes left out is lost."""
+        """Add to ė; the part of modes left out is lost. Collective."""
         self._rate = self._rate + self._summed(self._m_phi @ change.reshape(-1)[self._free])
 
     def step(self, force: Array, dt: float, drag: float, xi: float) -> None:
-        """See `Response`."""
+        """Step each mode by the midpoint rule. Collective."""
         r = force.reshape(-1)[self._free]
         self._note(r, dt)
         self._since += dt
@@ -228,7 +228,7 @@ class Modal:
         self._eta, self._rate = self._eta + d, 2 / dt * d - self._rate
 
     def change(self) -> tuple[Array, float]:
-        """See `Response`: since it was asked for last; by one solve a step."""
+        """Change of e since it was asked for last [m], and its time [s], by a solve. Collective."""
         if self._since > 0:
             now = self._free_part()
             self._changed = self._field(now - self._asked), self._since
@@ -236,19 +236,19 @@ class Modal:
         return self._changed
 
     def scale(self, part: Array) -> None:
-        """See `Response`."""
+        """Scale all by the largest factor. Collective."""
         largest = self._scene.comm.allreduce(float(part.max(initial=0.0)), op=MPI.MAX)
         self._eta, self._rate = largest * self._eta, largest * self._rate
         self._fixed = largest * self._fixed
 
     def kept(self) -> object:
-        """See `Response`."""
+        """Amplitudes, forces and averages."""
         averages = self._change, self._level
         asked = self._asked, self._since, self._changed
         return self._eta, self._rate, self._force, self._loads, averages, asked
 
     def restore(self, kept: Any) -> None:
-        """See `Response`."""
+        """Take amplitudes, forces and averages back."""
         self._eta, self._rate, self._force, self._loads, averages, asked = kept
         self._change, self._level = averages
         self._asked, self._since, self._changed = asked
@@ -289,7 +289,7 @@ class Modal:
         return self._phi @ weights.T, np.array([self._solved(row) for row in weights])
 
     def destroy(self) -> None:
-        """See `Response`."""
+        """Free the solver and its vectors. Collective."""
         for item in (self._solver, self._right, self._found):
             item.destroy()
 

@@ -121,7 +121,7 @@ class AllUnknowns:
 
     @property
     def moving(self) -> bool:
-        """See `Response`."""
+        """Whether e or ė is not zero on this rank."""
         return bool(self._e.any() or self._rate.any())
 
     def operator(self, dt: float, drag: float, xi: float) -> PETSc.Mat:
@@ -129,7 +129,7 @@ class AllUnknowns:
         return self._motion.factored(dt, drag, xi).getOperators()[0]
 
     def kick(self, change: Array) -> None:
-        """See `Response`."""
+        """Add to ė where no support holds it, shape (nodes, 3) [m/s]. Collective."""
         self._rate = self._motion.halted(self._rate + change)
 
     def step(
@@ -154,11 +154,11 @@ class AllUnknowns:
         self._change = d, dt
 
     def coarse(self) -> Array:
-        """See `Response`: all of e."""
+        """All of e, shape (nodes, 3) [m]."""
         return self._e
 
     def change(self) -> tuple[Array, float]:
-        """See `Response`."""
+        """Change of e in the last step, shape (nodes, 3) [m], and its length [s]."""
         return self._change
 
     def shift(self, more: Array, dt: float) -> None:
@@ -180,23 +180,23 @@ class AllUnknowns:
         self._e = self._rate = np.zeros_like(self._e)
 
     def scale(self, part: Array) -> None:
-        """See `Response`."""
+        """Scale e and ė by a factor of shape (nodes,)."""
         self._e, self._rate = part[:, None] * self._e, part[:, None] * self._rate
 
     def kept(self) -> object:
-        """See `Response`."""
+        """e, ė and the change of e."""
         return self._e, self._rate, self._change
 
     def restore(self, kept: Any) -> None:
-        """See `Response`."""
+        """Take e, ė and the change of e back."""
         self._e, self._rate, self._change = kept
 
     def fields(self) -> tuple[Array, Array]:
-        """See `Response`."""
+        """e [m] and ė [m/s] at the owned nodes, shape (nodes, 3) each."""
         return self._e, self._rate
 
     def at(self, sums: Sequence[csr_array]) -> tuple[Array, Array]:
-        """See `Response`."""
+        """This rank's part of some sums of e and of ė, shape (sums, 3) each."""
         e, rate = (
             np.reshape([own @ a.reshape(-1) for own in sums], (-1, 3))
             for a in (self._e, self._rate)
@@ -204,5 +204,5 @@ class AllUnknowns:
         return e, rate
 
     def destroy(self) -> None:
-        """See `Response`."""
+        """Free the equations. Collective."""
         self._motion.destroy()

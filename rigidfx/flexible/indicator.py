@@ -23,17 +23,17 @@ class Indicator(Protocol):
 
     @property
     def cells(self) -> Indices:
-        """See above."""
+        """Owned cells that are measured, sorted."""
         ...
 
     @property
     def values(self) -> Array:
-        """See above."""
+        """Number of each owned cell."""
         ...
 
     @property
     def weights(self) -> Array:
-        """See above."""
+        """Weight of the square of each number."""
         ...
 
     def bind(

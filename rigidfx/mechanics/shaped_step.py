@@ -148,19 +148,19 @@ class ShapedIncrements(Increments):
 
     @property
     def pi1(self) -> Array:
-        """See `Increments`."""
+        """Angular momenta at the end of the step, with those of shapes, shape (bodies, 3)."""
         return self._pi1
 
     @cached_property
     def end(self) -> Bodies:
-        """See `Increments`."""
+        """The bodies at the end of the step, with q and its rate."""
         rigid, start = super().end, self.start
         velocities = rigid.velocity, rigid.angular_velocity_body
         rates = self.step.rate * self.dq - start.q_rate
         return Bodies(start.of, rigid.frame, *velocities, start.q + self.dq, rates)
 
     def inertia_force(self) -> Array:
-        """See `Increments`, with (p₁ - p₀)/Δt - ½ w₁·∂A/∂q w₀; shape (bodies, 6 + m) [N]."""
+        """(p₁ - p₀)/Δt - ½ w₁·∂A/∂q w₀ and those of bodies, shape (bodies, 6 + m) [N]."""
         return self._inertia_force.copy()
 
     @cached_property
@@ -194,7 +194,7 @@ class ShapedIncrements(Increments):
 
     @cached_property
     def displacement(self) -> Array:
-        """See `Increments`."""
+        """The matrices of the displacements, shape (bodies, n, 3) [m, 1]."""
         rigid, some, m = self._part("displacement"), self._some, self.dq.shape[1]
         both, turning = np.empty((some.size, m, 2)), np.empty((some.size, 2, 9))
         both[:, :, 0], both[:, :, 1] = self.dq[some], self._q[0]
@@ -243,16 +243,16 @@ class ShapedIncrements(Increments):
 
     @cached_property
     def L(self) -> Array:
-        """See `Increments`: Δr + θ × (x½ - c½) + S Φ Δq."""
+        """Of the displacements Δr + θ × (x½ - c½) + S Φ Δq, shape (bodies, 3 n, 6 + m)."""
         return self._followed_by(end=False)
 
     @cached_property
     def P(self) -> Array:
-        """See `Increments`: δr + T δθ × v₁ + R₁ Φ δq."""
+        """Derivative of `displacement`: δr + T δθ × v₁ + R₁ Φ δq, likewise."""
         return self._followed_by(end=True)
 
     def led(self, a: Array, of: Ints, end: bool = False) -> Array:
-        """See `Increments`."""
+        """How places follow the unknowns of their bodies; arguments as for rigid ones."""
         own = np.flatnonzero(self._shapes.counts[of])
         some, m = np.searchsorted(self._some, of[own]), self.dq.shape[1]
         out = np.zeros((*a.shape[:2], 3, 6 + m))
@@ -283,7 +283,7 @@ class ShapedIncrements(Increments):
         return out
 
     def work(self, forces: Array) -> float:
-        """See `Increments`."""
+        """Work of forces in the step, less that on the part of Δr which follows Δq [J]."""
         return float(np.vdot(forces, self._apart))
 
     def work_of_supports(self, rows: Array) -> float:
@@ -297,7 +297,7 @@ class ShapedIncrements(Increments):
         return float(np.vdot(rows[given], self._apart[given]))
 
     def resultant(self, moments: Array) -> Array:
-        """See `Increments`; Lᵀ without L, as torques Σ (x½ - c½) × f and Q = Σ Φᵀ Sᵀ f."""
+        """Lᵀ without L: torques Σ (x½ - c½) × f and Q = Σ Φᵀ Sᵀ f, shape (bodies, 6 + m) [N]."""
         some, m = self._some, self.dq.shape[1]
         out = np.zeros(self.unknowns.shape)
         out[:, :6] = super().resultant(moments[:, :4])
@@ -315,7 +315,7 @@ class ShapedIncrements(Increments):
         return out
 
     def balance(self, moments: Array, torques: Array) -> Array:
-        """See `Increments`."""
+        """Residual of the bodies with the rows of shapes, shape (bodies, 6 + m) [N]."""
         out = self.resultant(moments)
         out += self._inertia_force
         out[:, 3:6] -= torques / self.start.of.length[:, None]
@@ -325,7 +325,7 @@ class ShapedIncrements(Increments):
     # Derivatives ----------------------------------------------------------------------------------
 
     def blocks(self, moments: Array) -> Array:
-        """See `Increments`."""
+        """Derivative of the residual that P does not carry, shape (bodies, 6 + m, 6 + m) [N/m]."""
         some, m, share = self._some, self.dq.shape[1], self.step.share
         length = self.start.of.length[some, None, None]
         M = moments[some, 4:].reshape(some.size, m, 3, 3)  # Σ Φ_k fᵀ

@@ -89,7 +89,7 @@ class AlternatingForces(Adviser):
         self._most, self._resolved, self._swings = np.zeros((3, len(self._names)))
 
     def follow(self, report: Report) -> None:
-        """See `Look`."""
+        """Take the forces of constraints in a step."""
         if not self._looks or self.said or not report.step:
             return
         if abs(report.dt - self._dt) > NOTHING * self._dt or report.events or report.impact:
@@ -103,7 +103,7 @@ class AlternatingForces(Adviser):
                 self._tell()
 
     def end(self) -> None:
-        """See `Look`."""
+        """Judge the last window, and advise."""
         self._judge()
         self._tell()
 
@@ -195,7 +195,7 @@ class FastLoads(Adviser):
         self._least = np.array([x.led * rests for x in self._loads])
 
     def follow(self, report: Report) -> None:
-        """See `Look`."""
+        """Add what a step misses of each load. Collective."""
         if not self._waits or report.t <= self._begin:
             return
         self._t, before = report.t, report.t - report.dt
@@ -213,7 +213,7 @@ class FastLoads(Adviser):
                 self._worst[k] = missed, before, report.dt
 
     def end(self) -> None:
-        """See `Look`."""
+        """Advise on loads of which steps have missed much."""
         whole = np.where(self._whole > self._least, self._whole, np.inf)
         for k in np.flatnonzero(self._missed > SMOOTH * whole):
             load, (_, start, dt) = self._loads[k], self._worst[k]

@@ -268,7 +268,7 @@ class Overdamped(Look):
             self._damped = damped if damped.rates(np.ones(1), 1.0).any() else None
 
     def follow(self, report: Report) -> None:
-        """See `Look`."""
+        """Take the frequency of the shape. Collective."""
         self._t, self._dt = report.t, report.dt
         energy = report.strain + report.springs
         if self._damped is None or report.step & (report.step - 1) or not energy > 0:
@@ -285,7 +285,7 @@ class Overdamped(Look):
             self._square = min(self._square, 2 * energy / moved)
 
     def end(self) -> None:
-        """See `Look`."""
+        """Advise on a damping ratio above the critical one."""
         omega = sqrt(self._square)
         if self._damped is None or not self._t * omega >= 2 * pi or omega == inf:
             return

@@ -106,7 +106,7 @@ class Budgeted(Criterion):
         return "Accuracy"
 
     def least_cells(self, scene: Scene) -> int:
-        """See `Criterion`; more than there are in a structure too small for bodies to pay."""
+        """Least cells of a body; more than there are in a structure too small for bodies to pay."""
         least, cells = super().least_cells(scene), scene.mesh.topology.index_map(3).size_global
         if self.min_cells is not None:
             return least
@@ -114,21 +114,21 @@ class Budgeted(Criterion):
         return max(least, ceil(WORTH * cells / unknowns)) if unknowns >= WATCHED else cells + 1
 
     def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> BudgetRule:
-        """See `Criterion`."""
+        """The rule of the budget."""
         return BudgetRule(scene, timeline, memory, self.budget)
 
     @property
     def contact_change(self) -> float:
-        """See `Criterion`: a blow changes how a free part moves as a whole, and e lacks that."""
+        """Change of a contact's force that releases what it meets, as e lacks what a blow does."""
         return CHANGE
 
     @property
     def remedy(self) -> str:
-        """See `Criterion`."""
+        """Advice against repeated releases of bodies."""
         return "Take a larger budget, or name their cells `never`."
 
     def allowed(self, peak: float) -> float:
-        """See `Criterion`."""
+        """The budget."""
         return self.budget
 
 

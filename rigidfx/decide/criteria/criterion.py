@@ -57,7 +57,7 @@ def window_length(given: float | Literal["auto"], memory: Memory) -> float:
 
 
 class ErrorRule:
-    """See the module."""
+    """One tolerance for quiet cells, and κ times that for waking ones."""
 
     remembered: ClassVar[Remembered] = same("_noise")
 
@@ -281,18 +281,18 @@ class StrainRate(Criterion):
         return max(1.0, HALF * self.kappa)
 
     def allowed(self, peak: float) -> float:
-        """See `Criterion`: κ tol over the largest strain rate."""
+        """κ tol over the largest strain rate."""
         if isinstance(self.tol, Relative):
             return float(self.kappa * self.tol.part)
         return float(self.kappa * self.tol / peak) if peak > 0 else 0.0
 
     def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> Rule:
-        """See `Criterion`."""
+        """One tolerance, and κ times that."""
         tolerances = Tolerances(scene, memory, self.tol, self.tolerances)
         return ErrorRule(timeline, memory, tolerances, self.window, float(self.kappa))
 
     def indicator(self, scene: Scene, forces: InternalForces) -> Indicator:
-        """See `Criterion`."""
+        """Strain rates by `measure`."""
         return StrainRates(scene, forces, self.measure)
 
 

@@ -315,7 +315,7 @@ class Points:
         return len(self._actions)
 
     def set_time(self, t: float, dt: float) -> None:
-        """See `Action`."""
+        """Evaluate functions of time for a step."""
         for action in self._actions:
             action.set_time(t, dt)
 
@@ -353,7 +353,7 @@ class Points:
         return done, lost
 
     def accept(self) -> None:
-        """See `Action`."""
+        """Let actions remember the step."""
         for accept in self._accept:
             accept()
 

@@ -57,7 +57,7 @@ class Unresolved(WarnsOnce):
         self._moved = 0.0
 
     def accept(self, attempt: Attempt) -> None:
-        """See `Watch`."""
+        """Advise if the rest of a solution is more than rounding."""
         solution = attempt.solution
         self._moved = max(self._moved, solution.moved)
         if not self.waits or solution.left <= max(self._least, WORTH_A_WARNING * self._moved):
@@ -89,7 +89,7 @@ class Alternation(WarnsOnce):
         self.bind({})
 
     def bind(self, flexible: Cells) -> None:
-        """See `Watch`."""
+        """Follow the nodes of these cells, from a first step on."""
         scene = self._scene
         cells = np.concatenate([np.empty(0, np.int32), *flexible.values()])
         nodes = np.unique(scene.space.dofmap.list[cells])
@@ -98,14 +98,14 @@ class Alternation(WarnsOnce):
         self.refresh()
 
     def refresh(self) -> None:
-        """See `Watch`."""
+        """Begin a first window of steps."""
         self._before: Array | None = None
         self._sums: Array = np.zeros(3)
         self._now = 0.0, 0.0  # end and length of the last step [s]
         self._steps, self._end = 0, FIRST
 
     def accept(self, attempt: Attempt) -> None:
-        """See `Watch`. Collective in some steps."""
+        """Add a step's products of increments. Collective in some steps."""
         if not self.waits:
             return
         self._now = attempt.end, attempt.dt

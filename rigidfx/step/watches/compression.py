@@ -49,14 +49,14 @@ class Compression(WarnsOnce):
         self.bind({})
 
     def bind(self, flexible: Cells) -> None:
-        """See `Watch`."""
+        """Measure these cells from now on."""
         self._cells = np.concatenate([np.empty(0, np.int32), *flexible.values()])
         self._nodes = self._all[self._cells]
         J = np.einsum("cni,nk->cik", self._X[self._nodes], SLOPES)
         self._gradients = np.einsum("nk,ckj->cnj", SLOPES, np.linalg.inv(J))
 
     def accept(self, attempt: Attempt) -> None:
-        """See `Watch`."""
+        """Measure stretches in every eighth step. Collective."""
         self._steps += 1
         if not self.waits or self._steps % EVERY != 1:
             return

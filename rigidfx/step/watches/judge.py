@@ -215,11 +215,11 @@ class Measuring(Watch):
         self._indicator = indicator
 
     def bind(self, flexible: Cells) -> None:
-        """See `Watch`."""
+        """Measure these cells from now on."""
         self._indicator.bind(flexible)
 
     def accept(self, attempt: Attempt) -> None:
-        """See `Watch`."""
+        """Measure the step."""
         self._indicator.measure(attempt.dt)
 
 

@@ -151,7 +151,7 @@ class JumpingObstacles(WarnsOnce):
         return self._gains.jump(obstacle, path, t0, t1, path(t0), path(t1))
 
     def accept(self, attempt: Attempt) -> None:
-        """See `Watch`. Collective."""
+        """Look at paths of obstacles that press in the step. Collective."""
         if not self._moving:
             return
         touches, found = self._touches(), ""

@@ -47,12 +47,12 @@ class RotationPerStep(WarnsOnce):
         self.bind({})
 
     def bind(self, flexible: Cells) -> None:
-        """See `Watch`."""
+        """Measure these cells from now on."""
         self._cells = np.concatenate([np.empty(0, np.int32), *flexible.values()])
         self._nodes = self._corners[:, self._cells]
 
     def accept(self, attempt: Attempt) -> None:
-        """See `Watch`."""
+        """Measure rotations of bodies, and in some steps of cells. Collective."""
         dt, increments = attempt.dt, attempt.increments
         self._steps += 1
         if not self.waits:
