@@ -19,6 +19,7 @@ from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.errors import StepError
 from rigidfx.decide.clusters import CellGraph
 from rigidfx.decide.paying import round_enclosed
+from rigidfx.error.forces.parts import Parts
 from rigidfx.flexible.nodal_stress import NodalStress
 from rigidfx.flexible.stress import CauchyStress
 from rigidfx.step.watches.judge import Judge
@@ -404,6 +405,36 @@ def test_named_parts_may_be_watched_where_nothing_qualifies():
         warnings.simplefilter("error", RuntimeWarning)
         *_, last = rf.simulate(scene, DT, 4 * DT, rigidify=rf.StrainRate(0.0, "auto", wake="local"))
     assert last.t == pytest.approx(4 * DT)
+
+
+@pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
+def test_what_moves_bodies_as_a_whole_is_taken_out(monkeypatch):
+    """Of forces on two bodies whose nodes are numbered in turns, and of displacements."""
+    parts, forces, balance = [], [], Parts.balance
+
+    def balanced(self, force):
+        balance(self, force)
+        parts[:], forces[:] = [self], [force.copy()]
+
+    monkeypatch.setattr(Parts, "balance", balanced)
+    box = rf.box((0, 0, 0), (1, 1, 4), (3, 3, 8))
+    box = box.with_cells("left", lambda x: x[0] < 0.4).with_cells("right", lambda x: x[0] > 0.6)
+    effects = rf.Rigid("left"), rf.Rigid("right"), rf.Traction("z1", (0, 300.0, 20.0), time=blow)
+    scene = rf.Scene(box, SOFT, effects)
+    list(rf.simulate(scene, DT, 1.2, rigidify=local(1e-9), progress=False))
+    (both,), (force,) = parts, forces
+    stretched = both.unmoved(both.V * [1.0, 2.0, 3.0])
+    turned = both.linear(np.array([[[1.0, 2, 3], [0, 4, 5], [-4, 0, 6], [-5, -6, 0]]] * 2))
+    assert np.abs(turned).max() > 1
+    assert np.abs(both.unmoved(turned)).max() < 1e-12
+    m = scene.nodal_mass[both.rows.nodes, None]
+    assert len(both.at) == 2
+    for at in both.at:
+        assert (np.diff(at) > 1).any()
+        for momenta in (force[at], (m * stretched)[at]):
+            sums = momenta.sum(axis=0), np.cross(both.V[at], momenta).sum(axis=0)
+            assert np.abs(momenta).max() > 1e-3
+            assert np.abs(sums).max() < 1e-12 * np.abs(momenta).sum()
 
 
 def test_what_is_at_rest_has_no_period():
