@@ -200,10 +200,10 @@ def test_a_part_that_supports_hold_in_part_has_all_unknowns(followed, monkeypatc
     assert run.left.max() <= 0.1 * run.off.max()
 
 
-@pytest.mark.parametrize("mass", ["lumped", "consistent"])
-def test_a_base_that_shakes_between_two_modes_keeps_the_bound(mass, followed):
+def test_a_base_that_shakes_between_two_modes_keeps_the_bound(followed):
     """It was 2.4 times that off, as resonance amplified what bodies bend by; the run knows."""
-    run = Compared(lambda: scene(BASE, rf.MassDamping(1.0), mass=mass), followed, 7.0)
+    made = partial(scene, BASE, rf.MassDamping(1.0), mass="consistent")
+    run = Compared(made, followed, 7.0)
     assert run.freezes
     assert run.off.max() > 0.002
     assert run.told.max() == pytest.approx(run.off.max(), rel=0.1)

@@ -21,7 +21,6 @@ from rigidfx.decide.clusters import CellGraph
 from rigidfx.decide.paying import round_enclosed
 from rigidfx.error.forces.parts import Parts
 from rigidfx.flexible.nodal_stress import NodalStress
-from rigidfx.flexible.stress import CauchyStress
 from rigidfx.step.watches.judge import Judge
 
 COMM = MPI.COMM_WORLD
@@ -157,13 +156,15 @@ def test_the_papers_rule_releases_it_at_each_change_of_the_load():
     }
 
 
-@pytest.mark.parametrize("kind", STRIKES)
 @pytest.mark.parametrize(
-    "options",
+    ("kind", "options"),
     [
-        {},
-        {"mass": "consistent"},
-        {"cell": "tetrahedron", "order": 2, "mass": "consistent", "cells": (8, 1, 1)},
+        ("traction", {}),
+        ("pressure", {"mass": "consistent"}),
+        (
+            "gravity",
+            {"cell": "tetrahedron", "order": 2, "mass": "consistent", "cells": (8, 1, 1)},
+        ),
     ],
     ids=["lumped", "consistent", "tetrahedra"],
 )
@@ -260,32 +261,6 @@ def test_a_wake_in_steps_that_are_cut(monkeypatch):
         assert abs(event.energy_lost) <= 1e-10
 
 
-@pytest.mark.parametrize("mass", ["lumped", "consistent"])
-def test_stresses_of_rigid_parts_are_those_of_the_twin(mass):
-    """Under a load slower than the part, in the mean over its cells and half a period."""
-    scene = on_a_block(mass=mass)
-    stress = CauchyStress(scene)
-    times = range(100, 201, 20)
-
-    def stresses(rule):
-        steps = rf.simulate(scene, DT, 4.0, rigidify=rule, progress=False)
-        for report in steps:
-            if report.step in times:
-                found, recovered = rf.recovered_stress(report, stress)
-                yield found, stress.measure(report.state.u), recovered.copy()
-
-    twin = [found for found, _, _ in stresses(NOTHING)]
-    _, tol = gentle()
-    sizes = []
-    for (found, kept, recovered), exact in zip(stresses(local(tol)), twin, strict=True):
-        assert recovered.sum() >= 7
-        differences = found - exact, kept - exact, exact
-        sizes += [[np.linalg.norm(s[recovered], axis=(1, 2)).mean() for s in differences]]
-    apart, without, whole = np.mean(sizes, axis=0)
-    assert apart <= 0.05 * whole
-    assert without >= 0.5 * whole
-
-
 POINTS = {"stalk": (1, 0.5, 1), "root": (4.2, 0.5, 1), "block": (5, 0.5, 1)}
 
 
@@ -297,7 +272,7 @@ def under_weight(probes=POINTS, **options):
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"mass": "consistent"}, {"mass": "consistent", "cell": "tetrahedron", "order": 2}],
+    [{}, {"mass": "consistent", "cell": "tetrahedron", "order": 2}],
 )
 def test_stresses_at_nodes_and_probes_are_those_of_the_twin(options):
     """Under a load slower than the part, with the stress that it froze with."""
@@ -353,9 +328,9 @@ def test_what_rings_down_wakes_little_in_vain():
     """All becomes quiet; what is left at the support has to take the motion of all."""
     push = rf.Traction("y1", (0, 0, 400.0), time=lambda t: blow(0.2 + t))
     scene = bar(rf.Fixed("x0"), push, rf.MassDamping(2.0))
-    tips, rates, _, _ = run(scene, 10.0)
+    tips, rates, _, _ = run(scene, 6.0)
     tol = 0.01 * rates.max()
-    found, _, rigid, events = run(scene, 10.0, local(tol))
+    found, _, rigid, events = run(scene, 6.0, local(tol))
     woken = [(round(event.t / DT), event.woken) for event in events if event.woken.size]
     ahead = [rates[k : k + 2 * WINDOW, cells].max(axis=0) for k, cells in woken]
     assert sum((rate <= tol).sum() for rate in ahead) <= 4
