@@ -8,11 +8,11 @@ from functools import partial
 
 from petsc4py import PETSc
 
-from rigidfx.base.errors import SceneError, together
+from rigidfx.base.errors import together
 from rigidfx.base.uncaught import on_all_ranks
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.policy import Policy
-from rigidfx.effects import Contact, Joint, Resultant, rigid_faces
+from rigidfx.effects import Contact
 from rigidfx.error.ending import Promise
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.forces.body_forces import BodyForces
@@ -122,19 +122,7 @@ def _growing(
     dt: float,
     criterion: Criterion,
 ) -> Growth:
-    """The shapes of bodies that are found. Collective.
-
-    Raises:
-        SceneError: On every rank, if something acts that does not act on shapes yet.
-    """
-    scene = stepper.scene
-    refused = [e for e in scene.effects if isinstance(e, (Joint, Resultant))]
-    if refused or rigid_faces(scene.effects):
-        what = refused[0].owner if refused else "A RigidFace"
-        raise SceneError(
-            f"{what}: bodies that grow shapes do not work with it yet. Take StrainRate without "
-            "grow=True."
-        )
+    """The shapes of bodies that are found. Collective."""
     forces = BodyForces(stepper, policy.named.in_pieces)
     growth = Growth(stepper, forces, indicator, dt, float(criterion.kappa))
     stepper.watches += [forces, growth]

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from histories import tips
-from joints import PIN, bars, boxes
+from joints import boxes
 from mpi4py import MPI
 from parallel import check_the_same, report
 
@@ -209,15 +209,10 @@ def test_bars_that_meet_may_grow():
     assert np.abs(tips(own) - tips(twin)).max() < 0.001 * np.abs(tips(twin) - tips(twin)[0]).max()
 
 
-PIN_JOINT = rf.Spherical("A", "B", at=PIN)
 BAD = {
     "none": (lambda: rule(1.0, wake="none"), "with wake='none'"),
     "all": (lambda: rule(1.0, wake="all"), "wake='local' only"),
     "a word": (lambda: rule(1.0, grow="yes"), "grow must be True or False, got 'yes'"),
-    "joints": (
-        lambda: run(bars(rf.Rigid("A"), rf.Rigid("B"), PIN_JOINT)),
-        "Take StrainRate without grow",
-    ),
 }
 
 

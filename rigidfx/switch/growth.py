@@ -26,6 +26,7 @@ from mpi4py import MPI
 from rigidfx.base.log import tell
 from rigidfx.base.remembered import ON_DOFS, ON_NODES, PART, Remembered, same
 from rigidfx.base.types import Array, Bools, Indices
+from rigidfx.effects import rigid_faces
 from rigidfx.error.cell_strains import CellStrains
 from rigidfx.error.forces.body_forces import BodyForces
 from rigidfx.error.frames import Frames
@@ -40,6 +41,7 @@ from rigidfx.step.watches.judge import Attempt, Watch
 from rigidfx.switch.growth_control import GrowthControl
 from rigidfx.switch.inventory import about_start
 from rigidfx.switch.resonance import Resonance
+from rigidfx.switch.spun_joints import SpinLimits
 
 __all__ = ["Growth", "Looked"]
 
@@ -74,6 +76,7 @@ class Growth(Watch):
         "_lacking",
         "_begun",
         "_swing",
+        "_spins",
     ) | {
         "_resonance": PART,
         "_start": ON_DOFS,
@@ -111,6 +114,12 @@ class Growth(Watch):
         self._added: dict[int, int] = {}
         self._energies: dict[int, float] = {}  # ½ q·Ωq of each body at the last look
         self._largest = 0.0  # strain energy of any body so far
+        self._limits = SpinLimits(scene)
+        self._spins: dict[int, Array] = {}  # of each body when it was frozen, in its frame
+        self._stiff: Bools = np.zeros(scene.owned_nodes, dtype=bool)  # nodes of rigid faces
+        for face in rigid_faces(scene.effects):
+            nodes = scene.nodes(face.where, face.name, (2,))
+            self._stiff[nodes[nodes < scene.owned_nodes]] = True
 
     # The whole ------------------------------------------------------------------------------------
 
@@ -155,9 +164,12 @@ class Growth(Watch):
         found, Q = self._of(body.data)
         number, vectors = body.data.number, self._vectors[body.data.nodes]
         self._energies.pop(number, None)  # q begins at zero
+        self._limits.forget(number)
+        self._spins[number] = body.motion.angular_velocity_body
         vectors = np.einsum("ab,nbk->nak", Q, vectors)
-        self._begun[number], self._lacking[number] = self._modes, np.inf
-        if np.isfinite(self._cut):
+        self._begun[number], self._lacking[number] = self._modes, self._cut
+        stiff = self._scene.sum(np.count_nonzero(self._stiff[body.data.nodes])) > 0
+        if np.isfinite(self._cut) and not stiff:  # its own modes would bend rigid faces
             own, self._lacking[number] = found.modes(self._dt, self._cut)
             self._begun[number] += own.shape[2]
             vectors = np.concatenate([vectors, own], axis=2)
@@ -176,8 +188,9 @@ class Growth(Watch):
         self._forces.bear(attempt.t, attempt.dt)
         if self._forces.borne is None:
             return Looked()
-        if limits is not None and (bent := self._bent(attempt)) is not None:
-            return Looked(woken=bent)
+        for too_far in (self._spun, self._bent) if limits is not None else ():
+            if (woken := too_far(attempt)) is not None:
+                return Looked(woken=woken)
         parts, rho = self._forces.borne
         F, bodies = np.zeros_like(self._withheld), self._growing()
         for data, at in zip(parts.bodies, parts.at, strict=True):
@@ -223,6 +236,18 @@ class Growth(Watch):
             return None
         tell(self._scene.comm, f"modes that bodies lack may be in resonance: {most:.3g} tol")
         return np.asarray(rates > control.woken)
+
+    def _spun(self, attempt: Attempt) -> Bools | None:
+        """Cells of bodies that forces of joints stiffen as they spin; None if none. Collective."""
+        woken = np.zeros(self._scene.mesh.topology.index_map(3).size_local, dtype=bool)
+        fast = False
+        for body in (own for own in attempt.increments.end if self._grows(own.data)):
+            limit = self._limits.limit(body, self._spins[body.data.number])
+            if limit is not None:
+                fast, woken[body.data.cells] = True, True
+                words = f"forces of joints stiffen it above {limit:.3g} rad/s"
+                tell(self._scene.comm, f"{body.data.name} spins too fast for its shapes: {words}")
+        return woken if fast else None
 
     def _bent(self, attempt: Attempt) -> Bools | None:
         """Cells in which the energy is not that of second order; None if none are. Collective."""
@@ -359,6 +384,8 @@ class Growth(Watch):
             self._energies.pop(number, None)
             self._lacking.pop(number, None)
             self._begun.pop(number, None)
+            self._spins.pop(number, None)
+            self._limits.forget(number)
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

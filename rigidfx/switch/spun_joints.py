@@ -2,8 +2,9 @@
 
 A part that spins on a hinge is stretched by the hinge's force, and so is stiffer. Shapes do not
 know that. A beam that a motor spins up then lags by 4.7 (W/ω)² too much, with W its spin and ω its
-lowest frequency while nothing holds it (`test_reduced_joints.py`). Parts are refused above
-W² = ω²/300.
+lowest frequency while nothing holds it (`test_reduced_joints.py`). So W² is ω²/300 at most: parts
+that are named are refused above, and found ones wake. The shapes of a part that was frozen while it
+span know the stresses of that spin.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import numpy as np
 from scipy.linalg import eigvalsh
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.types import Array
 from rigidfx.effects import Joint
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.scene.scene import Scene
@@ -33,7 +35,7 @@ def off_by(ratio: float) -> float:
 
 
 class SpinLimits:
-    """Refuses reduced parts between joints that spin too fast."""
+    """Says which parts between joints spin too fast for their shapes."""
 
     def __init__(self, scene: Scene) -> None:
         """Nothing is computed.
@@ -42,30 +44,47 @@ class SpinLimits:
             scene: The problem.
         """
         self._scene, self._joints = scene, scene.named(Joint)
-        self._lowest: dict[tuple[str, int], float] = {}
+        self._lowest: dict[tuple[int, int], float] = {}
+        self._slow = float(np.sqrt(LACKING / off_by(1.0)))  # spin over the lowest frequency
+
+    def limit(self, body: Body, known: Array) -> float | None:
+        """Spin that a body has passed; None if it has not. Collective [rad/s].
+
+        Stresses by spins W are linear in WWᵀ, and shapes know those of a spin that stays.
+
+        Args:
+            body: The body.
+            known: Spin that its shapes know, in its frame, shape (3,) [rad/s].
+        """
+        own, W = body.data.shapes, body.motion.angular_velocity_body
+        if not self._joints or own is None or own.drift is not None:
+            return None
+        key = body.data.number, len(own)
+        if key not in self._lowest:
+            self._lowest[key] = self._found(body)
+        changed, limit = np.outer(W, W) - np.outer(known, known), self._slow * self._lowest[key]
+        return limit if np.linalg.norm(changed, 2) > limit**2 else None
+
+    def forget(self, number: int) -> None:
+        """Forget a body that is no more."""
+        self._lowest = {key: own for key, own in self._lowest.items() if key[0] != number}
 
     def check(self, state: State) -> None:
-        """Refuse parts whose joints would stiffen them. Collective.
+        """Refuse parts named `Reduced` whose joints would stiffen them. Collective.
 
         Raises:
             SceneError: On every rank, with the limit.
         """
         for body in state.bodies if self._joints else ():
-            own = body.data.shapes
-            if own is None or own.drift is not None:
-                continue
-            key = body.data.name, len(own)
-            if key not in self._lowest:
-                self._lowest[key] = self._found(body)
-            spin, lowest = float(np.linalg.norm(body.motion.angular_velocity)), self._lowest[key]
-            if off_by((spin / lowest) ** 2) > LACKING:
-                limit = lowest * np.sqrt(LACKING / off_by(1.0))
+            limit = self.limit(body, np.zeros(3)) if body.data.named else None
+            if limit is not None:
+                spin = float(np.linalg.norm(body.motion.angular_velocity))
                 raise SceneError(
                     f"Reduced '{body.data.name}': at t = {state.t:.4g} s it spins at {spin:.4g} "
                     f"rad/s between joints, whose forces stiffen it. Its shapes hold up to "
-                    f"{limit:.4g} rad/s, {limit / lowest:.1%} of its lowest frequency of "
-                    f"{lowest / (2 * np.pi):.4g} Hz. Take the Reduced away: keep its cells "
-                    "flexible, or name it Rigid."
+                    f"{limit:.4g} rad/s, {self._slow:.1%} of its lowest frequency of "
+                    f"{limit / self._slow / (2 * np.pi):.4g} Hz. Take the Reduced away: keep its "
+                    "cells flexible, or name it Rigid."
                 )
 
     def _found(self, body: Body) -> float:
