@@ -15,10 +15,11 @@ import rigidfx as rf
 
 ALONG = rf.Traction("x1", (1e5, 200.0, 300.0))
 PULSE = rf.Traction("x1", (100.0, 200.0, 300.0), time=lambda t: 1.0 if 0.3 < t < 0.301 else 0.0)
+ACROSS = rf.Traction("x1", (0, 300.0, -200.0), time=PULSE.time)
 CASES = {
-    "free end": (bar, [CLAMP, PULSE], ["end"], False),
-    "held half": (bar, [CLAMP, PULSE], ["half"], False),
-    "all of it": (bar, [CLAMP, PULSE], [None], False),
+    "free end": (bar, [CLAMP, PULSE, ACROSS], ["end"], False),
+    "held half": (bar, [CLAMP, PULSE, ACROSS], ["half"], False),
+    "all of it": (bar, [CLAMP, PULSE, ACROSS], [None], False),
     "nothing acts": (bar, [CLAMP], ["half"], False),
     "pulled": (bar, [CLAMP, ALONG], ["half"], True),
     "hinged": (partial(bars, thrown=False), CASES["hinged"][1], ["A", "B"], False),
@@ -56,11 +57,24 @@ def test_modes_that_shapes_do_not_span_are_told():
     assert float(text.split("some ")[1].split("%")[0]) == pytest.approx(error, rel=0.3)
 
 
+def test_modes_that_no_load_excites_are_told():
+    """Of a square bar a load excites one of two equal modes."""
+    scene, words = bar(CLAMP, PULSE, rf.Reduced("half")), "lack modes, 1 at least, the lowest near"
+    with pytest.warns(rf.RigidfxWarning, match=words) as caught:
+        own = rf.modes(scene, 3)
+    twin = rf.modes(bar(CLAMP, PULSE), 3)
+    assert (len(own), len(twin)) == (3, 4)
+    near = float(str(caught[0].message).split("near ")[1].split(" Hz")[0])
+    assert near == pytest.approx(twin.frequencies[3], rel=1e-3)
+    assert f"which lacks some near {1 / near:.4g} s, as it begins" in scene.describe()
+
+
 def test_a_description_says_which_model_has_the_periods():
-    scene = bar(CLAMP, PULSE, rf.Reduced("half"))
+    effects = CLAMP, PULSE, ACROSS
+    scene = bar(*effects, rf.Reduced("half"))
     assert "of the reduced model as it begins" in scene.describe()
-    assert "of the reduced model" not in bar(CLAMP, PULSE).describe()
-    np.testing.assert_allclose(rf.periods(scene), rf.periods(bar(CLAMP, PULSE)), rtol=1e-3)
+    assert "of the reduced model" not in bar(*effects).describe()
+    np.testing.assert_allclose(rf.periods(scene), rf.periods(bar(*effects)), rtol=1e-3)
 
 
 def _found():

@@ -150,7 +150,7 @@ class Part(Expanded):
         force = np.asarray(scene.sum(np.einsum("nak,na->k", Y, self.internal)))
         return PartShapes(Y, np.diag(squares / largest**2), force)
 
-    def extend(self, basis: Basis, vectors: Array, loads: int) -> None:
+    def extend(self, basis: Basis, vectors: Array, loads: int, room: int = 0) -> None:
         """Add vectors of the whole to a basis of vectors at its nodes. Collective.
 
         Args:
@@ -158,12 +158,13 @@ class Part(Expanded):
             vectors: Those of loads first, which count as far as they are independent, and then
                 their followers, of which `LACKING` may be left out, shape (owned nodes, 3, k).
             loads: How many are those of loads.
+            room: How many vectors more than `MOST` the basis may have.
         """
         own = self.unmoved(vectors[self.nodes])
         images = self.times_mass(own)
         sizes = np.sqrt(np.asarray(self._scene.sum(np.einsum("nak,nak->k", own, images))))
         sizes[loads:] *= LACKING / INDEPENDENT
-        basis.grow(own, images, sizes, MOST)
+        basis.grow(own, images, sizes, MOST + room)
 
     def projected(self, modes: Array) -> PartShapes:
         """Shapes with Ω = ΦᵀKΦ and f₀ = Φᵀ f_int. Collective.

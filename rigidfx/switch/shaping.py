@@ -387,21 +387,38 @@ class Shaping:
                     "loads. Ask for more, or leave shapes= out.",
                 )
 
-    def lacking(self, bodies: Bodies, squares: Array, fields: Array) -> Array:
-        """By which part of its frequency each mode is off, as shapes lack it. Collective.
+    def lacking(self, bodies: Bodies, squares: Array, fields: Array) -> tuple[Array, Array]:
+        """By which part of its frequency each mode is off, as shapes lack it, and missing modes.
 
         With what is out of balance on nodes of reduced parts, ρ = K φ - ω² M φ, and φᵀMφ = 1, ω² is
         too large by ρᵀ K⁺ρ, but for the inertia of the response (J. H. Wilkinson, The Algebraic
-        Eigenvalue Problem, 1965, Section 2.8). Springs and joints are not in K.
+        Eigenvalue Problem, 1965, Section 2.8). Static responses to accelerations that are
+        polynomials of second order in place, orthogonal to all φ, have Rayleigh quotients not below
+        ω² of missing modes. Springs and joints are not in K. Collective.
 
         Args:
             bodies: The bodies.
             squares: ω² of each, shape (n,) [1/s²].
             fields: φ at the owned nodes, shape (owned nodes, 3, n) [1/√kg].
+
+        Returns:
+            Shape (n,), and ω² of modes that are missing below the last one that is not off [1/s²].
         """
         assert self._responses is not None
         responses, nodes = self._responses, np.arange(self._scene.owned_nodes, dtype=np.int32)
         whole = Part(responses, responses.stiffness.cells, nodes)
+        x = responses.stiffness.places - self._scene.centre_of_mass
+        x = np.c_[
+            np.ones(len(x)), x / np.linalg.norm(self._scene.parts.upper - self._scene.parts.lower)
+        ]
+        terms = np.einsum("ni,nj->nij", x, x).reshape(-1, 16)[
+            :, np.triu(np.ones((4, 4))).ravel() > 0
+        ]
+        F = np.einsum("ac,nt->nact", np.eye(3), terms).reshape(len(x), 3, -1)
+        basis = whole.begun(fields)
+        whole.extend(basis, responses.solve(whole.times_mass(F)), F.shape[2], F.shape[2])
+        more = basis.vectors[:, :, squares.size :]
+        found = np.linalg.eigvalsh(whole.dot(more, whole.times_stiffness(more)))
         rho = whole.times_stiffness(fields) - squares * whole.times_mass(fields)
         whole.destroy()
         free = np.zeros((nodes.size, 3), dtype=bool)
@@ -409,7 +426,9 @@ class Shaping:
             free[body.nodes] |= body.shapes is not None
         rho *= (free & ~responses.stiffness.held.reshape(-1, 3))[:, :, None]
         gained = np.asarray(self._scene.sum(np.einsum("nak,nak->k", rho, responses.solve(rho))))
-        return 0.5 * gained / squares
+        off = 0.5 * gained / squares
+        last = squares[off <= LACKING].max(initial=0.0)
+        return off, found[found < (1 + LACKING) * last]
 
     def spent(self, state: State) -> dict[str, float]:
         """ν of each part: see `Spent`. Collective."""

@@ -181,7 +181,7 @@ def _found(scene: Scene, about: Report | None, count: int, turns: bool = True) -
     problem = Problem(scene, about, turns)
     try:
         found = _modes(scene, problem, count)
-        _warn_of_lacking(scene, problem.lacking(found.squares, found.shapes))
+        _warn_of_lacking(scene, *problem.lacking(found.squares, found.shapes))
         spin, moves = problem.spin, bool(problem.motions)
     finally:
         problem.destroy()
@@ -222,8 +222,15 @@ def _modes(scene: Scene, problem: Problem, count: int) -> Modes:
     return Modes(scene, squares, shapes, turn @ gamma, pairs.rigid, float(mass))
 
 
-def _warn_of_lacking(scene: Scene, off: Array) -> None:
+def _warn_of_lacking(scene: Scene, off: Array, missing: Array) -> None:
     """Warn of modes that the shapes of reduced parts do not span."""
+    if missing.size:
+        warn(
+            scene.comm,
+            f"modes: shapes of reduced parts lack modes, {missing.size} at least, the lowest near "
+            f"{np.sqrt(missing[0]) / (2 * pi):.4g} Hz, as no load excites them. Add one that does, "
+            "or leave the Reduced out.",
+        )
     if (some := np.flatnonzero(off > LACKING)).size:
         numbers = ", ".join(str(k + 1) for k in some)
         warn(
@@ -294,14 +301,16 @@ def periods(scene: Scene, count: int = 3) -> Array:
     return _periods(scene, count)[0]
 
 
-def _periods(scene: Scene, count: int) -> tuple[Array, bool]:
-    """See `periods`; and whether they are those of a model with reduced parts. Collective."""
+def _periods(scene: Scene, count: int) -> tuple[Array, str]:
+    """See `periods`; and words on those of a model with reduced parts. Collective."""
     problem = Problem(scene)
-    pairs = lowest(problem.K, problem.M, count, problem.motions, scale=problem.of_loads)
-    squares, reduced = pairs.values, problem.shaping is not None
-    pairs.destroy()
+    found, words = _modes(scene, problem, count), ""
+    if problem.shaping is not None:
+        missing = problem.lacking(found.squares, found.shapes)[1]
+        also = ", ".join(f"{T:.4g}" for T in 2 * pi / np.sqrt(missing))
+        words = " of the reduced model" + (f", which lacks some near {also} s," if also else "")
     problem.destroy()
-    return np.asarray(2 * pi / np.sqrt(squares[squares > 0][:count])), reduced
+    return found.periods[found.squares > 0][:count], words
 
 
 def periods_in_words(scene: Scene, dt: float | None, count: int | None) -> list[str]:
@@ -317,7 +326,7 @@ def periods_in_words(scene: Scene, dt: float | None, count: int | None) -> list[
     if count is None and 3 * scene.space.dofmap.index_map.size_global > CHEAP:
         return ["Periods of small vibrations: describe(periods=3) finds them, in some seconds"]
     try:
-        found, reduced = _periods(scene, 3 if count is None else count)
+        found, of = _periods(scene, 3 if count is None else count)
     except SceneError:
         if count is not None:
             raise
@@ -326,7 +335,6 @@ def periods_in_words(scene: Scene, dt: float | None, count: int | None) -> list[
         return ["Periods: none, as nothing can vibrate"]
     text = ", ".join(f"{T:.4g}" for T in found)
     steps = "" if dt is None else f"; the first is {found[0] / dt:.3g} steps of Δt = {dt:g} s"
-    of = " of the reduced model" if reduced else ""
     return [f"Periods of small vibrations{of} as it begins, without loads: {text} s{steps}"]
 
 

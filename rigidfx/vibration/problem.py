@@ -280,10 +280,8 @@ class Problem:
         out.x.scatter_forward()
         return np.array(u)
 
-    def lacking(self, squares: Array, shapes: Array) -> Array:
-        """By which part of its frequency each mode is off, as shapes lack it; zero if unknown.
-
-        Collective.
+    def lacking(self, squares: Array, shapes: Array) -> tuple[Array, Array]:
+        """See `Shaping.lacking`; zero and none if unknown. Collective.
 
         Args:
             squares: ω² of each, shape (n,) [1/s²].
@@ -293,7 +291,7 @@ class Problem:
         attached = (SpringDamper, Joint, Spring, Rigid)
         others = [e for kind in attached for e in scene.named(kind) if not getattr(e, "deforms", 0)]
         if self.shaping is None or others or not squares.size or squares.min() <= 0:
-            return np.zeros(squares.size)
+            return np.zeros(squares.size), np.zeros(0)
         fields = shapes[:, : scene.owned_nodes].transpose(1, 2, 0)
         return self.shaping.lacking(self._state.bodies, squares, fields)
 
