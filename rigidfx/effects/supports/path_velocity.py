@@ -1,15 +1,16 @@
 """Supports that follow a user's path: is a velocity given beside it its derivative?
 
-Neither is known but at instants that are asked for, and so is not the time in which they change. A
-difference quotient tells something where rounding leaves it two digits. It is compared with
-the largest velocity near by, not with the one at the same instant, which may vanish there.
+Neither is known but at instants that are asked for, and so is not the time in which they change.
+One-sided difference quotients over several spans are compared with the velocity, as far as rounding
+leaves them two digits, and over no span in which the path goes there and back. The velocity is
+right where one of them comes near it. The measure is the largest velocity near by, not the one at
+the same instant, which may vanish there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -24,7 +25,6 @@ ROUNDING = 16 * float(np.finfo(np.float64).eps)  # of a difference of displaceme
 SPANS = 10.0 ** -np.arange(1, 10)  # s
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)  # its multiples hit no period and no round number
 EVENLY, EARLY = 17, 7  # instants spread over a run, and ever closer to its start
-FINER, LEVELS = 4.0, 6  # spans of a central difference
 
 
 @dataclass(frozen=True)
@@ -44,27 +44,9 @@ class PathAndVelocity:
     unit: str = "m"
 
     def contradiction_at(self, t: float, end: float) -> str:
-        """Contradiction of the velocity and the path just after t, before an end [s]; "" if none.
-
-        It is right if a one-sided quotient over any of several spans comes near it.
-        """
-        v, u = self._of(self.velocity, t), self._of(self.path, t)
-        found = []
-        for h in np.minimum(SPANS, 0.5 * (end - t)):
-            u1, u2 = self._of(self.path, t + h), self._of(self.path, t + 2 * h)
-            q = (4 * u1 - 3 * u - u2) / (2 * h)
-            found.append((q, _noise(h, t, u, u1)))
-        quotients, noise = np.array([q for q, _ in found]), np.array([n for _, n in found])
-        quotients = np.where(np.isfinite(quotients), quotients, np.nan)
-        known = np.isfinite(quotients).all(axis=1)
-        sizes = np.where(known, np.nan_to_num(np.abs(quotients)).max(axis=1) - noise, 0.0)
-        tolerance = AT_START * max(float(np.abs(v).max()), float(sizes.max()))
-        told = quotients[known & (noise <= tolerance)]
-        off = np.abs(told - v).max(axis=1)
-        if not len(told) or (off <= tolerance).any() or not np.isfinite(v).all():
-            return ""
-        apart = np.abs(np.diff(told, axis=0)).max(axis=1)
-        return self._words(t, v, told[int(np.argmin(apart)) if len(apart) else 0])
+        """Contradiction of velocity and path just after t, before an end [s]; "" if none."""
+        wrong = self._wrong(np.array([t]), np.array([end]), AT_START)
+        return wrong[0][1] if wrong else ""
 
     def contradiction_within(self, start: float, end: float, kinks: Sequence[float]) -> str:
         """Contradiction at several instants between start and end [s]; "" if none.
@@ -75,71 +57,57 @@ class PathAndVelocity:
         shares = np.append(
             (0.5 + GOLDEN * np.arange(EVENLY)) % 1, GOLDEN * 10.0 ** -np.arange(EARLY)
         )
-        instants = np.sort(start + (end - start) * shares)
-        ends = np.array([start, *sorted(k for k in kinks if start < k < end), end])
-        after = np.searchsorted(ends, instants, side="right")
-        room = 0.5 * np.minimum(instants - ends[after - 1], ends[after] - instants)
-        u = np.array([self._of(self.path, t) for t in instants])
-        v = np.array([self._of(self.velocity, t) for t in instants])
-        known = np.isfinite(u).all(axis=1) & np.isfinite(v).all(axis=1) & (room > 0)
-        if not known.any():
-            return ""
-        instants, room, u, v = instants[known], room[known], u[known], v[known]
-        fastest = max(map(self._fastest, instants, room, u))
-        if fastest > 0:  # a span short for the path, however fast it goes there and back
-            way = max(float(np.ptp(u, axis=0).max()), float(np.finfo(float).tiny))
-            room = np.minimum(room, max(way / fastest / FINER, 1e-9 * float(room.max())))
-        scale = max(fastest, float(np.abs(v).max()))
-        wrong = []
-        for t, most, here, given in zip(instants, room, u, v, strict=True):
-            q, error = self._central(t, most, here)
-            off = float(np.abs(q - given).max())
-            if off > LATER * scale + error:
-                wrong.append((off, self._words(t, given, q)))
+        instants = start + (end - start) * shares
+        ends = np.array([*sorted(k for k in kinks if start < k < end), end])
+        after = np.minimum(np.searchsorted(ends, instants, side="right"), len(ends) - 1)
+        wrong = self._wrong(instants, ends[after], LATER)
         return max(wrong)[1] if len(wrong) > 1 else ""
 
-    def _fastest(self, t: float, room: float, u: Array) -> float:
-        """Largest quotient over any span that is more than rounding [m/s]."""
-        sizes = [0.0]
-        for h in room * SPANS:
-            u1 = self._of(self.path, t + h)
-            size = float(np.abs(u1 - u).max()) / h - _noise(h, t, u, u1)
-            sizes.append(size if np.isfinite(size) else 0.0)
-        return max(sizes)
+    def _wrong(self, t: Array, ends: Array, share: float) -> list[tuple[float, str]]:
+        """Instants at which no quotient before their ends is near the velocity.
 
-    def _central(self, t: float, most: float, u: Array) -> tuple[Array, float]:
-        """The central quotient that is known best, and its uncertainty [m/s]."""
-        found: list[tuple[Array, float]] = []
-        for k in range(LEVELS):
-            h = most / FINER**k
-            gained = self._of(self.path, t + h) - self._of(self.path, t - h)
-            q: Array = np.asarray(gained / (2 * h))
-            found.append((q, _noise(h, t, u, q * h)))
-        best, error = found[0][0], np.inf
-        for (q, _), (finer, noise) in pairwise(found):
-            off = float(np.abs(finer - q).max()) + noise
-            if off < error:  # not so where one is not finite
-                best, error = finer, off
-        return best, error
+        Returns:
+            By how much, of each that is off by more than a share of the largest velocity [m/s], and
+            that in words.
+        """
+        h = np.minimum(SPANS, 0.5 * (ends - t)[:, None])
+        at = t[:, None]
+        v, u = self._of(self.velocity, at), self._of(self.path, at)
+        u1, u2 = self._of(self.path, at + h), self._of(self.path, at + 2 * h)
+        quotients = (4 * u1 - 3 * u - u2) / (2 * h[..., None])
+        gained = np.abs(u1 - u).max(axis=2)
+        noise = ROUNDING * (np.abs(u).max(axis=2) + gained * (1 + np.abs(at) / h)) / h
+        speeds, way = np.nan_to_num(gained / h - noise), np.nan_to_num(gained)
+        fastest = max(float(speeds.max()), 0.0)
+        tolerance = share * max(fastest, float(np.nan_to_num(np.abs(v)).max()))
+        known = (noise <= tolerance) & (h * fastest <= max(float(way.max()), float(h.min())))
+        off = np.abs(quotients - v).max(axis=2)
+        off = np.where(known & np.isfinite(off), off, np.inf)
+        best, rows = off.argmin(axis=1), np.arange(len(t))
+        wrong = np.flatnonzero((off[rows, best] > tolerance) & np.isfinite(off[rows, best]))
+        return [
+            (float(off[k, best[k]]), self._words(t[k], v[k, 0], quotients[k, best[k]]))
+            for k in wrong
+        ]
 
-    def _of(self, function: Callable[[float], Array], t: float) -> Array:
-        """The components that count; NaN where a function is not defined: a step would tell."""
-        try:
-            value = function(float(t))
-        except Exception:  # whatever a user's function may raise
-            value = np.empty(0)
-        return (
-            value[list(self.axes)] if np.shape(value) == (3,) else np.full(len(self.axes), np.nan)
-        )
+    def _of(self, function: Callable[[float], Array], t: Array) -> Array:
+        """The components that count, shape (*t, components); NaN where a function is not defined.
+
+        A step would tell of that.
+        """
+
+        def value(t: float) -> Array:
+            try:
+                found = function(t)
+            except Exception:  # whatever a user's function may raise
+                found = np.empty(0)
+            return found[list(self.axes)] if np.shape(found) == (3,) else none
+
+        none = np.full(len(self.axes), np.nan)
+        return np.array([value(float(each)) for each in t.flat]).reshape(*t.shape, -1)
 
     def _words(self, t: float, v: Array, q: Array) -> str:
         names = "".join("xyz"[axis] for axis in self.axes)
         along = "" if names == "xyz" else f" along {', '.join(names)}"
         unit = f"{self.unit}/s"
         return f"at t = {t:g} s its velocity is {v} {unit}{along}, and its path moves by {q} {unit}"
-
-
-def _noise(h: float, t: float, u: Array, further: Array) -> float:
-    """Rounding of displacements and of times in a quotient over a span h [m/s]."""
-    gained = float(np.abs(further - u).max())
-    return ROUNDING * (float(np.abs(u).max()) + gained * (1 + abs(t) / h)) / h
