@@ -53,7 +53,7 @@ def _stops(t):
 CASES = {
     "class of an effect": (
         lambda: _scene(rf.Gravity),
-        "Scene: <class 'rigidfx.effects.loads.gravity.Gravity'> is not an",
+        "Scene: <class 'rigidfx.effects.loads.dead_load.Gravity'> is not an",
     ),
     "one effect": (
         lambda: rf.Scene(_box(), SOFT, rf.Gravity()),

@@ -27,8 +27,7 @@ from rigidfx.effects.joints.joint import (
 )
 from rigidfx.effects.joints.joint_report import JointReport, JointReports
 from rigidfx.effects.joints.sides import MeanFace, RigidFace, rigid_faces
-from rigidfx.effects.loads.dead_load import BodyForce, DeadLoad, NodalForce, Traction
-from rigidfx.effects.loads.gravity import Gravity
+from rigidfx.effects.loads.dead_load import BodyForce, DeadLoad, Gravity, NodalForce, Traction
 from rigidfx.effects.loads.preload import Preload
 from rigidfx.effects.loads.pressure import Pressure
 from rigidfx.effects.loads.resultant import Resultant

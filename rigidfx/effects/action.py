@@ -63,20 +63,6 @@ class Structure:
         np.add.at(out, body[held], a[held, :, None] * values[held, None])
         return out
 
-    def outward_moments(self, where: str, owner: str) -> Array:
-        """Σ a fᵀ of a unit pressure from inside on named boundary facets of each body. Collective.
-
-        Returns:
-            This rank's part in the bodies' frames, shape (bodies, n, 3) [m², m³].
-        """
-        out: Array = self.surface.outward_moments(where, owner, self.bodies)
-        return out
-
-    def outward_slopes(self, where: str, owner: str) -> Array:
-        """Its derivatives by the coordinates of shapes, shape (m, bodies, n, 3). Collective."""
-        out: Array = self.surface.outward_slopes(where, owner, self.bodies)
-        return out
-
 
 def _nothing() -> Array:
     return np.zeros(3)

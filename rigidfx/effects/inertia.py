@@ -28,10 +28,10 @@ from rigidfx.base.inputs import positive
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
-from rigidfx.effects.base import Effect, Vector, Windowed
+from rigidfx.effects.base import Effect, Windowed
 from rigidfx.effects.motion import Forces, Motion, Tangent
 
-__all__ = ["Centrifugal", "CentrifugalForces", "MassDamping", "StepDrag", "StepDragForces"]
+__all__ = ["Centrifugal", "MassDamping", "StaticForces", "StepDrag"]
 
 
 class MassForces(Action):
@@ -129,30 +129,28 @@ class Drag(MassForces):
 
 
 @dataclass(frozen=True)
-class StepDrag(Effect):
-    """The drag on increments; of statics only.
+class StaticForces(Effect):
+    """Forces of statics only.
 
     Attributes:
-        tell: Called with the forces when they are bound.
+        of: Makes them for a division.
     """
 
-    tell: Callable[[StepDragForces], None]
+    of: Callable[[Structure], Action]
 
     def bind(self, structure: Structure) -> Action:
         """The forces on nodes and bodies."""
-        forces = StepDragForces(structure)
-        self.tell(forces)
-        return forces
+        return self.of(structure)
 
 
-class StepDragForces(MassForces):
-    """s M (x - x*) as a resistance.
+class StepDrag(MassForces):
+    """The drag on increments, s M (x - x*) as a resistance.
 
     Attributes:
         rate: s [1/s²].
     """
 
-    kind = StepDrag.__name__
+    kind = "StepDrag"
 
     def __init__(self, structure: Structure) -> None:
         """Draw to the start. Collective."""
@@ -175,39 +173,34 @@ class StepDragForces(MassForces):
         return self._field, increments.start.pose - self._pose + increments.displacement
 
 
-@dataclass(frozen=True)
-class Centrifugal(Effect):
-    """Centrifugal forces on nodes, by the scene's mass operator, and on bodies; of statics only.
-
-    Attributes:
-        spin: Angular velocity ω [rad/s].
-        centre: Point of the axis, c [m].
-        share: Tells the part of the forces that acts, in increments of a load.
-    """
-
-    spin: Vector | Array
-    centre: Vector | Array
-    share: Callable[[], float]
-
-    def bind(self, structure: Structure) -> Action:
-        """The forces on nodes and bodies, with their derivatives."""
-        return SofteningForces(self, structure)
-
-
-class CentrifugalForces(MassForces):
-    """-M S (x - c) as a resistance, with the stiffness of bodies."""
+class Centrifugal(MassForces):
+    """-M S (x - c) as a resistance."""
 
     kind = "Preload"
 
-    def __init__(self, load: Centrifugal, structure: Structure) -> None:
-        """Store the places. Collective."""
+    def __init__(
+        self,
+        spin: Array,
+        centre: Array,
+        structure: Structure,
+        share: Callable[[], float] | None = None,
+    ) -> None:
+        """Store the places. Collective.
+
+        Args:
+            spin: Angular velocity ω, shape (3,) [rad/s].
+            centre: Point of the axis, c, shape (3,) [m].
+            structure: The division.
+            share: Tells the part of the forces that acts, in increments of a load. All of them act
+                if None, and the stiffness of nodes is left to others.
+        """
         super().__init__(structure)
-        spin, rows = np.asarray(load.spin, dtype=np.float64), structure.rows
-        self._S, self._share = spin @ spin * np.eye(3) - np.outer(spin, spin), load.share
+        rows, self._share = structure.rows, share
+        self._S = spin @ spin * np.eye(3) - np.outer(spin, spin)
         self._u0, self._dofs = structure.u, rows.dofs
-        self._arms = rows.X - np.asarray(load.centre)
+        self._arms = rows.X - centre
         self._axis = np.zeros_like(structure.bodies.pose)
-        self._axis[:, 0] = load.centre
+        self._axis[:, 0] = centre
         self._nodes = rows.nodes[np.flatnonzero(structure.own)]
         self._own_mass = structure.scene.nodal_mass[self._nodes]
         mass = structure.scene.sum(self._own_mass.sum())
@@ -216,7 +209,7 @@ class CentrifugalForces(MassForces):
 
     def factor(self, motion: Motion) -> float:
         """Minus the share that acts."""
-        return -self._share()
+        return -1.0 if self._share is None else -self._share()
 
     def moved(self, motion: Motion) -> tuple[Any, Array]:
         """S (x - c) [m/s²]."""
@@ -227,15 +220,8 @@ class CentrifugalForces(MassForces):
         return self._field, places @ self._S
 
     def stiffen(self, motion: Motion, tangent: Tangent) -> None:
-        """Add -M S of bodies."""
-        tangent.add_spread(self._spread, self.factor(motion) * self._S)
-
-
-class SofteningForces(CentrifugalForces):
-    """With the stiffness of nodes."""
-
-    def stiffen(self, motion: Motion, tangent: Tangent) -> None:
-        """Subtract M S; of a consistent mass by row sums: iterations see it, the solution not."""
-        super().stiffen(motion, tangent)
-        softening = self._own_mass[:, None, None] * self._S
-        tangent.matrix.add_nodal(self._nodes, self.factor(motion) * softening)
+        """Add -M S; of a consistent mass by row sums: iterations see it, the solution not."""
+        softening = self.factor(motion) * self._S
+        tangent.add_spread(self._spread, softening)
+        if self._share is not None:
+            tangent.matrix.add_nodal(self._nodes, self._own_mass[:, None, None] * softening)

@@ -22,8 +22,8 @@ import numpy as np
 
 from rigidfx.base.errors import InversionError, StepError
 from rigidfx.base.instants import longer
-from rigidfx.effects import Contact, Effect, Windowed
-from rigidfx.effects.inertia import StepDrag, StepDragForces
+from rigidfx.effects import Contact, Effect, Structure, Windowed
+from rigidfx.effects.inertia import StaticForces, StepDrag
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.inversion import Inversion
 from rigidfx.scene.scene import Scene
@@ -82,7 +82,7 @@ class Settling:
             control: How the drag is chosen.
         """
         self._control = SettlingControl() if control is None else control
-        self.effect = StepDrag(self._take)
+        self.effect = StaticForces(self._bind)
         self._size = float(np.linalg.norm(np.ptp([*scene.parts.lower, *scene.parts.upper], axis=0)))
         self._mass = float(scene.sum(scene.averaging_mass[: scene.owned_nodes].sum()))
         stiffness = max(material.stiffness for material, _ in scene.materials) * self._size
@@ -91,8 +91,9 @@ class Settling:
         if scene.named(Contact):
             self._near *= scene.mean_cell_size / self._size
 
-    def _take(self, forces: StepDragForces) -> None:
-        self._forces = forces
+    def _bind(self, structure: Structure) -> StepDrag:
+        self._forces = StepDrag(structure)
+        return self._forces
 
     def solve(self, system: StaticSystem, t0: float, t1: float) -> Solution:
         """Find an equilibrium at t₁ from that at t₀; the state is not changed. Collective.

@@ -11,6 +11,7 @@ whose derivative is the stiffness -M S (L. Meirovitch, Computational Methods in 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from petsc4py import PETSc
@@ -19,8 +20,7 @@ from rigidfx.base.types import Array
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.ports import RANK
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects.action import Action, Structure
-from rigidfx.effects.inertia import Centrifugal, CentrifugalForces
+from rigidfx.effects.inertia import Centrifugal, StaticForces
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 
@@ -52,17 +52,9 @@ class Spin:
         return bool(self.omega.any())
 
     @property
-    def forces(self) -> list[Centrifugal]:
+    def forces(self) -> list[StaticForces]:
         """Its centrifugal forces, without the stiffness of nodes; none if it does not turn."""
-        return [_Spun(self.omega, self.centre, lambda: 1.0)] if self.turns else []
-
-
-class _Spun(Centrifugal):
-    """Centrifugal forces whose softening of nodes is `softening`."""
-
-    def bind(self, structure: Structure) -> Action:
-        """The forces, and the derivative of those on bodies."""
-        return CentrifugalForces(self, structure)
+        return [StaticForces(partial(Centrifugal, self.omega, self.centre))] if self.turns else []
 
 
 def spin_of(scene: Scene, state: State) -> Spin:

@@ -13,7 +13,7 @@ from rigidfx.base.inputs import shown, vector, whole
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.effects.base import Effect, Vector
-from rigidfx.effects.inertia import Centrifugal
+from rigidfx.effects.inertia import Centrifugal, StaticForces
 from rigidfx.effects.joints.joint import Axial
 from rigidfx.effects.loads.dead_load import DeadLoad
 from rigidfx.effects.supports.prescribed import PrescribedRotation
@@ -81,7 +81,10 @@ class Preload(Effect):
 
     def centrifugal(self, scene: Any, share: Callable[[], float]) -> list[Effect]:
         """Its centrifugal forces, times a share; none without a spin. Collective."""
-        return [Centrifugal(self.spin, self._pivot(scene), share)] if self.turns else []
+        if not self.turns:
+            return []
+        axis = np.asarray(self.spin), np.asarray(self._pivot(scene))
+        return [StaticForces(lambda structure: Centrifugal(*axis, structure, share))]
 
     def velocities(self, scene: Any, x: Array) -> Array:
         """ω × (x - centre) of some places, shape (nodes, 3) [m/s]. Collective."""

@@ -127,10 +127,10 @@ class RotatedPressure(Action):
     def __init__(self, effect: Pressure, structure: Structure) -> None:
         """Find the forces for p = 1, pushing outwards, in the bodies' frames. Collective."""
         self._effect, self._bodies = effect, structure.bodies
-        where = effect.where, effect.kind
-        self._moments = structure.outward_moments(*where)
+        where, surface = (effect.where, effect.kind, structure.bodies), structure.surface
+        self._moments = surface.outward_moments(*where)
         deform = structure.bodies.of.shapes is not None
-        self._slopes = structure.outward_slopes(*where) if deform else None
+        self._slopes = surface.outward_slopes(*where) if deform else None
         self._p = 0.0
 
     def _unit(self, increments: Increments) -> Array:
