@@ -62,15 +62,16 @@ def run(script: str | Path, ranks: int, timeout: float, *arguments: str) -> Any:
         raise
 
 
-def check_the_same(script: str | Path, ranks: int, alone: Any) -> None:
+def check_the_same(script: str | Path, ranks: int, alone: Any, *arguments: str) -> None:
     """Assert that a script reports, to 1e-9 of each column's largest number, what one rank finds.
 
     Args:
         script: Python file.
         ranks: Number of MPI ranks.
         alone: Rows of numbers.
+        arguments: Arguments of the script.
     """
-    one, several = np.array(alone), np.array(run(script, ranks, 300))
+    one, several = np.array(alone), np.array(run(script, ranks, 300, *arguments))
     assert (np.abs(several - one).max(axis=0) <= 1e-9 * np.abs(one).max(axis=0)).all()
 
 

@@ -10,7 +10,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import dolfinx.mesh as dmesh
 import numpy as np
 import pytest
 import refusals
@@ -119,11 +118,6 @@ CASES = {
         lambda: rf.Scene(_box().with_cells("a", lambda x: x[0] < 1.5), {"a": STEEL}),
         SceneError,
         "cells have none",
-    ),
-    "2D mesh": (
-        lambda: Domain(dmesh.create_unit_square(COMM, 3, 3)),
-        SceneError,
-        "three-dimensional",
     ),
     "inverted hexahedron": (lambda: Domain(_dragged("hexahedron")), SceneError, "inverted"),
     "cells without volume": (lambda: Domain(_squashed()), SceneError, "inverted or flat"),

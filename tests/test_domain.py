@@ -250,52 +250,6 @@ def _save(path, build):
     return path
 
 
-def test_file_without_groups_is_a_body(tmp_path):
-    """As meshio leaves it: all volume cells are one set."""
-
-    def build(model):
-        model.occ.addBox(0, 0, 0, 1, 1, 1)
-        model.occ.addBox(2, 0, 0, 1, 1, 1)
-        model.occ.synchronize()
-        model.mesh.generate(3)
-
-    domain = rf.read_msh(_save(tmp_path / "boxes.msh", build))
-    assert list(domain.sets) == [("body", 3)]
-    assert (
-        domain.count(domain.find("body", (3,), "test"))
-        == domain.mesh.topology.index_map(3).size_global
-    )
-
-
-def test_overlapping_groups(tmp_path):
-    """A face in two groups and a volume in two groups belong to both; points are vertices."""
-
-    def build(model):
-        one, two = model.occ.addBox(0, 0, 0, 1, 1, 1), model.occ.addBox(1, 0, 0, 1, 1, 1)
-        model.occ.fragment([(3, one)], [(3, two)])
-        model.occ.synchronize()
-        faces = [tag for _, tag in model.getEntitiesInBoundingBox(-1, -1, -1, 3, 3, 1e-3, dim=2)]
-        skin = [tag for _, tag in model.getBoundary([(3, one), (3, two)], oriented=False)]
-        model.addPhysicalGroup(2, faces, name="bottom")
-        model.addPhysicalGroup(2, skin, name="skin")
-        model.addPhysicalGroup(3, [one, two], name="all")
-        model.addPhysicalGroup(3, [one], name="left")
-        corner = model.getEntitiesInBoundingBox(-0.1, -0.1, -0.1, 0.1, 0.1, 0.1, dim=0)
-        model.addPhysicalGroup(0, [corner[0][1]], name="corner")
-        model.mesh.generate(3)
-
-    domain = rf.read_msh(_save(tmp_path / "two.msh", build))
-    material = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=1.0)
-    count = {name: domain.count(s) for (name, _), s in domain.sets.items()}
-    assert count["corner"] == 1
-    assert 0 < count["left"] < count["all"] == domain.mesh.topology.index_map(3).size_global
-    for name, area in (("skin", 10.0), ("bottom", 2.0)):
-        reports = list(
-            rf.simulate(rf.Scene(domain, material, [rf.Traction(name, (1, 0, 0))]), 1, 1)
-        )
-        assert reports[-1].linear_momentum[0] == pytest.approx(area, rel=1e-10)
-
-
 @pytest.mark.parametrize(
     ("recombine", "found"),
     [(True, "Prism.*recombine them to quad"), (None, "generate the mesh in 3D before")],

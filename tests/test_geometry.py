@@ -89,15 +89,6 @@ def test_both_versions_of_the_format(tmp_path, order):
 
 
 @alone
-def test_a_name_of_two_groups(tmp_path):
-    """It could mean either, so it is refused, with the names there are."""
-    path = build(tmp_path / "two.msh", two_boxes, MshFileVersion=4.1)
-    path.write_text(path.read_text().replace('"part of it"', '"bottom"'))
-    with pytest.raises(SceneError, match=r"'bottom' to several groups of facets, numbers \d, \d"):
-        rf.read_msh(path)
-
-
-@alone
 def test_a_name_of_nothing(tmp_path):
     """A group whose cells are not in the file, and a name that is not there: see what there is."""
     path = build(tmp_path / "gaps.msh", two_boxes, MshFileVersion=2.2)

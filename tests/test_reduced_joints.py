@@ -31,10 +31,6 @@ def turning(apart, x):
     return np.cross(omega.T, x.T - PIN).T
 
 
-def _within(low, high, x):
-    return (x[0] > low - 0.01) & (x[0] < high + 0.01)
-
-
 def bars(*effects, thrown=True, apart_by=2.0, **options):
     """Two bars along x; "a" and "b" are their ends at a pin."""
     domain = boxes(
