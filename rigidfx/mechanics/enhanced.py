@@ -30,11 +30,10 @@ orthogonal to M too, takes η ∫ ΔẼ:ΔẼ/Δt ≥ 0, and does not lock eithe
 In UFL an enhancement η = M α is a coefficient, and the loss of a tangent a constant that is zero:
 `rigidfx.flexible.elimination` computes their values, within the kernel of a form.
 
-Stresses that are no linear function of strains, in cells whose strain is enhanced or assumed.
-
-For another energy than St.Venant-Kirchhoff's, α that makes it stationary would have to be found by
-iteration, and the averaged stress would not be orthogonal to the modes. But nothing asks for it to
-be stationary: with the α of the material's stiffness at rest, λ and μ, however large the strain,
+For another energy than St.Venant-Kirchhoff's, in cells whose strain is enhanced or assumed, α that
+makes it stationary would have to be found by iteration, and the averaged stress would not be
+orthogonal to the modes. But nothing asks for it to be stationary: with the α of the material's
+stiffness at rest, λ and μ, however large the strain,
 
     Ẽ = E + M α,   α = -D⁻¹ ∫ M : ℂ₀ : E dV,      in short  Ẽ = P E,  P linear, fixed for a cell,
 

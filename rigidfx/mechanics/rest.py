@@ -1,7 +1,4 @@
-"""How stiff a stored energy is at rest: λ and μ, those of a mean if it has directions.
-
-Values of expressions of numbers.
-"""
+"""How stiff a stored energy is at rest: λ and μ, those of a mean if it has directions."""
 
 from __future__ import annotations
 

@@ -25,12 +25,11 @@ Newton's method stops no lower in a first small step. (With three Gauss points n
 would be lost below 1e-2, for half as many stresses again; tried for single tensors only.)
 ξ ℂ₀ dissipates ξ ΔE:ℂ₀:ΔE ≥ 0 for every material, whereas ξ (S₁ - S₀) can add energy.
 
-How well floating-point numbers know a stored energy: a running error analysis of its formula.
-
-An energy may be the small difference of large numbers, and of how large ones only its formula
-tells: neo-Hooke's tr C - 3 is known to 3 ε however small the strain, E:E to ε of itself. The
-formula is followed as by N. J. Higham, Accuracy and Stability of Numerical Algorithms (2002),
-section 3.3: a result has the errors of its arguments, times derivatives, and ε of itself.
+r(C₀) comes by a running error analysis of the formula. An energy may be the small difference of
+large numbers, and of how large ones only its formula tells: neo-Hooke's tr C - 3 is known to 3 ε
+however small the strain, E:E to ε of itself. The formula is followed as by N. J. Higham, Accuracy
+and Stability of Numerical Algorithms (2002), section 3.3: a result has the errors of its arguments,
+times derivatives, and ε of itself.
 """
 
 from __future__ import annotations

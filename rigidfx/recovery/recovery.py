@@ -4,9 +4,7 @@ Bodies that were found have the strains of the error motion. A part named rigid 
 it is rigid in the twin, too: it is strained by the forces on its nodes, by its own stiffness. Where
 more than its own supports bear the loads, or where it would bend by so much that a linear response
 does not balance the forces (stresses of a bar whose tip went 4 % of its length were 4 % off, by
-turns alone), the whole structure is solved with it.
-
-How parts strain under steady forces on their nodes, by their own stiffness alone: K⁺ρ.
+turns alone), the whole structure is solved with it. Else it strains by K⁺ρ, under steady forces ρ.
 """
 
 from __future__ import annotations

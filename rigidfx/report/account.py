@@ -1,8 +1,6 @@
-"""Messages of a run as it goes on and at its end: see `rigidfx.base.log`.
+"""Messages of a run (`rigidfx.base.log`): its place once a minute, and at its end what it saved.
 
-Savings by rigid parts in a run, by the times of its steps.
-
-Says once a minute where a run is, also where standard error is no terminal.
+Savings by rigid parts follow from the times of steps.
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
-"""Stress and strain at probes: nodal values there, from the cells around them alone.
+"""Values at probes: histories of named points, and stress and strain from the cells around them.
 
-The value at a probe is Σ Nᵢ of the values at the nodes of its cell, these are sums over the cells
-at them (`rigidfx.flexible.nodal_stress`), and all weights are constant: a probe is one fixed sum
-over integration points. So only the cells that share a node with the probe's own are evaluated.
-Stresses of rigid parts are recovered where one of these cells is rigid, and only there.
-
-Histories of named points: fixed weights on the nodes of the cell that holds each point.
+The displacement of a probe is Σ Nᵢ of those of the nodes of its cell, by weights that never change.
+Its stress is Σ Nᵢ of the values at these nodes. They are sums over the cells at them
+(`rigidfx.flexible.nodal_stress`), and all weights are constant: a probe is one fixed sum over
+integration points. So only the cells that share a node with the probe's own are evaluated. Stresses
+of rigid parts are recovered where one of these cells is rigid, and only there.
 """
 
 from __future__ import annotations

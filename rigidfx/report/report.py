@@ -1,7 +1,4 @@
-"""The report of a step.
-
-A reader of the reports of a run.
-"""
+"""The report of a step, and the base of those who read reports of a run."""
 
 from __future__ import annotations
 

@@ -1,24 +1,23 @@
-"""The forces of contacts, averaged over the shortest time that a mesh resolves.
+"""Forces without the vibration that neither the mesh nor Δt resolves.
 
-A contact's force in a step is its impulse over Δt, which is exact. In short steps it is a force
-between nodes: those of a flat face that hits a floor ring on the penalty by their own mass, with
-twice the force ρ c v A of the body at any size of cells. Its mean over a few crossings of the
-layer of cells behind, weighted by a triangle, converges to that of the body with smaller cells.
+Forces of contacts are averaged over the shortest time that a mesh resolves. A contact's force in a
+step is its impulse over Δt, which is exact. In short steps it is a force between nodes: those of a
+flat face that hits a floor ring on the penalty by their own mass, with twice the force ρ c v A of
+the body at any size of cells. Its mean over a few crossings of the layer of cells behind, weighted
+by a triangle, converges to that of the body with smaller cells.
 
-A force of successive steps without the part that alternates, by fourth differences.
-
-Cells vibrate faster than Δt resolves, and forces λ of constraints on them with it, for ever. In
-steps of one length
+Forces λ of constraints lose the part that alternates from step to step, by fourth differences.
+Cells vibrate faster than Δt resolves, and these forces with them, for ever. In steps of one length
 
     λ* = λ - δ⁴λ/16,    δ⁴λₙ = λₙ₋₂ - 4 λₙ₋₁ + 6 λₙ - 4 λₙ₊₁ + λₙ₊₂,
 
-has nothing of an alternating force and no lag. A vibration that moves on by θ in a step keeps
-1 - sin⁴(θ/2), as with `rigidfx.step.system.resolved_forces`: 0.99 at ten steps a period. Beside
-the ends of a series λ* = λ + δ²λ/4, and the outermost steps go on from there in a straight line.
-λ* is taken where δ⁴λ changes its
-sign in two of three steps, as it does at three steps a period and less, so that a single jump of a
-smooth force stays as it is. Two later steps are needed: weights of earlier steps alone that have
-neither a lag nor an alternating part, such as (3, 2, -1)/4, make a jump larger by a quarter.
+has nothing of an alternating force and no lag. A vibration that moves on by θ in a step keeps 1 -
+sin⁴(θ/2), as with `rigidfx.step.system.resolved_forces`: 0.99 at ten steps a period. Beside the
+ends of a series λ* = λ + δ²λ/4, and the outermost steps go on from there in a straight line. λ* is
+taken where δ⁴λ changes its sign in two of three steps, as it does at three steps a period and less,
+so that a single jump of a smooth force stays as it is. Two later steps are needed: weights of
+earlier steps alone that have neither a lag nor an alternating part, such as (3, 2, -1)/4, make a
+jump larger by a quarter.
 """
 
 from __future__ import annotations
