@@ -19,8 +19,7 @@ from rigidfx.base.shared_cells import share_cells
 from rigidfx.base.uncaught import end_together
 from rigidfx.checkpoint.checkpoint import Checkpoint
 from rigidfx.decide.criteria.accuracy import Accuracy
-from rigidfx.decide.criteria.criterion import StrainRate
-from rigidfx.decide.criteria.relative import Relative
+from rigidfx.decide.criteria.criterion import Relative, StrainRate
 from rigidfx.decide.criteria.release import Release
 from rigidfx.domain.arrays import box, from_arrays
 from rigidfx.domain.cad import list_cad, read_cad

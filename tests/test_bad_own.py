@@ -16,9 +16,8 @@ import refusals
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.decide.criteria.criterion import ErrorRule
+from rigidfx.decide.criteria.criterion import ErrorRule, Tolerances
 from rigidfx.decide.criteria.judging import Criterion
-from rigidfx.decide.criteria.tolerances import Tolerances
 from rigidfx.effects.action import Action
 from rigidfx.effects.base import Effect
 from rigidfx.effects.contacts.obstacles import Approach, Obstacle

@@ -13,9 +13,8 @@ from histories import column, drift, show
 from scipy.spatial import cKDTree
 
 import rigidfx as rf
-from rigidfx.decide.criteria.criterion import ErrorRule
+from rigidfx.decide.criteria.criterion import ErrorRule, Tolerances
 from rigidfx.decide.criteria.judging import Criterion
-from rigidfx.decide.criteria.tolerances import Tolerances
 from rigidfx.effects.action import Action
 from rigidfx.effects.base import Effect
 from rigidfx.effects.contacts.obstacles import Approach, Obstacle

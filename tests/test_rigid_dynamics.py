@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rigidfx as rf
-from rigidfx.coupling.interface import ProductBlocks
+from rigidfx.coupling.condensed_tangent import ProductBlocks
 
 DRIFT = 1e-11  # the bound, relative
 CELLS = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])

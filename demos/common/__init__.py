@@ -8,7 +8,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from rigidfx.command.files import conclude, write_json
+from rigidfx.command.main import conclude, write_json
 from rigidfx.command.options import nonnegative, number, positive
 from rigidfx.command.pair import KeptRun, Pair
 from rigidfx.command.parser import say

@@ -2,22 +2,23 @@
 
 The tolerance of the criterion is a strain rate, and its size depends on the motion. Unless it is
 given, the time of the load is run once without rigid parts, and a fiftieth of the largest strain
-rate is taken.
+rate is taken. A description, modes and statics are made in place of a run.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 import warnings
 from argparse import Namespace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from rigidfx.base.errors import RigidfxWarning
-from rigidfx.command.at_rest import at_rest, is_at_rest
-from rigidfx.command.files import write_json
+from rigidfx.base.text_files import write_text
 from rigidfx.command.largest import Largest
 from rigidfx.command.options import CAD, GEO, Example, ask
 from rigidfx.command.pair import Pair
@@ -37,12 +38,71 @@ from rigidfx.output.recorder import Recorder
 from rigidfx.plot import Shapes, curves
 from rigidfx.scene.scene import Scene
 from rigidfx.simulation import simulate
-from rigidfx.vibration.modes import periods
+from rigidfx.statics import static
+from rigidfx.vibration.modes import modes, periods
 
-__all__ = ["main", "materials", "run"]
+__all__ = ["conclude", "main", "materials", "run", "write_json"]
 
 QUIET = 0.02  # tolerance, relative to the largest strain rate under the load
 PICTURES = 0.05, 0.35, 0.65, 1.0  # of the run's time, of the shapes that are drawn
+
+
+def write_json(path: Path, content: Any, indent: int | None = 2) -> str:
+    """Write numbers and names as JSON, and return them. Collective.
+
+    Raises:
+        OutputError: On every rank, if the file cannot be written.
+    """
+    text = json.dumps(content, indent=indent, ensure_ascii=False) + "\n"
+    write_text(MPI.COMM_WORLD, path, text)
+    return text
+
+
+def conclude(folder: Path, summary: Any) -> None:
+    """Leave `summary.json` in a folder, and print it. Collective.
+
+    Raises:
+        OutputError: On every rank, if the file cannot be written.
+    """
+    say(write_json(folder / "summary.json", summary).rstrip())
+
+
+def is_at_rest(options: Namespace) -> bool:
+    """Whether the options ask for something in place of a run."""
+    return bool(options.describe or options.modes or options.static)
+
+
+def at_rest(scene: Scene, options: Namespace) -> dict[str, Any]:
+    """Print description, modes or statics, and leave their files. Collective.
+
+    Returns:
+        Content of `summary.json`.
+    """
+    summary: dict[str, Any] = {"file": options.file.name}
+    if options.describe:
+        scene.describe(dt=options.dt, periods=3)
+    if options.modes:
+        found = modes(scene, options.modes)
+        for number, frequency in enumerate(found.frequencies, start=1):
+            say(f"mode {number}: {frequency:.6g} Hz")
+        found.write(options.out)
+        say("Pictures are being drawn ...")
+        found.draw(options.out / "modes.png")
+        summary["frequencies"] = found.frequencies.tolist()
+    if options.static:
+        largest = Largest(scene, [1.0])
+        with Recorder(scene, options.out) as recorder:
+            for report in static(scene):
+                recorder.write(report)
+                largest.add(report)
+        say("\n".join(largest.lines(timed=False)))
+        say("Pictures are being drawn ...")
+        largest.shapes.draw(options.out / "stress.png", title=options.file.name, scale="auto")
+        summary |= largest.numbers()
+    if options.modes or options.static:
+        write_json(options.out / "summary.json", summary)
+        say(f"Pictures, fields and summary.json are in {options.out}")
+    return summary
 
 
 def read(parser: RankParser, options: Namespace) -> Domain:

@@ -27,11 +27,9 @@ from rigidfx.decide.criteria.judging import CHANGE, Criterion, judged_cells, par
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision, qualify
 from rigidfx.decide.memory.back_off import BackOff
-from rigidfx.decide.memory.contact_changes import ContactChanges
 from rigidfx.decide.memory.load_changes import LoadChanges
-from rigidfx.decide.memory.memory import Memory
+from rigidfx.decide.memory.memory import ContactChanges, Memory, Window
 from rigidfx.decide.memory.signals import Signals
-from rigidfx.decide.memory.window import Window
 from rigidfx.decide.named_parts import NamedParts
 from rigidfx.decide.paying import Paying
 from rigidfx.decide.planner import Planner

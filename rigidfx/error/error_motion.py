@@ -19,6 +19,7 @@ on u + e; its joints hold u + e. For parts that move freely e has no rigid motio
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -41,14 +42,13 @@ from rigidfx.error.frames import FRAMES, Frames, to_space
 from rigidfx.error.impulse import Impulse
 from rigidfx.error.linear_motion import step_kind
 from rigidfx.error.response import Response
-from rigidfx.error.shown import Shown
 from rigidfx.error.validity import Validity
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.scene.points import Point
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt, Watch
 
-__all__ = ["ErrorMotion"]
+__all__ = ["ErrorMotion", "Shown"]
 
 Nodes = npt.NDArray[np.integer]
 
@@ -57,6 +57,19 @@ LOOKS = 4  # steps from look to look: at the size of e, and at cells that it har
 
 # Kicks, response and contacts, and how many steps there were, before an attempt.
 _Before = tuple[Array, object, object, int]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """The error motion in space at an instant.
+
+    Attributes:
+        displacement: Q_p e of the owned nodes, shape (nodes, 3) [m].
+        velocity: Q_p ė, likewise [m/s].
+    """
+
+    displacement: Array
+    velocity: Array
 
 
 def of_point(point: Point, nodes: int) -> csr_array:

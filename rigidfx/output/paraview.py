@@ -24,7 +24,7 @@ import numpy.typing as npt
 from dolfinx import fem, plot
 
 from rigidfx.base.types import Indices
-from rigidfx.output.changed import ChangedFile
+from rigidfx.output.whole_writes import ChangedFile
 
 __all__ = ["Body", "Cloud", "Series"]
 

@@ -3,9 +3,9 @@
     folder/history.csv     one row per step, flushed at once, numbers in full precision; its columns
                            are told in `history`
     folder/events.csv      one row per body that was frozen, changed or released; only if there may
-                           be such events; see `body_tables`
+                           be such events; see `run_files`
     folder/bodies.csv      one row per body at each time of the fields; only if there may be bodies;
-                           see `body_tables`
+                           see `run_files`
     folder/fields.pvd      fields for ParaView, at the output interval; see `fields`
     folder/fields/         its files, one per time
     folder/fields.vtkhdf   the same in one file, in place of these or besides; see `vtkhdf`
@@ -35,13 +35,12 @@ from rigidfx.base.inputs import names, path_of, positive, shown, whole
 from rigidfx.base.instants import at_latest
 from rigidfx.base.same_input import check_same
 from rigidfx.effects import Contact, SpringDamper, efforts_of
-from rigidfx.output.body_tables import body_rows, event_rows
-from rigidfx.output.changed import ChangedFile
 from rigidfx.output.fields import Fields
 from rigidfx.output.history import Written, history_columns, history_row
 from rigidfx.output.joint_fields import clouds_of
 from rigidfx.output.paraview import Body, Cloud
-from rigidfx.output.run_files import RunFiles, kinds_of
+from rigidfx.output.run_files import RunFiles, body_rows, event_rows, kinds_of
+from rigidfx.output.whole_writes import ChangedFile
 from rigidfx.report.current import check_report, check_scene
 from rigidfx.report.peaks import Peaks
 from rigidfx.report.report import Report

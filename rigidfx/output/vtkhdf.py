@@ -26,9 +26,8 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.flexible.stress import SYMMETRIC
-from rigidfx.output.changed import ChangedFile
 from rigidfx.output.paraview import Body, Cloud
-from rigidfx.output.whole_writes import WholeWrites
+from rigidfx.output.whole_writes import ChangedFile, WholeWrites
 
 __all__ = ["HdfSeries", "hdf"]
 

@@ -10,11 +10,24 @@ from __future__ import annotations
 
 import io
 import os
-from errno import ENOSPC
+from errno import EIO, ENOSPC
 from pathlib import Path
 from typing import Any
 
-__all__ = ["WholeWrites"]
+__all__ = ["ChangedFile", "WholeWrites"]
+
+
+class ChangedFile(OSError):
+    """A file lacks content that a checkpoint tells of, or has another one."""
+
+    def __init__(self, path: Path, why: str) -> None:
+        """Name the file.
+
+        Args:
+            path: The file.
+            why: What has changed, as the end of a sentence.
+        """
+        super().__init__(EIO, why, str(path))
 
 
 class WholeWrites(io.RawIOBase):

@@ -17,7 +17,7 @@ from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.types import Array, Ints
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rotation import axial, cross
-from rigidfx.scene.held import holding
+from rigidfx.scene.damped import holding
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.system.system import System

@@ -11,8 +11,7 @@ import numpy as np
 from rigidfx.base.named import Named
 from rigidfx.base.types import Array
 from rigidfx.effects import Contact, Joint, JointReports, Rigid, SpringDamper, Touch
-from rigidfx.error.error_motion import ErrorMotion
-from rigidfx.error.shown import Shown
+from rigidfx.error.error_motion import ErrorMotion, Shown
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.recovery.recovery import Recovery
 from rigidfx.report.events import Event

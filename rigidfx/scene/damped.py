@@ -13,6 +13,7 @@ back if it is of one part, is held by supports, touches nothing, and is damped f
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -27,16 +28,47 @@ from rigidfx.effects import (
     Spring,
     SpringDamper,
     StiffnessDamping,
+    Windowed,
 )
+from rigidfx.effects.supports.support import Support
 from rigidfx.mechanics.materials import Isotropic
 from rigidfx.mechanics.rest import rest_moduli
-from rigidfx.scene.held import always, holding
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Damped", "comes_back"]
-
+__all__ = ["Damped", "comes_back", "holding"]
 
 DAMPING = KelvinVoigt, MassDamping, NumericalDamping, StiffnessDamping
+SPREAD = 1e-6  # of nodes that are held, the second axis over the first, squared: they form no line
+
+
+def holding(scene: Scene) -> list[Support]:
+    """Supports that by themselves hold a structure of one part, from the start to the end.
+
+    Collective.
+
+    Args:
+        scene: The problem.
+    """
+    if scene.parts.count > 1:
+        return []
+    X, n = scene.space.tabulate_dof_coordinates(), scene.owned_nodes
+    found: list[Support] = []
+    for support, nodes in scene.supports:
+        if len(support.axes) < 3 or not always(support):
+            continue
+        x = X[nodes[nodes < n]]
+        ones = np.hstack([np.ones((len(x), 1)), x])
+        moments = np.asarray(scene.sum(ones.T @ ones))
+        centre = moments[0, 1:] / moments[0, 0]
+        spread = np.linalg.eigvalsh(moments[1:, 1:] / moments[0, 0] - np.outer(centre, centre))
+        if spread[1] > SPREAD * spread[2]:
+            found.append(support)
+    return found
+
+
+def always(effect: Windowed) -> bool:
+    """Whether an effect acts from the start to the end."""
+    return effect.since <= 0 and effect.until == inf
 
 
 class Damped:

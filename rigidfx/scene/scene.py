@@ -39,12 +39,12 @@ from rigidfx.scene.checks import (
     check_masses,
     check_rigid,
     check_supports,
+    check_together,
     effects_of,
     in_order,
     points,
     warn_of_locking,
 )
-from rigidfx.scene.conflicts import check_together
 from rigidfx.scene.elements import element_of
 from rigidfx.scene.mesh_checks import warn_of_mesh
 from rigidfx.scene.pieces import divide, warn_of_pieces

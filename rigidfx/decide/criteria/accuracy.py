@@ -18,8 +18,7 @@ from rigidfx.base.taken import take_fields
 from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.decide.criteria.budget_rule import BudgetRule
-from rigidfx.decide.criteria.judging import CHANGE, Criterion, judged_cells, never_rigid
-from rigidfx.decide.criteria.rule import Rule
+from rigidfx.decide.criteria.judging import CHANGE, Criterion, Rule, judged_cells, never_rigid
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.effects import NumericalDamping, Rigid
 from rigidfx.report.ledger import Entry, Ledger, Rigidity

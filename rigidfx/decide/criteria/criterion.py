@@ -1,9 +1,10 @@
 """When parts of a structure become rigid, and when they are released: what the user states.
 
-`StrainRate` judges cells by one tolerance, and κ times that. Cells are quiet up to a strain rate in
-u + e, their tolerance. A cell that e strains at more than κ times its tolerance wakes, and so do
-all cells above theirs in its part and in parts that joints link with it. A window is as long as
-given, or a little longer than the longest period.
+`StrainRate` judges cells by one tolerance, and κ times that; by others in named sets, or by a part
+of the largest rate so far. Cells are quiet up to a strain rate in u + e, their tolerance. A cell
+that e strains at more than κ times its tolerance wakes, and so do all cells above theirs in its
+part and in parts that joints link with it. A window is as long as given, or a little longer than
+the longest period.
 """
 
 from __future__ import annotations
@@ -21,25 +22,109 @@ from rigidfx.base.inputs import number, positive, shown, whole
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.taken import take_fields
 from rigidfx.base.types import Array, Bools
-from rigidfx.decide.criteria.judging import EASING, Criterion, never_rigid, part_of_window
+from rigidfx.decide.criteria.judging import (
+    EASING,
+    Criterion,
+    Rule,
+    judged_cells,
+    never_rigid,
+    part_of_window,
+)
 from rigidfx.decide.criteria.observation import Observation
-from rigidfx.decide.criteria.relative import Relative
 from rigidfx.decide.criteria.release import Release
-from rigidfx.decide.criteria.rule import Rule
-from rigidfx.decide.criteria.tolerances import Tolerances
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.error.strained import Limits, Strained
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.strain_rate import StrainRates
+from rigidfx.scene.linked import linked
 from rigidfx.scene.scene import Scene
+from rigidfx.scene.step_control import fraction
 from rigidfx.scene.timeline import Timeline
 
-__all__ = ["ErrorRule", "StrainRate"]
+__all__ = ["ErrorRule", "Relative", "StrainRate", "Tolerances"]
 
 HALF = 0.5  # of what wakes cells, up to which those may strain that others enclose
 MARGIN = 1.25  # an automatic window in longest periods
 FEWEST = 8  # steps of an automatic window
+
+
+@dataclass(frozen=True)
+class Relative:
+    """A tolerance relative to the largest strain rate of any cell so far.
+
+    It suits any structure, while strain rates in 1/s are rarely known in advance. Until a rate has
+    exceeded the noise of Newton's method, only cells without any strain qualify.
+
+    Attributes:
+        part: Between 0 and 1.
+    """
+
+    part: float
+
+    def __post_init__(self) -> None:
+        """Check the number.
+
+        Raises:
+            SceneError: If it is none between 0 and 1.
+        """
+        fraction("Relative", "part", self.part)
+        take_fields(self)
+
+
+class Tolerances:
+    """Strain rate up to which each owned cell is quiet.
+
+    Attributes:
+        comm: Communicator of the mesh.
+        group: Number of the connected parts, linked by joints, that each owned cell is in.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        memory: Memory,
+        tol: float | Relative,
+        of_sets: Mapping[str, float],
+    ) -> None:
+        """Find the cells that have a tolerance of their own. Collective.
+
+        Args:
+            scene: The problem.
+            memory: Memory of the policy.
+            tol: As of `rigidfx.decide.criteria.criterion.StrainRate`.
+            of_sets: Tolerances of named sets of cells [1/s].
+
+        Raises:
+            SceneError: If a name is unknown, or a `Reduced` part has all cells of it.
+        """
+        self.comm, self._memory, self._tol = scene.comm, memory, tol
+        self.group = linked(scene)[scene.parts.of_cell[: memory.window.worst.size]]
+        self._special = np.full(memory.window.worst.size, np.inf)
+        for name, own in of_sets.items():
+            cells = judged_cells(scene, name, "StrainRate (tolerances)")
+            self._special[cells] = np.minimum(self._special[cells], own)
+
+    def now(self) -> Array:
+        """Tolerance of each owned cell now [1/s]."""
+        tol = self._tol
+        of_all = tol.part * self._memory.largest if isinstance(tol, Relative) else float(tol)
+        return np.where(np.isfinite(self._special), self._special, of_all)
+
+    def observe(self, seen: Observation) -> None:
+        """Remember the largest strain rate, where tolerances are parts of it. Collective.
+
+        Args:
+            seen: The run after a step.
+        """
+        if not isinstance(self._tol, Relative):
+            return
+        memory, indicator = self._memory, seen.indicator
+        most = float(indicator.values[indicator.cells].max(initial=0.0))
+        most = self.comm.allreduce(most, op=MPI.MAX)
+        # What is at rest strains by noise, of which no part means anything.
+        if memory.largest > 0 or most > seen.noise:
+            memory.largest = max(memory.largest, most)
 
 
 def window_length(given: float | Literal["auto"], memory: Memory) -> float:

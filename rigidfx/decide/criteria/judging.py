@@ -1,32 +1,86 @@
-"""The questions of a policy to any criterion, and their default answers."""
+"""The questions of a policy to any criterion and its rule, and default answers.
+
+A rule says which cells are quiet enough to be rigid, and which rigid cells wake. It knows neither
+earlier windows nor connected cells nor releases.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from math import inf
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import names, number, shown
-from rigidfx.base.types import Indices
+from rigidfx.base.types import Array, Bools, Indices
+from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.criteria.release import Release
-from rigidfx.decide.criteria.rule import Rule
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.effects import Reduced
+from rigidfx.error.strained import Limits, Strained
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.strain_rate import StrainRates
+from rigidfx.report.ledger import Rigidity
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
-__all__ = ["CHANGE", "EASING", "Criterion", "judged_cells", "never_rigid", "part_of_window"]
+__all__ = ["CHANGE", "EASING", "Criterion", "Rule", "judged_cells", "never_rigid", "part_of_window"]
 
 CHANGE = 0.1  # part of its largest value so far by which a load has changed, by default
 LEAST = 2  # cells of a body: one alone hardly saves anything
 EASING = 0.25  # windows in which released cells are let down, at least
 WORTH = 0.05  # of all cells: what is less saves less than its switches cost
+
+
+class Rule(Protocol):
+    """The measure by which a criterion judges cells."""
+
+    @property
+    def tol(self) -> Array:
+        """Strain rate up to which each owned cell is quiet now [1/s]."""
+        ...
+
+    def limits(self) -> Limits:
+        """Rates that wake cells in the next step. Collective."""
+        ...
+
+    @property
+    def rigidity(self) -> Rigidity | None:
+        """Error of the motion by bodies; None if that is not estimated."""
+        ...
+
+    def length(self) -> float:
+        """How long a window is to be [s]; NaN while that is not known. Collective."""
+        ...
+
+    def observe(self, seen: Observation) -> None:
+        """Record a step that was accepted, once observation has begun. Collective."""
+        ...
+
+    def window_ends(self, seen: Observation, flexible: Bools) -> None:
+        """Record the end of a window, before `tol` is asked. Collective.
+
+        Args:
+            seen: The state at that time.
+            flexible: Owned cells that were flexible in all of the window.
+        """
+        ...
+
+    def told(self) -> str:
+        """The settings by hand with the same result. Collective."""
+        ...
+
+    def waking(self, strained: Strained, free: Bools) -> Bools:
+        """Which owned cells wake; those round them do as well. Collective.
+
+        Args:
+            strained: Strain of cells of bodies, over `limits`.
+            free: Owned cells of bodies that may wake.
+        """
+        ...
 
 
 class Criterion:
