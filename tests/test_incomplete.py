@@ -18,7 +18,7 @@ KEPT = "kept fgmres+ilu"
 @pytest.fixture
 def _soft(monkeypatch):
     """Have all systems count as large and soft."""
-    monkeypatch.setattr(chord, "SMALLEST", 0)
+    monkeypatch.setattr(chord, "DEAR", 0.0)
     monkeypatch.setattr(chord, "FULL_UP_TO", 0)
     monkeypatch.setattr(chord, "STIFF_FROM", 1e9)
 

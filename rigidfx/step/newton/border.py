@@ -114,7 +114,6 @@ class Border:
 
     Attributes:
         ports: Number of ports.
-        solves: How many solves a new tangent takes beside its factors.
     """
 
     def __init__(self, equilibrium: Equilibrium) -> None:
@@ -124,11 +123,11 @@ class Border:
             equilibrium: The equations.
         """
         self._equilibrium, self._rows = equilibrium, equilibrium.constraints
-        self.ports = self.solves = 0
+        self.ports = 0
         if self._rows is None:
             return
         ports = self._rows.ports
-        self.ports = self.solves = ports.count
+        self.ports = ports.count
         self._E, self._ET = ports.entries, compact(csr_array(ports.entries.T))
         self._owned = equilibrium.prolongation.owned
         self._r, self._z = (equilibrium.prolongation.unknowns() for _ in range(2))
@@ -177,7 +176,6 @@ class Border:
         entries = A.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
         if self._shared is None or entries != self._entries:
             self._shared, self._entries = parted(A, self._E), entries
-            self.solves = len(self._shared.right)
         return self._shared
 
     def _compliance(self, Y: Matrix) -> Matrix:

@@ -15,15 +15,18 @@ if the matrix is not definite, as near buckling.
 Cost of a new tangent, in iterations with the factors of a kept one.
 
 The unit is the time of an iteration, without its solve, for each entry of the tangent: 1.8 ns.
-Costs come from counts, not from a clock, so runs repeat exactly. In parts of steel of
-10⁴ to 2·10⁴ unknowns an entry of Cholesky's factors took 12 to 14 in factoring and .63 to .8 in a
-solve, an entry of a tangent 13 in assembly.
+Costs come from counts that all numbers of ranks have alike, not from a clock, so runs repeat
+exactly. In parts of steel of 10⁴ to 2·10⁴ unknowns an entry of Cholesky's factors took 12 to 14 in
+factoring and .63 to .8 in a solve, an entry of a tangent 13 in assembly, for which cells bring 2.4.
+Beside a body each of these is multiplied by the body's coordinates, four and three for each shape.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.step.equations.equations import Equilibrium
@@ -44,26 +47,37 @@ class Prices:
     """Costs of entries.
 
     Attributes:
-        making: To assemble an entry of a tangent, or to make one of its factors.
+        assembling: To assemble an entry of a cell.
+        making: To make an entry of factors.
+        condensing: To multiply an entry of a cell by a coordinate of a body, some 1 ns.
         solving: To solve with an entry of factors.
         calls: All calls of an iteration.
     """
 
+    assembling: float = 5.5
     making: float = 13.0
+    condensing: float = 0.5
     solving: float = 0.75
     calls: float = 65e3
 
 
-def price(A: PETSc.Mat, factors: PETSc.Mat, prices: Prices = Prices()) -> float:
+def price(equilibrium: Equilibrium, filled: float, prices: Prices = Prices()) -> float:
     """Cost of a new tangent in iterations with a kept one. Collective.
 
     Args:
-        A: The tangent.
-        factors: Its factors, by MUMPS, CHOLMOD or PETSc itself.
+        equilibrium: The equations whose tangent it is.
+        filled: Entries of its factors.
         prices: Costs of entries.
     """
-    own, filled = entries_of(A), entries_of(factors)
-    return prices.making * (own + filled) / (own + prices.calls + prices.solving * filled)
+    own, p = entries_of(equilibrium.tangent_matrix), equilibrium.prolongation
+    layout = p.layout
+    parts = layout.interior, layout.interface
+    counts = np.array([sum(map(len, cells_of.values())) for cells_of in parts])
+    p.comm.Allreduce(MPI.IN_PLACE, counts)
+    of_cells = counts * (3 * layout.space.dofmap.list.shape[1]) ** 2
+    condensing = prices.condensing * layout.ensemble.frozen.shape[1] * of_cells[1]
+    cost = prices.assembling * of_cells.sum() + prices.making * filled + condensing
+    return float(cost / (own + prices.calls + prices.solving * filled))
 
 
 def entries_of(A: PETSc.Mat) -> float:
@@ -171,7 +185,7 @@ class Factors:
         """Factor a new tangent, and choose the solver. Collective."""
         if self._pivots == self._equilibrium.well_conditioned:
             self._take_pivots(not self._pivots)
-        self.renewal = price(self._equilibrium.tangent_matrix, self._made())
+        self.renewal = price(self._equilibrium, entries_of(self._made()))
 
     def _made(self) -> PETSc.Mat:
         """Make the factors. Collective."""

@@ -168,11 +168,6 @@ class KeptTangent:
         self.inverse, self._assembled_for = inverse, 0.0
         self._contacts.renewed(None)
 
-    @property
-    def renewal(self) -> float:
-        """Cost of a new tangent, in iterations with a kept one."""
-        return self.inverse.renewal + self._border.solves
-
     def fits(self, dt: float) -> bool:
         """Whether a step of Δt [s] is near enough to the one that the tangent was assembled for."""
         return abs(dt - self._assembled_for) <= NEAR * dt

@@ -199,14 +199,12 @@ class Newton:
             self._chord = Chord(equilibrium, ChordTest(rtol, max_it))
         # What keeps tangents, here or in the last division that was large enough for it.
         self._experience = self._chord
-        self._keeping = False  # whether the present solve is by the chord method ...
-        self._kept = False  # ... and whether that has found the last solution
+        self._keeping = False  # whether the present solve is by the chord method
         self._offered, self._best = 0, 0  # first guesses of the last choice, and what it was
         self.known = False
         self._tangents, self._failed = 0, False  # and whether the last iteration has failed
         self._ending, self._saved_norm = 0, 0.0  # reason to stop at a solution, and its ‖R‖ [N]
         self._left = 0.0  # ‖R‖ of the last solution [N]
-        self._began = 0.0  # ‖R‖ at the first guess, where Newton's method goes on from another [N]
 
     def go_on(self, before: Newton) -> None:
         """Keep findings of the division before, which may have been freed."""
@@ -246,15 +244,14 @@ class Newton:
         Args:
             guesses: First guesses; the one with the smallest residual is taken.
         """
-        self._kept, failed = False, None
-        while self._chord is not None and self._chord.serves(self.equilibrium.dt):
-            found = self._solve_by_chord(self._chord, guesses).after(failed)
-            if found.converged:
-                return found
-            failed = found
-            if self._chord.tangents:  # else a new one may do
-                break
-        return self._solve_by_newton(guesses, failed).after(failed)
+        failed = None
+        if self._chord is not None:
+            if self._chord.serves(self.equilibrium.dt):
+                failed = self._solve_by_chord(self._chord, guesses)
+                if failed.converged:
+                    return failed
+            self._chord.lose()
+        return self._solve_by_newton(guesses).after(failed)
 
     def _solve_by_chord(self, chord: Chord, guesses: Sequence[Guess]) -> Solution:
         """Solve with a tangent that is kept."""
@@ -265,32 +262,16 @@ class Newton:
         self._snes.setKSP(chord.ksp)
         self.stop, self._keeping = chord.stop, True
         reason = self._iterate(guesses)
-        self._kept = reason > 0
-        if not self._kept:
-            chord.fail()
         found = self._solution(reason, chord.tangents, chord.linear_iterations, chord.solver)
         self._snes.setKSP(own[0])
         self.stop, self._keeping = own[1], False
         return found
 
-    def _solve_by_newton(
-        self, guesses: Sequence[Guess], failed: Solution | None = None
-    ) -> Solution:
-        """Solve with a new tangent in each iteration.
-
-        Args:
-            guesses: First guesses.
-            failed: Another solve that has failed; if its last iterate is better than its first
-                one, the iteration goes on from there.
-        """
+    def _solve_by_newton(self, guesses: Sequence[Guess]) -> Solution:
+        """Solve with a new tangent in each iteration."""
         self._take_pivots(not self.equilibrium.well_conditioned)
         self._tangents = 0
-        reason, remark = 0, ""
-        if failed is not None and failed.residuals[-1] < failed.residuals[0]:
-            self._began = failed.residuals[0]
-            reason = self._iterate(())
-        if reason <= 0:
-            reason = self._iterate(guesses)
+        reason, remark = self._iterate(guesses), ""
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE and self._krylov:
             self._krylov = False
             self._configure(self._snes.getKSP(), True)
@@ -343,7 +324,7 @@ class Newton:
     def _iterate(self, guesses: Sequence[Guess]) -> int:
         if self._failed and not self._keeping and self._bordered is None:
             forget_failed(self._snes.getKSP())
-        self.stop.restart(0.0 if guesses else self._began)
+        self.stop.restart()
         self.conserving.restart()
         self.known = False
         if len(guesses) > 1:
@@ -354,7 +335,7 @@ class Newton:
             self._offered, self._best = len(norms), order[last]
             self.known = last == len(norms) - 1
             guesses = [guesses[self._best]]
-        if guesses and not self.known:  # rounding is that of the guess, not of a failed iterate
+        if not self.known:  # rounding is that of the guess, not of a failed iterate
             self._norm_at(guesses[0])
             self.known = True
         self.stop.expect_rounding(self.equilibrium.noise())
@@ -385,8 +366,6 @@ class Newton:
         if conserving.following:
             if conserving.grown(norm):
                 return self._ending
-        elif not reason and self._keeping and self._chord is not None and self._chord.exhausted:
-            return int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
         elif reason <= 0 or not 0 < iteration < self.stop.max_it:
             return reason
         else:
@@ -399,16 +378,6 @@ class Newton:
             self._y.copy(self._saved)
             self._saved_norm = norm
         return 0
-
-    def accept(self) -> None:
-        """Accept the last solution as a step."""
-        self.equilibrium.accept()
-        if self._chord is None:
-            return
-        if self._kept:
-            self._chord.accept()
-        else:
-            self._chord.accept_newton(self.stop)
 
     @property
     def unknowns(self) -> PETSc.Vec:

@@ -61,18 +61,13 @@ class StoppingTest:
     def __init__(self, rtol: float = RELATIVE_TOLERANCE, max_it: int = MAX_ITERATIONS) -> None:
         """Begin with no iterate and no rounding."""
         self.history: list[float] = []
-        self._before = 0.0
         self._renewed_at = -1  # iterate of the tangent; -1 if that is of an earlier solve
         self.rounding = self._noise = 0.0
         self.rtol, self.max_it = rtol, max_it
 
-    def restart(self, first: float = 0.0) -> None:
-        """Forget the iterates; the rounding level stays until it is estimated anew.
-
-        Args:
-            first: ‖R‖ [N] that another solve of the same step has begun with, if it goes on.
-        """
-        self.history, self._before = [], first
+    def restart(self) -> None:
+        """Forget the iterates; the rounding level stays until it is estimated anew."""
+        self.history = []
         self._renewed_at = -1
 
     def renewed(self) -> None:
@@ -93,16 +88,6 @@ class StoppingTest:
         """Reduction of ‖R‖ that ends the step, after the last iteration."""
         return self.rtol * HIDDEN if self._older(-2) else self.rtol
 
-    @property
-    def continued(self) -> bool:
-        """Whether another solve of the same step has begun it."""
-        return self._before > 0
-
-    @property
-    def first(self) -> float:
-        """‖R‖ that the step began with [N]."""
-        return max(self.history[0], self._before)
-
     def expect_rounding(self, noise: float) -> None:
         """Set the size of the terms whose difference R is [N]."""
         self._noise = noise
@@ -117,7 +102,7 @@ class StoppingTest:
         """
         Reason = PETSc.SNES.ConvergedReason
         self.history.append(norm)
-        first = self.first
+        first = self.history[0]
         if not np.isfinite(norm) or norm > max(DIVERGENCE * first, self._noise):
             return int(Reason.DIVERGED_DTOL)
         if norm == 0.0:
@@ -148,7 +133,7 @@ class StoppingTest:
         if norm > self.rounding:
             return stalled and not kept and norm <= last and norm <= MARGIN * self.rounding
         truncation = last * (last / earlier[-1]) ** 2 if earlier else last
-        negligible = not kept and truncation <= self.rtol * self.first
+        negligible = not kept and truncation <= self.rtol * self.history[0]
         return stalled or negligible or self._thrown_back()
 
     def _thrown_back(self) -> bool:
@@ -191,7 +176,7 @@ class ChordTest(StoppingTest):
     @property
     def target(self) -> float:
         """‖R‖ that ends the step [N]."""
-        return max(self.rtol * self.first, ROUNDING * self._floor * self._noise)
+        return max(self.rtol * self.history[0], ROUNDING * self._floor * self._noise)
 
     def _at_rounding(self) -> bool:
         """Whether all that is left of the residual is rounding."""

@@ -208,7 +208,7 @@ class System(Equations):
     def accept(self, state: State, dt: float, t: float) -> Work:
         """Add the found increment to the state, which then is at time t. Collective."""
         work = self.foresee(state, dt, t)
-        self.newton.accept()
+        self.equilibrium.accept()
         self.actions.accept()
         if self._resolved is not None:
             self._resolved.accept(state)
