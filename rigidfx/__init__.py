@@ -17,7 +17,7 @@ from rigidfx.base.errors import (
 )
 from rigidfx.base.shared_cells import share_cells
 from rigidfx.base.uncaught import end_together
-from rigidfx.checkpoint.checkpoint import Checkpoint
+from rigidfx.checkpoint.keeper import Checkpoint
 from rigidfx.decide.criteria.accuracy import Accuracy
 from rigidfx.decide.criteria.criterion import Relative, StrainRate
 from rigidfx.decide.criteria.release import Release
@@ -78,10 +78,9 @@ from rigidfx.mechanics.materials import (
     StVenantKirchhoff,
 )
 from rigidfx.mechanics.schemes import EnergyMomentum, Midpoint, Trapezoidal
-from rigidfx.output.bodies_file import read_bodies, write_bodies
+from rigidfx.output.bodies_file import read_bodies, read_joints, write_bodies
 from rigidfx.output.field_reader import read_fields
 from rigidfx.output.history import read_history
-from rigidfx.output.joints_file import read_joints
 from rigidfx.output.recorder import Recorder
 from rigidfx.report.recovered import recovered_stress
 from rigidfx.report.report import Report

@@ -10,7 +10,7 @@ import numpy as np
 from rigidfx.base.remembered import PART, Remembered
 from rigidfx.base.types import Bools
 from rigidfx.base.uncaught import on_all_ranks
-from rigidfx.decide.criteria.observation import Observation
+from rigidfx.decide.criteria.judging import Observation
 from rigidfx.decide.decision import Decision
 from rigidfx.decide.policy import Policy
 from rigidfx.error.error_motion import ErrorMotion

@@ -30,8 +30,7 @@ from rigidfx.base.progress import progress_bar
 from rigidfx.base.same_input import check_same
 from rigidfx.base.warning import warn
 from rigidfx.checkpoint.call import given_again
-from rigidfx.checkpoint.checkpoint import Checkpoint
-from rigidfx.checkpoint.keeper import Keeper, Kept, bring_back, read, remember
+from rigidfx.checkpoint.keeper import Checkpoint, Keeper, Kept, bring_back, read, remember
 from rigidfx.decide.criteria.accuracy import Accuracy, controlled
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.preparation import prepare

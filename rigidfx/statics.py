@@ -35,11 +35,11 @@ from rigidfx.effects import (
 )
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.report.account import Whereabouts
-from rigidfx.report.current import check_scene
 from rigidfx.report.odd_motions import Stillness
 from rigidfx.report.of_step import report_of
 from rigidfx.report.probe_stress import Probes
 from rigidfx.report.report import Report
+from rigidfx.report.start import check_scene
 from rigidfx.scene.idle import warn_of_idle
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline

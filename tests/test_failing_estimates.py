@@ -16,8 +16,8 @@ from mpi4py import MPI
 import rigidfx as rf
 from rigidfx.decide.policy import CHECKED, FAILED
 from rigidfx.error import equations
-from rigidfx.error.cell_strains import CellStrains
 from rigidfx.error.ending import Ending
+from rigidfx.error.error_motion import CellStrains
 from rigidfx.error.forces.body_forces import Withheld
 from rigidfx.error.impulse import Impulse
 from rigidfx.error.linear_motion import LinearMotion

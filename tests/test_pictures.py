@@ -18,11 +18,10 @@ import rigidfx as rf
 from rigidfx.output.history import columns_of
 from rigidfx.plot import joints
 from rigidfx.plot.curves import figure_of
-from rigidfx.plot.enlarged import factor_of
 from rigidfx.plot.panels import MOST, of_joints
 from rigidfx.plot.pictures import pictures
 from rigidfx.plot.renders import Photograph, images, key, pyvista, surface_of
-from rigidfx.plot.shapes import Shapes
+from rigidfx.plot.shapes import Shapes, factor_of
 from rigidfx.plot.show import show
 
 pytest.importorskip("pyvista")

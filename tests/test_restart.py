@@ -309,7 +309,7 @@ def test_a_set_of_as_many_other_facets_is_another_scene(tmp_path):
 
 def test_a_checkpoint_makes_nothing_of_other_packages():
     """Not by a module of this one, either, that has it under a dotted name."""
-    module, name = b"rigidfx.base.compiler", b"subprocess.Popen"
+    module, name = b"rigidfx.base.c_library", b"subprocess.Popen"
     text = [b"\x8c" + bytes([len(word)]) + word for word in (module, name)]
     with pytest.raises(UnpicklingError, match="nothing that a checkpoint holds"):
         loaded(b"\x80\x05" + b"".join(text) + b"\x93.")

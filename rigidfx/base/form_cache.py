@@ -33,7 +33,7 @@ from ufl.classes import Label
 from ufl.corealg.map_dag import map_expr_dag
 from ufl.corealg.multifunction import MultiFunction
 
-from rigidfx.base.compiler import raise_uncompiled
+from rigidfx.base.c_library import raise_uncompiled
 from rigidfx.base.errors import OutputError, agree
 from rigidfx.base.log import LOGGER, announce
 

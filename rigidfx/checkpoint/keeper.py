@@ -1,9 +1,8 @@
-"""Leaves checkpoints of a run as it goes on, and brings a run back to one.
+"""Leaves checkpoints of a run when and where a user states it, and brings a run back to one.
 
-Ctrl-C, SIGTERM and SIGUSR1 end a run after the step that it is in.
-
-Of several runs that are open the one that ends a step next does so. One whose loop was left by an
-error stays open until Python frees it, and ends no step any more.
+Ctrl-C, SIGTERM and SIGUSR1 end a run after the step that it is in. Of several runs that are open
+the one that ends a step next does so. One whose loop was left by an error stays open until Python
+frees it, and ends no step any more.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ import numpy as np
 from mpi4py import MPI
 
 from rigidfx.base.errors import OutputError, SceneError, agree
+from rigidfx.base.inputs import path_of, positive, whole
 from rigidfx.base.instants import longer
 from rigidfx.base.log import tell
 from rigidfx.base.remembered import PART, Forgetful, Remembered, joined, part_of, restore
 from rigidfx.checkpoint.call import asked, check_scene_of, head_of
-from rigidfx.checkpoint.checkpoint import Checkpoint
 from rigidfx.checkpoint.files import Claim, loaded, newest, write
 from rigidfx.run import Run
 from rigidfx.scene.mesh_order import mesh_order
@@ -34,9 +33,45 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.switch.switch import Switch
 
-__all__ = ["Keeper", "Kept", "bring_back", "read", "remember"]
+__all__ = ["Checkpoint", "Keeper", "Kept", "bring_back", "read", "remember"]
 
 ALL = signal.SIGINT, signal.SIGTERM, signal.SIGUSR1  # mpirun hands the last one on
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A run leaves checkpoints in a folder, from which `resume` goes on.
+
+    One more is written at the end of the run, and after Ctrl-C or a SIGTERM: the run completes its
+    step and ends. A second Ctrl-C ends it at once. The newest two are kept.
+
+    Attributes:
+        folder: Where they are; that of a `Recorder`, say. It is made if it does not exist.
+        every: Wall time from one to the next [s] ...
+        steps: ... or the number of steps, if given ...
+        time: ... or the simulated time, if given [s].
+    """
+
+    folder: str | Path
+    every: float = 60.0
+    steps: int | None = None
+    time: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            SceneError: If the folder is no path, an interval is not positive, or two are given.
+        """
+        folder = path_of("Checkpoint", "folder", self.folder)
+        object.__setattr__(self, "folder", str(folder))
+        positive("Checkpoint", "every", self.every)
+        if self.steps is not None:
+            whole("Checkpoint", "steps", self.steps, least=1)
+        if self.time is not None:
+            positive("Checkpoint", "time", self.time)
+        if self.steps is not None and self.time is not None:
+            raise SceneError("Checkpoint: steps and time are both given. Name one of them.")
 
 
 class Signals:

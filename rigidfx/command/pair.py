@@ -1,31 +1,65 @@
 """A run with parts that become rigid and, beside it, the same without, step by step.
 
-Reports are kept in a file beside checkpoints, so that a run goes on with all of them.
+Reports are kept in a file beside checkpoints, so that a run goes on with all of them. Their
+freezes, releases and curves against time are told.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from math import nan
 from pathlib import Path
 from typing import Any, cast
 
 from rigidfx.base.errors import OutputError, SceneError, agree
-from rigidfx.checkpoint.checkpoint import Checkpoint
 from rigidfx.checkpoint.files import dumped, loaded
+from rigidfx.checkpoint.keeper import Checkpoint
 from rigidfx.command.parser import say
-from rigidfx.command.reports import line_of
 from rigidfx.decide.criteria.criterion import StrainRate
+from rigidfx.plot import Curve
+from rigidfx.report.events import Event
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.simulation import resume as gone_on
 from rigidfx.simulation import simulate
 
-__all__ = ["KeptRun", "Pair"]
+__all__ = ["KeptRun", "Pair", "curve", "energy_jump", "events_of", "freezes_of"]
 
 SAME = 1e-9  # relative difference of times that are one
+
+
+def events_of(reports: Iterable[Report]) -> list[Event]:
+    """All events of a run."""
+    return [event for report in reports for event in report.events]
+
+
+def freezes_of(reports: Iterable[Report]) -> list[Event]:
+    """Those by which something became rigid."""
+    return [event for event in events_of(reports) if event.kind == "freeze"]
+
+
+def energy_jump(reports: Sequence[Report]) -> float:
+    """The most that any event lost or gained, relative to the largest energy of the run."""
+    largest = max(r.energy for r in reports)
+    lost = max((abs(event.energy_lost) for event in events_of(reports)), default=0.0)
+    return lost / max(largest, 1e-300)
+
+
+def line_of(event: Event) -> str:
+    """An event in a line."""
+    cells = sum(change.cells_after - change.cells_before for change in event.changes)
+    return (
+        f"t = {event.t:.4g} s: {event.kind} of {abs(cells)} cells, {event.unknowns_before} → "
+        f"{event.unknowns_after} unknowns, {event.energy_frozen + event.energy_released:.3g} J "
+        f"moved, {event.energy_lost:.1e} J lost ({event.reason})"
+    )
+
+
+def curve(label: str, reports: Sequence[Report], name: str) -> Curve:
+    """A number of the reports, by its name, against time."""
+    return Curve(label, [r.t for r in reports], [getattr(r, name) for r in reports])
 
 
 class _Past:

@@ -14,8 +14,7 @@ from mpi4py import MPI
 
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.decide.clusters import CellGraph
-from rigidfx.decide.criteria.judging import Criterion
-from rigidfx.decide.criteria.observation import Observation
+from rigidfx.decide.criteria.judging import Criterion, Observation
 from rigidfx.decide.decision import Decision
 from rigidfx.decide.memory.memory import Memory
 

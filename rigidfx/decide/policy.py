@@ -23,16 +23,18 @@ from rigidfx.base.remembered import PART, Remembered
 from rigidfx.base.types import Array, Bools
 from rigidfx.decide.advice import Advice
 from rigidfx.decide.clusters import NONE, CellGraph
-from rigidfx.decide.criteria.judging import CHANGE, Criterion, judged_cells, part_of_window
-from rigidfx.decide.criteria.observation import Observation
+from rigidfx.decide.criteria.judging import (
+    CHANGE,
+    Criterion,
+    Observation,
+    judged_cells,
+    part_of_window,
+)
 from rigidfx.decide.decision import Decision, qualify
-from rigidfx.decide.memory.back_off import BackOff
-from rigidfx.decide.memory.load_changes import LoadChanges
-from rigidfx.decide.memory.memory import ContactChanges, Memory, Window
+from rigidfx.decide.memory.memory import BackOff, ContactChanges, LoadChanges, Memory, Window
 from rigidfx.decide.memory.signals import Signals
-from rigidfx.decide.named_parts import NamedParts
 from rigidfx.decide.paying import Paying
-from rigidfx.decide.planner import Planner
+from rigidfx.decide.planner import NamedParts, Planner
 from rigidfx.decide.releases import PLANNED, Releases
 from rigidfx.effects import Contact, Touch
 from rigidfx.error.strained import Strained

@@ -27,8 +27,14 @@ from rigidfx.base.inputs import number, path_of, positive, shown
 from rigidfx.base.text_files import decoded
 from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
-from rigidfx.domain.cad_entities import Cad, CadEntity, Which
-from rigidfx.domain.cad_names import named_surfaces, named_volumes, numbers_of
+from rigidfx.domain.cad_names import (
+    Cad,
+    CadEntity,
+    Which,
+    named_surfaces,
+    named_volumes,
+    numbers_of,
+)
 from rigidfx.domain.cell_quality import volume
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_groups import name_of

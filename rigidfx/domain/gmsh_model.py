@@ -26,8 +26,8 @@ from rigidfx.base.inputs import communicator, positive
 from rigidfx.base.text_files import decoded
 from rigidfx.base.warning import warn
 from rigidfx.domain.domain import KINDS, Domain, EntitySet
+from rigidfx.domain.edges import by_corners
 from rigidfx.domain.gmsh_groups import Header, Names, names_in_header, take_groups
-from rigidfx.domain.numbered import by_corners
 from rigidfx.domain.silence import silent_files
 
 __all__ = ["domain_of", "find_file", "from_gmsh", "gmsh_session", "read_msh"]

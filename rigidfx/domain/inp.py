@@ -15,11 +15,11 @@ from rigidfx.base.warning import warn
 from rigidfx.domain.arrays import from_arrays
 from rigidfx.domain.cell_quality import naming
 from rigidfx.domain.domain import Domain, EntitySet, replace_sets
+from rigidfx.domain.edges import by_corners
 from rigidfx.domain.gmsh_model import find_file
 from rigidfx.domain.inp_cells import InpMesh, element_name
 from rigidfx.domain.inp_mesh import mesh_of
 from rigidfx.domain.inp_model import model_of
-from rigidfx.domain.numbered import by_corners
 
 __all__ = ["read_inp"]
 

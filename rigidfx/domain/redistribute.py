@@ -26,7 +26,7 @@ from rigidfx.base.inputs import names, shown
 from rigidfx.base.same_input import check_same
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.domain.domain import Domain, EntitySet
-from rigidfx.domain.numbered import by_corners, nodes_of
+from rigidfx.domain.edges import by_corners, nodes_of
 
 __all__ = ["redistribute"]
 

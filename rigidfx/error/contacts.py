@@ -23,14 +23,30 @@ from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Contact
 from rigidfx.error.bound_contacts import BoundContacts
 from rigidfx.error.frames import to_shape, to_space
-from rigidfx.error.increments import increments_of
 from rigidfx.scene.scene import Scene
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
 
-__all__ = ["Contacts", "Search"]
+__all__ = ["Contacts", "Search", "increments_of"]
 
 Step = Callable[[Array], Array]
+
+
+def increments_of(stepper: Stepper, attempt: Attempt) -> Array:
+    """Increments of the owned nodes in an attempt, shape (nodes, 3) [m].
+
+    Args:
+        stepper: Has made the attempt, and none since.
+        attempt: The attempt.
+    """
+    system = stepper.system
+    layout, equilibrium = system.layout, system.equilibrium
+    out: Array = np.zeros((stepper.scene.owned_nodes, 3))
+    out[layout.rows.nodes] = equilibrium.d.array_r.reshape(-1, 3)
+    moves: Any = attempt.increments.displacement
+    for body, matrix in zip(layout.bodies, moves, strict=True):
+        out[body.nodes] = matrix[0] + body.offsets @ matrix[1:]
+    return out
 
 
 class Columns:

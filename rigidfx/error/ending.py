@@ -1,29 +1,68 @@
-"""The end of an error motion: if nothing drives it and it is small, it fades and stops.
+"""The end of an error motion: it fades if nothing drives it, and is dropped if its algebra fails.
 
 After a release e decays by the structure's damping. Its largest size in each connected part is
 recorded through a window without bodies. If that size, relative to the largest displacement of the
 same part, is everywhere below a twentieth of 0.8 κ tol/(peak strain rate), e is reduced to zero,
 linearly in time, within another window.
+
+The motion u needs no e. Where the linear algebra of e fails, nothing tells which rigid cells
+strain, so that all bodies are released before the next step. Parts that qualify later freeze again,
+with an e that begins anew.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from functools import wraps
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
 
 from rigidfx.base.remembered import LARGEST, Remembered, same
 from rigidfx.base.types import Array, Ints
-from rigidfx.error.failing import finite
 from rigidfx.error.response import Response
 from rigidfx.step.stepper import Stepper
 
-__all__ = ["Ending", "Promise"]
-
+__all__ = ["Ending", "Promise", "finite", "or_dropped"]
 
 LITTLE = 0.04  # a twentieth of 0.8: of what is allowed, that is let go
+T = TypeVar("T")
+
+
+class _Dropped(Protocol):
+    """Something that can begin anew: see `ErrorMotion`."""
+
+    def drop(self, error: Exception) -> None:
+        """Begin anew after a failure. Collective."""
+        ...
+
+
+def or_dropped(method: Callable[..., T]) -> Callable[..., T]:
+    """A method whose failures drop e; it is called once more then, where e is zero. Collective."""
+
+    @wraps(method)
+    def guarded(owner: _Dropped, *given: Any, **named: Any) -> T:
+        try:
+            return method(owner, *given, **named)
+        except (np.linalg.LinAlgError, PETSc.Error) as error:
+            owner.drop(error)
+            return method(owner, *given, **named)
+
+    return guarded
+
+
+def finite(values: Array, comm: MPI.Intracomm) -> Array:
+    """Values of e, if they are finite on all ranks. Collective.
+
+    Raises:
+        LinAlgError: On every rank, if they are not.
+    """
+    if comm.allreduce(bool(np.isfinite(values).all()), op=MPI.LAND):
+        return values
+    raise np.linalg.LinAlgError("numbers are not finite")
 
 
 @dataclass(frozen=True)

@@ -27,14 +27,12 @@ from rigidfx.coupling.mass import ConsistentMass, LumpedMass, Mass
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Preload, Rigid, rigid_faces
 from rigidfx.effects.joints.joint import Between
-from rigidfx.error.contacts import Contacts
+from rigidfx.error.contacts import Contacts, increments_of
 from rigidfx.error.forces.parts import mass_of
 from rigidfx.error.frames import Frames, to_space
-from rigidfx.error.ground import ground_of
 from rigidfx.error.held import Held
-from rigidfx.error.increments import increments_of
 from rigidfx.error.joints import Joints, joined_parts
-from rigidfx.error.linear_motion import NAMED, LinearMotion
+from rigidfx.error.linear_motion import NAMED, LinearMotion, ground_of
 from rigidfx.error.loose import Loose, held_in_part, loose_parts
 from rigidfx.error.modal import Modal
 from rigidfx.error.reactions import Reactions

@@ -34,9 +34,8 @@ from rigidfx.effects import Joint, JointSpring, Motor, SpringDamper, Stop
 from rigidfx.effects.joints.joint import Between
 from rigidfx.effects.joints.pieces import Terms
 from rigidfx.effects.joints.vectors import Vectors
-from rigidfx.error.contacts import Search
+from rigidfx.error.contacts import Search, increments_of
 from rigidfx.error.frames import Frames
-from rigidfx.error.increments import increments_of
 from rigidfx.error.loose import Loose
 from rigidfx.error.response import AllUnknowns
 from rigidfx.mechanics.rigid_motions import RIGID

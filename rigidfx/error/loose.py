@@ -15,7 +15,7 @@ from petsc4py import PETSc
 
 from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.error.frames import Frames
-from rigidfx.error.ground import Ground
+from rigidfx.error.linear_motion import Ground
 from rigidfx.mechanics.rigid_motions import independent, rigid_motions
 from rigidfx.scene.scene import Scene
 

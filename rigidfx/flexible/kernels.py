@@ -24,8 +24,8 @@ import ufl
 from dolfinx import fem
 from ufl.algorithms import expand_derivatives
 
+from rigidfx.base.c_library import compiles
 from rigidfx.base.compat import bindable
-from rigidfx.base.compiler import compiles
 from rigidfx.base.errors import CompilerError, SceneError
 from rigidfx.base.form_cache import compile_form
 from rigidfx.base.inputs import shown

@@ -2,7 +2,8 @@
 
 The paper remarks that interim results show which simple multibody system a structure is. The file
 is JSON: for each body its mass, inertia and pose, its cells by their numbers in the mesh file, and
-the nodes at which flexible cells are attached to it. Parts that a support clamps are not in it.
+the nodes at which flexible cells are attached to it; and joints as the scene has placed them. Parts
+that a support clamps are not in it.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +26,24 @@ from rigidfx.base.text_files import write_text
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.domain.domain import Domain
-from rigidfx.effects import Reduced, Rigid
-from rigidfx.output.joints_file import joints_as_data
-from rigidfx.report.current import check_report, check_scene
+from rigidfx.effects import (
+    Cylindrical,
+    Joint,
+    MeanFace,
+    Prismatic,
+    Reduced,
+    Revolute,
+    Rigid,
+    RigidFace,
+    Spherical,
+    Tied,
+    Universal,
+)
 from rigidfx.report.report import Report
+from rigidfx.report.start import check_report, check_scene
 from rigidfx.scene.scene import Scene
 
-__all__ = ["read_bodies", "write_bodies"]
+__all__ = ["read_bodies", "read_joints", "write_bodies"]
 
 FORMAT = "rigidfx bodies 2"
 READ_ME = (
@@ -41,6 +54,58 @@ READ_ME = (
     "centre + orientation @ interface_offsets[i]. given: mass or inertia are not those of cells. "
     "joints have their places and axes at the start of the run."
 )
+KINDS: dict[str, type[Joint]] = {
+    kind.__name__: kind for kind in (Cylindrical, Prismatic, Revolute, Spherical, Tied, Universal)
+}
+FACES: dict[str, Any] = {face.__name__: face for face in (MeanFace, RigidFace)}
+
+
+def joints_as_data(scene: Scene) -> list[dict[str, Any]]:
+    """The joints of a scene for JSON: kind, sides, and places and axes at the start."""
+    out = []
+    for joint in scene.named(Joint):
+        data: dict[str, Any] = {"kind": joint.kind, "name": joint.title}
+        for item in (f.name for f in fields(joint) if f.name != "name"):
+            value = getattr(joint, item)
+            if hasattr(value, "where"):
+                value = {type(value).__name__: value.where}
+            data[item] = value if isinstance(value, (str, dict)) else [float(x) for x in value]
+        out.append(data)
+    return out
+
+
+def read_joints(path: str | Path) -> tuple[Joint, ...]:
+    """The joints of a file of `write_bodies`, as they were placed at the start.
+
+    Sides are called as in the scene that wrote them: the mesh has to have their sets, and named
+    parts are to be named again.
+
+    Args:
+        path: JSON file of `write_bodies`.
+
+    Raises:
+        SceneError: If the file cannot be read, or a joint in it is damaged.
+    """
+    path = path_of("read_joints", "path", path)
+    try:
+        given = json.loads(path.read_text(encoding="utf-8"))["joints"]
+        return tuple(_joint(data) for data in given)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise SceneError(
+            f"read_joints: '{path}' cannot be read as a file of write_bodies with joints: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+
+
+def _joint(data: dict[str, Any]) -> Joint:
+    own = dict(data)
+    kind = KINDS[own.pop("kind")]
+    for side in ("a", "b"):
+        if isinstance(own[side], dict):
+            ((face, where),) = own[side].items()
+            own[side] = FACES[face](where)
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in own.items()}
+    return kind(**values)
 
 
 def write_bodies(path: str | Path, scene: Scene, report: Report) -> None:

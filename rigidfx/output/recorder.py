@@ -41,9 +41,9 @@ from rigidfx.output.joint_fields import clouds_of
 from rigidfx.output.paraview import Body, Cloud
 from rigidfx.output.run_files import RunFiles, body_rows, event_rows, kinds_of
 from rigidfx.output.whole_writes import ChangedFile
-from rigidfx.report.current import check_report, check_scene
 from rigidfx.report.peaks import Peaks
 from rigidfx.report.report import Report
+from rigidfx.report.start import check_report, check_scene
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Recorder"]

@@ -35,7 +35,6 @@ from rigidfx.plot.curves import (
     on_first_rank,
     save,
 )
-from rigidfx.plot.enlarged import Scale, check_scale, factor_of
 from rigidfx.plot.film import film
 from rigidfx.plot.panels import of_joints, of_probes
 from rigidfx.plot.renders import (
@@ -45,6 +44,7 @@ from rigidfx.plot.renders import (
     sheet,
     surface_of,
 )
+from rigidfx.plot.shapes import Scale, check_scale, factor_of
 
 __all__ = [
     "FRAMES",

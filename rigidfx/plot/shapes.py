@@ -1,4 +1,4 @@
-"""Pictures of the deformed body at several times, by one camera.
+"""Pictures of the deformed body at several times, by one camera, with displacements enlarged.
 
 pyvista and matplotlib are imported where they are used, not with the package.
 """
@@ -7,29 +7,71 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from math import floor, log10
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import number, path_of, shown, whole
+from rigidfx.base.inputs import number, path_of, positive, shown, whole
 from rigidfx.base.instants import reached
 from rigidfx.base.types import Array
 from rigidfx.flexible.nodal_stress import NodalStress, material_groups
 from rigidfx.flexible.stress import tensors, von_mises
 from rigidfx.output.paraview import Body
 from rigidfx.plot.curves import on_first_rank
-from rigidfx.plot.enlarged import Scale, check_scale, factor_of
 from rigidfx.plot.renders import VIEW, Photograph, check_camera, pyvista, sheet, surface_of
-from rigidfx.report.current import check_report, check_scene
 from rigidfx.report.report import Report
+from rigidfx.report.start import check_report, check_scene
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Shapes"]
-
+__all__ = ["SHOWN", "Scale", "Shapes", "check_scale", "factor_of"]
 
 Colour = Literal["displacement", "velocity", "rigid", "von_mises"]
+SHOWN = 0.1  # largest displacement that is drawn, over the diagonal of the body
+Scale = float | Literal["auto"]
+
+
+def check_scale(owner: str, scale: Any) -> Scale:
+    """Check a factor.
+
+    Args:
+        owner: Whose factor it is, for the message.
+        scale: The given value.
+
+    Raises:
+        SceneError: If it is neither a number > 0 nor "auto".
+    """
+    if isinstance(scale, str):
+        if scale != "auto":
+            raise SceneError(f"{owner}: scale must be a number > 0 or 'auto', got {shown(scale)}.")
+        return "auto"
+    return positive(owner, "scale", scale)
+
+
+def factor_of(
+    scale: Scale,
+    points: Array,
+    displacements: Iterable[Array],
+) -> float:
+    """The factor; if it is to be found, 1, 2 or 5 times a power of ten, and 1 at least.
+
+    The largest displacement is then drawn as at most a tenth of the diagonal of the body.
+
+    Args:
+        scale: A checked factor.
+        points: Of the undeformed body, shape (points, 3) [m].
+        displacements: Of these points, at several times [m].
+    """
+    if scale != "auto":
+        return scale
+    largest = max((float(np.linalg.norm(u, axis=1).max()) for u in displacements), default=0.0)
+    if largest == 0.0:
+        return 1.0
+    wanted = SHOWN * float(np.linalg.norm(np.ptp(points, axis=0))) / largest
+    power = 10 ** floor(log10(wanted))
+    return max(1.0, max(step * power for step in (1, 2, 5) if step * power <= wanted))
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ from rigidfx.base.types import Array, Ints
 from rigidfx.effects import Preload, Reduced, Spring, SpringDamper, Support
 from rigidfx.effects.damping import warn_of_ratio
 from rigidfx.report.advice import ADVICE, OF_ALL, Adviser
-from rigidfx.report.deformation import THIN
+from rigidfx.report.ledger import THIN
 from rigidfx.report.report import Look, Report
 from rigidfx.scene.damped import Damped
 from rigidfx.scene.scene import Scene

@@ -27,7 +27,7 @@ from rigidfx.base.log import tell
 from rigidfx.base.remembered import ON_DOFS, ON_NODES, PART, Remembered, same
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.effects import rigid_faces
-from rigidfx.error.cell_strains import CellStrains
+from rigidfx.error.error_motion import CellStrains
 from rigidfx.error.forces.body_forces import BodyForces
 from rigidfx.error.frames import Frames
 from rigidfx.error.strained import Limits, part_of

@@ -21,8 +21,8 @@ from rigidfx.base.same_input import check_same
 from rigidfx.base.taken import seal
 from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
-from rigidfx.report.current import check_about, check_scene
 from rigidfx.report.report import Report
+from rigidfx.report.start import check_about, check_scene
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.summary import FURTHER
 from rigidfx.scene.weights import inertial_masses

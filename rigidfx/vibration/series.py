@@ -13,8 +13,8 @@ from rigidfx.base.inputs import path_of, whole
 from rigidfx.base.types import Array
 from rigidfx.output.paraview import Body, Series
 from rigidfx.plot.curves import on_first_rank
-from rigidfx.plot.enlarged import SHOWN
 from rigidfx.plot.renders import Photograph, check_camera, pyvista, sheet, surface_of
+from rigidfx.plot.shapes import SHOWN
 
 __all__ = ["draw_modes", "write_modes"]
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigidfx.decide.memory.back_off import BackOff
+from rigidfx.decide.memory.memory import BackOff
 
 WINDOW = 1.0  # s
 YES, NO = np.array([True]), np.array([False])

@@ -32,7 +32,7 @@ import numpy as np
 
 from rigidfx.base.remembered import ON_CELLS, PART, Remembered, same
 from rigidfx.base.types import Array, Bools, Indices
-from rigidfx.decide.criteria.observation import Observation
+from rigidfx.decide.criteria.judging import Observation
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.error.strained import Limits, Strained
 from rigidfx.report.ledger import Rigidity

@@ -25,12 +25,12 @@ from rigidfx.base.types import Array, Bools
 from rigidfx.decide.criteria.judging import (
     EASING,
     Criterion,
+    Observation,
     Rule,
     judged_cells,
     never_rigid,
     part_of_window,
 )
-from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.criteria.release import Release
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.error.strained import Limits, Strained

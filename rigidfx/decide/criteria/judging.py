@@ -1,4 +1,4 @@
-"""The questions of a policy to any criterion and its rule, and default answers.
+"""The questions of a policy to any criterion and its rule, and the run as both see it.
 
 A rule says which cells are quiet enough to be rigid, and which rigid cells wake. It knows neither
 earlier windows nor connected cells nor releases.
@@ -7,6 +7,7 @@ earlier windows nor connected cells nor releases.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import inf
 from typing import Any, Literal, Protocol
 
@@ -15,24 +16,116 @@ import numpy as np
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import names, number, shown
 from rigidfx.base.types import Array, Bools, Indices
-from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.criteria.release import Release
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.effects import Reduced
+from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.strained import Limits, Strained
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.strain_rate import StrainRates
+from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.report.ledger import Rigidity
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
+from rigidfx.state import State
+from rigidfx.step.stepper import Stepper
 
-__all__ = ["CHANGE", "EASING", "Criterion", "Rule", "judged_cells", "never_rigid", "part_of_window"]
+__all__ = [
+    "CHANGE",
+    "EASING",
+    "Criterion",
+    "Observation",
+    "Rule",
+    "judged_cells",
+    "never_rigid",
+    "part_of_window",
+]
 
 CHANGE = 0.1  # part of its largest value so far by which a load has changed, by default
 LEAST = 2  # cells of a body: one alone hardly saves anything
 EASING = 0.25  # windows in which released cells are let down, at least
 WORTH = 0.05  # of all cells: what is less saves less than its switches cost
+
+
+@dataclass(frozen=True)
+class Observation:
+    """The run around a step.
+
+    Attributes:
+        stepper: The stepper.
+        dt: Length of the step [s].
+        shared: Strain rate of each owned cell by u + e [1/s]; None where that is not measured.
+        motion: The error motion; None if it is not followed.
+    """
+
+    stepper: Stepper
+    dt: float
+    shared: Array | None = None
+    motion: ErrorMotion | None = None
+
+    @property
+    def error(self) -> tuple[float, bool]:
+        """Largest |e| of any node [m], and whether e is added to the results shown. Collective."""
+        return (0.0, False) if self.motion is None else (self.motion.size(), self.motion.all_shown)
+
+    @property
+    def t(self) -> float:
+        """Time [s]."""
+        return self.stepper.state.t
+
+    @property
+    def state(self) -> State:
+        """The state."""
+        return self.stepper.state
+
+    @property
+    def bodies(self) -> tuple[RigidBody, ...]:
+        """Data of the rigid bodies."""
+        return self.stepper.state.bodies.of.records
+
+    @property
+    def flies_rigid(self) -> bool:
+        """Whether all there is is one rigid body that nothing holds: it deflects no more."""
+        if len(self.bodies) != 1 or self.stepper.unknowns != 6:
+            return False
+        return not any(effect.holds for effect in self.stepper.scene.effects)
+
+    @property
+    def flexible(self) -> Bools:
+        """For each owned cell, whether it is flexible."""
+        return self.stepper.flexible
+
+    @property
+    def supported(self) -> Bools:
+        """For each owned node, whether a support holds any of its components."""
+        return self.stepper.supported_nodes
+
+    @property
+    def held(self) -> Bools:
+        """For each owned dof, whether a support prescribes it."""
+        return self.stepper.prescribed.mask
+
+    @property
+    def indicator(self) -> Indicator:
+        """The measure of cells in the last step."""
+        assert self.stepper.indicator is not None  # a run that decides measures
+        return self.stepper.indicator
+
+    @property
+    def rates(self) -> Array:
+        """Strain rate of each owned cell, zero in bodies [1/s]: by u + e, if that is measured."""
+        return self.indicator.values if self.shared is None else self.shared
+
+    @property
+    def strains(self) -> Array:
+        """Strain of each owned cell, zero in bodies."""
+        return self.indicator.strains()
+
+    @property
+    def noise(self) -> float:
+        """Strain rate that the end of Newton's iteration may leave in a cell [1/s]. Collective."""
+        return self.stepper.strain_error / self.dt
 
 
 class Rule(Protocol):
