@@ -26,9 +26,9 @@ from typing import ClassVar
 
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.effects import Contact, SpringDamper
-from rigidfx.effects.contacts.layer_times import own_time, resolved_time
 from rigidfx.effects.joints.elements import Blow
 from rigidfx.report.advice import ADVICE, RESOLVED, Adviser
+from rigidfx.report.layer_times import own_time, resolved_time
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 

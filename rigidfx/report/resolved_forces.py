@@ -31,7 +31,7 @@ from rigidfx.base.named import Named
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.types import Array, Bools
 from rigidfx.effects import Contact
-from rigidfx.effects.contacts.layer_times import resolved_time
+from rigidfx.report.layer_times import resolved_time
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.alternation import FIRST

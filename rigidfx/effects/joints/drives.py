@@ -139,10 +139,10 @@ class Drives:
         self._step: tuple[Array, Array] = np.zeros((0, 3)), np.zeros((0, 3))
         self._secants: tuple[Array, Array] | None = None  # of the last iterate, once needed
         self._laws: tuple[Array, Array] | None = None  # likewise
-        at = 3 * self._coordinates.at[:, :, None] + np.arange(3)
-        self._columns, self._shape = at.reshape(-1, 9), (len(elements), 3 * count)
-        rows = np.repeat(np.arange(len(elements)), 9)
-        self._pattern = Pattern(rows, self._columns.ravel(), self._shape)
+        at = (3 * self._coordinates.at[:, :, None] + np.arange(3)).reshape(-1, 9)
+        rows, n = np.repeat(np.arange(len(elements)), 9), 3 * count
+        self._pattern = Pattern(rows, at.ravel(), (len(elements), n))
+        self._bent = Pattern(np.repeat(at, 9, axis=1).ravel(), np.tile(at, 9).ravel(), (n, n))
 
     def __len__(self) -> int:
         """How many there are."""
@@ -332,10 +332,8 @@ class Drives:
     def curvature(self) -> csr_array:
         """Derivative of forces by vectors in statics, shape (3 · vectors,) * 2 [N/m]."""
         start, moved = self._step
-        factors, at = -self._size * self.multipliers, self._columns
-        values = factors[:, None, None] * self._coordinates.curvatures(start + moved)
-        where = np.repeat(at, 9, axis=1).ravel(), np.tile(at, 9).ravel()
-        return csr_array((values.ravel(), where), shape=(self._shape[1],) * 2)
+        factors = (-self._size * self.multipliers)[:, None, None]
+        return self._bent.sparse((factors * self._coordinates.curvatures(start + moved)).ravel())
 
     @property
     def given(self) -> Array:
