@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, fields
 from math import inf, isfinite
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -142,6 +143,12 @@ class Effect:
             SceneError: On every rank, if it cannot be there.
         """
         return self
+
+    def _with(self, **data: Any) -> Self:
+        """The effect with data from the mesh."""
+        out = copy(self)
+        vars(out).update(data)
+        return out
 
     def check(self, scene: Any) -> None:
         """Check it against the mesh and its names. Collective.

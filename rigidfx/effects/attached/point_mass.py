@@ -75,11 +75,11 @@ class PointMass(OnFace):
     def placed(self, scene: Any) -> Self:
         """The mass with its place; beside the middle of a face, with its body and the tie to it."""
         out = super().placed(scene)
-        if out.face is not None and out.is_carried:
-            number = 1 + next(k for k, e in enumerate(scene.named(PointMass)) if e is self)
-            object.__setattr__(out, "_title", f"{self.owner} ({number})")
-            object.__setattr__(out, "_pieces", tie(out.title, out.remote, float(self.mass)))
-        return out
+        if out.face is None or not out.is_carried:
+            return out
+        number = 1 + next(k for k, e in enumerate(scene.named(PointMass)) if e is self)
+        title = f"{self.owner} ({number})"
+        return out._with(_title=title, _pieces=tie(title, out.remote, float(self.mass)))
 
     def check(self, scene: Any) -> None:
         """See whether what moves its point is flexible, or in one rigid part. Collective."""

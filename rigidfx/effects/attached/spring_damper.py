@@ -12,7 +12,6 @@ In statics n = r₁/L₁.
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass, field
 from math import inf
 from typing import Any, ClassVar
@@ -142,11 +141,8 @@ class SpringDamper(Between, Elastic):
                 f"{self.owner}: both ends are at {at_start[0]} m, which leaves it no direction. "
                 "Place them apart, or give length=0."
             )
-        out = copy(self)
         free = distance if self.length is None else float(self.length)
-        for name, value in (("_ends", tuple(ends)), ("_free", free), ("_first", first)):
-            object.__setattr__(out, name, value)
-        return out
+        return self._with(_ends=tuple(ends), _free=free, _first=first)
 
     @staticmethod
     def gradient(p: Array) -> Array:

@@ -97,7 +97,6 @@ class Average:
         return self.weights[:, None, None] * np.eye(3)
 
 
-@dataclass(frozen=True, eq=False)
 class FaceVector:
     """A point or a direction that follows the mean motion of a face.
 
@@ -105,46 +104,26 @@ class FaceVector:
         face: The face.
         arm: P - X̄, or the direction, at the start, shape (3,) [m, or 1].
         is_place: Whether it is a point.
+        holder: Finds the body that it may be fixed to.
+        averages: The averages that it depends on: x̄ and the three H_k.
+        nodes: Owned nodes of this rank.
+        weights: Those of the nodes in the middle of the face, Σ w = 1.
+        local: Components of the arm along the axes a_k, shape (3,).
+        start: Its value at the start, shape (3,).
     """
 
-    face: FaceSide
-    arm: Array
-    is_place: bool
-
-    @property
-    def holder(self) -> FaceSide:
-        """Finds the body that it may be fixed to."""
-        return self.face
+    def __init__(self, face: FaceSide, arm: Array, is_place: bool) -> None:
+        """Take the data of its face."""
+        self.face = self.holder = face
+        self.arm, self.is_place, self.averages = arm, is_place, face.averages
+        self.nodes, self.weights = face.nodes, face.averages[0].weights
+        self.local: Array = arm @ face.axes
+        self.start: Array = face.centre + arm if is_place else arm
 
     def in_body(self, centre: Array, products: Array) -> Array:
         """Its coefficients of [1, V] of a body, by V̄ [m] and Σ w (X - X̄) ⊗ V [m²], shape (4,)."""
         turned = nearest_rotations(products.T) @ self.arm
         return np.r_[1.0, centre + turned] if self.is_place else np.r_[0.0, turned]
-
-    @property
-    def start(self) -> Array:
-        """Its value at the start, shape (3,)."""
-        return self.face.centre + self.arm if self.is_place else self.arm
-
-    @property
-    def nodes(self) -> Ints:
-        """Owned nodes of this rank."""
-        return self.face.nodes
-
-    @property
-    def averages(self) -> tuple[Average, ...]:
-        """The averages that it depends on: x̄ and the three H_k."""
-        return self.face.averages
-
-    @property
-    def weights(self) -> Array:
-        """Weights of the nodes in the middle of the face, Σ w = 1."""
-        return self.averages[0].weights
-
-    @property
-    def local(self) -> Array:
-        """Components of the arm along the axes a_k, shape (3,)."""
-        return np.asarray(self.arm @ self.face.axes)
 
     def value(self, means: Array) -> Array:
         """Its value, shape (3,), where its averages are at means, shape (4, 3)."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Any, ClassVar
@@ -171,10 +170,9 @@ class Joint(Between):
         a, b = (side_of(scene, self.owner, side) for side in (self.a, self.b))
         point = np.asarray(self.at, dtype=np.float64)
         check_sides(scene, self.owner, (self.a, self.b), (a, b), point)
-        pieces, out = Pieces(a, b, point, self.direction), copy(self)
+        pieces = Pieces(a, b, point, self.direction)
         self.build(pieces)
-        object.__setattr__(out, "_pieces", pieces)
-        return out
+        return self._with(_pieces=pieces)
 
     @property
     def missing(self) -> tuple[str, ...]:

@@ -19,7 +19,6 @@ inertia of the point m b² at the arm b is too large by (SMALL s/b)² at most.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -129,9 +128,7 @@ class OnFace(Effect):
 
     def with_point(self, remote: RemotePoint) -> Self:
         """The effect with a point that was found before."""
-        out = copy(self)
-        object.__setattr__(out, "_remote", remote)
-        return out
+        return self._with(_remote=remote)
 
 
 @dataclass(frozen=True)

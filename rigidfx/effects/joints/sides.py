@@ -155,8 +155,7 @@ def end_of(scene: Any, owner: str, side: Side, at: Point | None = None) -> Vecto
             assert given is not None
             return found.place(given)
         point = found.centre if given is None else given
-        _check_near(owner, side, found, point)
-        _warn_of_arm(scene, owner, side, found, point)
+        _check_place(scene, owner, side, found, point)
         return found.place(point)
     if given is not None:
         raise SceneError(
@@ -179,49 +178,41 @@ def check_sides(
         SceneError: On every rank, if both are in one rigid part, if a support holds all of one, or
             if a surface is far away from the joint, which is `at` there [m].
     """
-    for name, side in zip(names, sides, strict=True):
-        if isinstance(side, Grounded):
-            continue
-        _check_near(owner, name, side, at, "its sides do not meet: " if len(sides) > 1 else "")
+    moving = [(n, s) for n, s in zip(names, sides, strict=True) if not isinstance(s, Grounded)]
+    for name, side in moving:
         for support in scene.named(Support):
             if len(support.axes) == 3 and _among(scene, side, support.where, support.kind):
                 raise SceneError(
                     f"{owner}: {support.owner} holds all of {side_name(name)}. Join the 'ground' "
                     "in its place, or hold less."
                 )
-    grounded = len(sides) == 1 or any(isinstance(side, Grounded) for side in sides)
-    for rigid in () if grounded else (e for e in scene.effects if e.is_rigid):
+    for rigid in () if len(moving) < 2 else (e for e in scene.effects if e.is_rigid):
         if all(_among(scene, side, rigid.where, rigid.kind) for side in sides):
             raise SceneError(
                 f"{owner}: both sides are of one part, {rigid.owner}, and cannot move against each "
                 "other."
             )
-    for name, side in zip(names, sides, strict=True):
-        if not isinstance(side, Grounded):
-            joined = len(sides) > 1 and isinstance(name, Surface)
-            _warn_of_arm(scene, owner, name, side, at, FAR / 4 if joined else FAR / 2)
+    for name, side in moving:
+        _check_place(scene, owner, name, side, at, joined=len(sides) > 1)
 
 
-def _check_near(owner: str, name: Side, side: Any, at: Array, apart: str = "") -> None:
-    """Refuse a point that is very far away from its surface."""
-    away = float(np.linalg.norm(at - side.centre))
-    if isinstance(name, Surface) and round(away / side.size, 6) > FAR:
-        raise SceneError(
-            f"{owner}: {apart}it is at {_place(at)} m, and {side_name(name)} is around "
-            f"{_place(side.centre)} m, {away:.3g} m away and {side.size:.3g} m large."
-        )
-
-
-def _warn_of_arm(
-    scene: Any, owner: str, name: Side, side: Any, at: Array, most: float = FAR / 2
+def _check_place(
+    scene: Any, owner: str, name: Side, side: Any, at: Array, joined: bool = False
 ) -> None:
-    """Warn of a point that is far away from its side.
+    """Refuse a point that is very far away from its surface, and warn of one far from its side.
 
     A joint is expected on its surface. Remote points may be on arms, and so may joints of parts.
-    The cells of parts of given mass or inertia may be anywhere. Up to `most` sizes of the side
-    nothing is said.
+    The cells of parts of given mass or inertia may be anywhere.
     """
     away = float(np.linalg.norm(at - side.centre))
+    is_surface = isinstance(name, Surface)
+    if is_surface and round(away / side.size, 6) > FAR:
+        raise SceneError(
+            f"{owner}: {'its sides do not meet: ' * joined}it is at {_place(at)} m, and "
+            f"{side_name(name)} is around {_place(side.centre)} m, {away:.3g} m away and "
+            f"{side.size:.3g} m large."
+        )
+    most = FAR / 4 if joined and is_surface else FAR / 2  # sizes of the side
     given = [rigid.name for rigid in scene.effects if rigid.is_rigid and rigid.given]
     if away > most * side.size and name not in given:
         warn(

@@ -132,20 +132,29 @@ class Resultant(OnFace, Scaled):
         return BodyLoad(self, names.index(self.body), structure.once)
 
 
-class BodyLoad(Action):
-    """A resultant on one of the bodies."""
+class ForceAndTorque(Action):
+    """A force and a torque as functions of time."""
 
     kind = Resultant.__name__
 
-    def __init__(self, load: Resultant, place: int, once: float) -> None:
-        """Store which of the bodies it acts on, and `Structure.once`."""
-        self._load, self._place, self._once = load, place, once
+    def __init__(self, load: Resultant) -> None:
+        """Begin with none."""
+        self._load = load
         self._force: Array = np.zeros(3)
         self._torque: Array = np.zeros(3)
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate force and torque; `SceneError` on this rank, if one is not finite."""
         self._force, self._torque = self._load.both_at(t)
+
+
+class BodyLoad(ForceAndTorque):
+    """A resultant on one of the bodies."""
+
+    def __init__(self, load: Resultant, place: int, once: float) -> None:
+        """Store which of the bodies it acts on, and `Structure.once`."""
+        super().__init__(load)
+        self._place, self._once = place, once
 
     def load(self, forces: Forces) -> None:
         """Add force and torque."""
@@ -153,26 +162,19 @@ class BodyLoad(Action):
         forces.torques[self._place] += self._once * self._torque
 
 
-class FaceCouple(Action):
+class FaceCouple(ForceAndTorque):
     """The couple of a resultant on three directions d_k of a face.
 
     A torque M acts by ½ M × d^k, d^k their dual basis; a force F at the arm Σ b_k d_k by b_k F.
     """
 
-    kind = Resultant.__name__
     dissipates = False
 
     def __init__(self, load: Resultant, structure: Structure) -> None:
         """Store the directions of its face."""
-        self._load = load
+        super().__init__(load)
         self.nodes = RemoteNodes(structure, load.remote.directions)
         self._arm = load.remote.arm[:, None]
-        self._force: Array = np.zeros(3)
-        self._torque: Array = np.zeros(3)
-
-    def set_time(self, t: float, dt: float) -> None:
-        """Evaluate force and torque; `SceneError` on this rank, if one is not finite."""
-        self._force, self._torque = self._load.both_at(t)
 
     def _duals(self, motion: RemoteMotion) -> Array:
         """The dual basis d^k, a row each."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any, ClassVar
 
@@ -179,9 +179,7 @@ class Symmetry(Fixed):
                 f"{self.owner}: its facets must lie in one plane whose normal is x, y or z; they "
                 f"reach from {tuple(low.tolist())} to {tuple(high.tolist())} m at the start."
             )
-        out = replace(self)
-        object.__setattr__(out, "components", "xyz"[int(flat[0])])
-        return out
+        return self._with(components="xyz"[int(flat[0])])
 
 
 def slope_after(path: Callable[[float], Any], t: float, dt: float) -> Any:
