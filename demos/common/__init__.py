@@ -9,9 +9,8 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from rigidfx.command.main import conclude, write_json
-from rigidfx.command.options import nonnegative, number, positive
+from rigidfx.command.options import nonnegative, number, positive, say
 from rigidfx.command.pair import KeptRun, Pair, curve, energy_jump, events_of, freezes_of
-from rigidfx.command.parser import say
 
 from .finish import draw, write
 from .start import ROOT, Parser, chosen, comm

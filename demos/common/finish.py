@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from rigidfx.base.text_files import write_text
-from rigidfx.command.parser import say
+from rigidfx.command.options import say
 from rigidfx.plot import Shapes
 
 from .start import comm

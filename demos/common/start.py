@@ -9,7 +9,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-from rigidfx.command.parser import RankParser
+from rigidfx.command.options import RankParser
 
 ROOT = Path(__file__).resolve().parents[2]
 comm = MPI.COMM_WORLD

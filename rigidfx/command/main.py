@@ -20,9 +20,8 @@ from mpi4py import MPI
 from rigidfx.base.errors import RigidfxWarning
 from rigidfx.base.text_files import write_text
 from rigidfx.command.largest import Largest
-from rigidfx.command.options import CAD, GEO, Example, ask
+from rigidfx.command.options import CAD, GEO, Example, RankParser, ask, say
 from rigidfx.command.pair import Pair, curve, energy_jump, events_of, freezes_of
-from rigidfx.command.parser import RankParser, say
 from rigidfx.command.told import told
 from rigidfx.decide.criteria.criterion import StrainRate
 from rigidfx.domain.cad import list_cad, read_cad

@@ -1,21 +1,48 @@
-"""Options of the command `rigidfx`; without a file those of an example, where there is one."""
+"""Options of the command `rigidfx`, which all ranks read; without a file those of an example."""
 
 from __future__ import annotations
 
+import argparse
+import re
+import sys
 from argparse import ArgumentTypeError, Namespace
 from dataclasses import dataclass
 from math import isfinite, nan
 from pathlib import Path
+from typing import Any, NoReturn
 
 import numpy as np
+from mpi4py import MPI
 
-from rigidfx.command.parser import RankParser
-
-__all__ = ["CAD", "GEO", "Example", "ask", "nonnegative", "number", "positive"]
+__all__ = ["CAD", "GEO", "Example", "RankParser", "ask", "nonnegative", "number", "positive", "say"]
 
 GEO = (".geo", ".geo_unrolled")
 STEPS = 400  # of a run whose Δt is not given
 CAD = (".step", ".stp", ".brep", ".iges", ".igs")
+
+
+def say(text: str) -> None:
+    """Print on rank 0."""
+    if MPI.COMM_WORLD.rank == 0:
+        sys.stdout.write(f"{text}\n")
+        sys.stdout.flush()
+
+
+class RankParser(argparse.ArgumentParser):
+    """A parser for scripts that run on several ranks: rank 0 alone prints."""
+
+    def __init__(self, *given: Any, **how: Any) -> None:
+        """Make a parser for which -1e4 is a number, as -10000 is, and no option."""
+        super().__init__(*given, **how)
+        self._negative_number_matcher = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
+
+    def error(self, message: str) -> NoReturn:
+        """Stop with a message and status 2."""
+        self.exit(2, f"{self.prog}: {message}\n")
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        if MPI.COMM_WORLD.rank == 0:
+            super()._print_message(message, file)
 
 
 def number(text: str) -> float:

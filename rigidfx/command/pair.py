@@ -16,7 +16,7 @@ from typing import Any, cast
 from rigidfx.base.errors import OutputError, SceneError, agree
 from rigidfx.checkpoint.files import dumped, loaded
 from rigidfx.checkpoint.keeper import Checkpoint
-from rigidfx.command.parser import say
+from rigidfx.command.options import say
 from rigidfx.decide.criteria.criterion import StrainRate
 from rigidfx.plot import Curve
 from rigidfx.report.events import Event

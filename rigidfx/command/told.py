@@ -18,7 +18,7 @@ from tqdm import tqdm
 from rigidfx import effects
 from rigidfx.base.errors import RigidfxError, RigidfxWarning, SceneError
 from rigidfx.base.warning import worded
-from rigidfx.command.parser import RankParser
+from rigidfx.command.options import RankParser
 
 __all__ = ["WORDS", "in_options", "told"]
 

@@ -27,8 +27,7 @@ from ufl.constantvalue import Zero
 from rigidfx.base.c_library import c_library
 from rigidfx.base.form_cache import compile_values
 from rigidfx.mechanics.assumed import AssumedWork
-from rigidfx.mechanics.enhanced import Elimination, ProjectedWork
-from rigidfx.mechanics.enhancement import Enhancement, Note
+from rigidfx.mechanics.enhanced import Elimination, Enhancement, Note, ProjectedWork
 
 __all__ = ["alive", "eliminate", "library_of"]
 

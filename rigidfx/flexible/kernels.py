@@ -32,7 +32,7 @@ from rigidfx.base.inputs import shown
 from rigidfx.base.types import Array, Indices
 from rigidfx.flexible.dealt_cells import DealtCells
 from rigidfx.flexible.elimination import eliminate
-from rigidfx.mechanics.enhancement import Enhancement, Note
+from rigidfx.mechanics.enhanced import Enhancement, Note
 
 __all__ = ["FLAGS", "Kernel", "add_vector", "integral", "jit_options"]
 

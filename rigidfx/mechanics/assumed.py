@@ -33,8 +33,7 @@ import ufl
 
 from rigidfx.base.errors import SceneError
 from rigidfx.mechanics.element import Portion
-from rigidfx.mechanics.enhanced import EnhancedElement
-from rigidfx.mechanics.enhancement import Note
+from rigidfx.mechanics.enhanced import EnhancedElement, Note
 
 __all__ = ["AssumedElement", "AssumedStrains", "AssumedWork"]
 

@@ -35,9 +35,8 @@ from rigidfx.base.inputs import names, path_of, positive, shown, whole
 from rigidfx.base.instants import at_latest
 from rigidfx.base.same_input import check_same
 from rigidfx.effects import Contact, SpringDamper, efforts_of
-from rigidfx.output.fields import Fields
+from rigidfx.output.fields import Fields, clouds_of
 from rigidfx.output.history import Written, history_columns, history_row
-from rigidfx.output.joint_fields import clouds_of
 from rigidfx.output.paraview import Body, Cloud
 from rigidfx.output.run_files import RunFiles, body_rows, event_rows, kinds_of
 from rigidfx.output.whole_writes import ChangedFile

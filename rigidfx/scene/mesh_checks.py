@@ -15,12 +15,10 @@ from rigidfx import effects as fx
 from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.types import Bools, Ints
 from rigidfx.base.warning import warn
-from rigidfx.domain.connected import ConnectedParts, connected_parts
+from rigidfx.domain.connected import ConnectedParts, connected_parts, hinges, touching
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.edges import count_between
-from rigidfx.domain.hinges import hinges
 from rigidfx.domain.thin import thin_parts
-from rigidfx.domain.touching import touching
 
 __all__ = ["parts_in_words", "warn_of_bending", "warn_of_mesh"]
 
