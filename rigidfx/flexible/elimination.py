@@ -109,8 +109,9 @@ def eliminate(mesh: Any, form: ufl.Form, compiled: Any, options: dict[str, Any])
             raise RuntimeError(f"More than {SLOTS} kernels with enhanced strains are alive.")
         slot = free.pop()
         closure = library.lib.closures[slot]
-        needed = _fill(closure, form, old, old.form_integral_ids[k])
-        for n, note in enumerate(_works(form, old.form_integral_ids[k])):
+        works = _works(form, old.form_integral_ids[k])
+        needed = _fill(closure, form, old, old.form_integral_ids[k], works)
+        for n, note in enumerate(works):
             found, module = _values(mesh.comm, closure.work[n], note, form, old, options)
             closure.work[n].kernel = library.ffi.cast("void *", found)
             kept.append(module)
@@ -134,7 +135,9 @@ def eliminate(mesh: Any, form: ufl.Form, compiled: Any, options: dict[str, Any])
     return out
 
 
-def _fill(closure: Any, form: ufl.Form, compiled: Any, number: int) -> dict[int, bool]:
+def _fill(
+    closure: Any, form: ufl.Form, compiled: Any, number: int, other: list[ProjectedWork]
+) -> dict[int, bool]:
     """Write down the data of the kernel of a subdomain id.
 
     Returns:
@@ -147,7 +150,6 @@ def _fill(closure: Any, form: ufl.Form, compiled: Any, number: int) -> dict[int,
     of = [w for w in extract_coefficients(ufl.Form(parts)) if isinstance(w, Enhancement)]
     blocks = [c for c in extract_constants(ufl.Form(parts)) if isinstance(c, Elimination)]
     works = [c for c in extract_constants(ufl.Form(parts)) if isinstance(c, AssumedWork)]
-    other = _works(form, number)
     numbers = {n for w in of for n in (w.end, w.start) if n is not None}
     numbers |= {n for w in other for n in w.middle}
     moves = sorted(numbers.union(*(b.left for b in blocks), *map(_displacements, works)))
