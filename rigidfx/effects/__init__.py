@@ -31,10 +31,9 @@ from rigidfx.effects.loads.dead_load import BodyForce, DeadLoad, Gravity, NodalF
 from rigidfx.effects.loads.preload import Preload
 from rigidfx.effects.loads.pressure import Pressure
 from rigidfx.effects.loads.resultant import Resultant
-from rigidfx.effects.resolved_forces import ResolvedForces
 from rigidfx.effects.rigid import Reduced, Rigid
 from rigidfx.effects.supports.prescribed import PrescribedMotion, PrescribedRotation
-from rigidfx.effects.supports.support import Fixed, Support, Symmetry
+from rigidfx.effects.supports.support import Fixed, ResolvedForces, Support, Symmetry
 
 __all__ = [
     "Action",

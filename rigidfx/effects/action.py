@@ -55,12 +55,12 @@ class Structure:
         """1 on the first rank, 0 on others: counts once what all ranks know."""
         return float(self.scene.comm.rank == 0)
 
-    def moments(self, values: Array) -> Array:
-        """Σ a v of numbers of owned nodes, shape (nodes, k), over each body, (bodies, n, k)."""
+    def moments(self, weights: Array) -> Array:
+        """Σ w a by weights of owned nodes, shape (nodes,), over each body, (bodies, n)."""
         body, a, _ = self.bodies.of.holding(self.u.size // 3)
-        held = np.flatnonzero(body[: len(values)] >= 0)
-        out = np.zeros((*self.bodies.pose.shape[:2], values.shape[1]))
-        np.add.at(out, body[held], a[held, :, None] * values[held, None])
+        held = np.flatnonzero(body[: len(weights)] >= 0)
+        out = np.zeros(self.bodies.pose.shape[:2])
+        np.add.at(out, body[held], a[held] * weights[held, None])
         return out
 
 

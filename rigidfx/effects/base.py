@@ -338,3 +338,7 @@ class Scaled(Windowed):
     def factor(self, t: float) -> float:
         """The factor at t [s]; zero outside the window."""
         return 0.0 if not self.acts(t) else 1.0 if self.time is None else scalar(self.time(t))
+
+    def moments(self, structure: Structure, weights: Array) -> Array:
+        """Σ w a of owned nodes over each body, on this rank, shape (bodies, n). Collective."""
+        return structure.moments(weights)

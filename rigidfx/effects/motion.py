@@ -12,15 +12,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from rigidfx.base.types import Array
+from rigidfx.base.types import Array, Ints
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 
 __all__ = ["Forces", "ForcesOfNodes", "Instant", "Motion", "Tangent"]
-
-Ints = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)

@@ -24,10 +24,10 @@ from rigidfx.base.errors import SceneError, by_name
 from rigidfx.base.inputs import direction, numbers, of_time, positive, shown, truth, vector
 from rigidfx.base.taken import Checks, check_fields, take_fields
 from rigidfx.base.types import Array
+from rigidfx.effects.base import Vector
 
 __all__ = ["TINY", "Approach", "AskedObstacle", "Cylinder", "Obstacle", "Plane", "Sphere"]
 
-Vector = tuple[float, float, float]
 TINY = float(np.finfo(np.float64).tiny)
 
 

@@ -1,15 +1,12 @@
 """Two surfaces that may meet: nodes of one, flat triangles between the nodes of the other.
 
 A surface may meet itself: then a node meets only facets that face it, and not those near and behind
-it in the reference, which are the other side of a thin wall.
+it in the reference, which are the other side of a thin wall. A mesh that overlaps itself is refused
+for that: a point inside a cell is in no other cell of a sound mesh.
 
 All ranks know both, by numbers that are the same everywhere: a contact couples nodes of any two
 ranks, and surfaces are small beside their parts. Which triangle a node may meet is found by SciPy's
 cKDTree over their centres.
-
-Where a mesh overlaps itself the gap of such a surface means nothing: a node behind a triangle in
-the reference is taken for the other side of a thin wall. But a point inside a cell is in no other
-cell of a sound mesh.
 """
 
 from __future__ import annotations

@@ -5,13 +5,10 @@ have none and go through anything: those are taken for the four flat triangles t
 make. By default the stiffness is that of a layer of the cells behind, `LAYERS` (λ + 2μ)/h for an
 area, h being their thickness there.
 
-An obstacle meets a round surface of flat facets at their nodes: a drum is a polygon.
-A polygon of n sides stands still on slopes below 180°/n, half the angle between facets. A surface
-counts as round where facets meet at a small convex angle θ and their radius, width over θ, is not
-small beside their distance from the middle of their part: so a fillet at the edge of a box is none.
-Triangles that lie in a plane, as those of a facet with nodes on its sides do, are one facet.
-
-Within a hollow of radius R the angle is that share, 1 - r/R, of it which is left on a flat floor.
+A round surface of flat facets meets an obstacle as a polygon of n sides, which stands still on
+slopes below 180°/n, half the angle between facets, of which a hollow of radius R leaves 1 - r/R. A
+surface is round where facets, of triangles in one plane, meet at a small convex angle θ, and their
+radius, width over θ, is not small beside the distance from the middle of the part, as of a fillet.
 """
 
 from __future__ import annotations

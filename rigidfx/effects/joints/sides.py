@@ -1,7 +1,5 @@
 """Sides of a joint and ends of springs: rigid parts, faces, the ground, mean places of sets.
 
-Refused are sides that cannot move against each other, and surfaces far away.
-
 Facets of holes, shafts, balls and sockets tell their axis and centre. Vertices of a sphere, or of a
 cylinder across its axis, have |x - c|² = r², which is linear in c and in r² - |c|². Normals n of a
 cylinder are perpendicular to its axis: there Σ A n nᵀ vanishes. Those of a sphere point along

@@ -84,10 +84,6 @@ class DeadLoad(Scaled):
         """Weight of each local node: area [m²], volume [m³], mass [kg] or share [1]. Collective."""
         raise NotImplementedError
 
-    def moments(self, structure: Structure, weights: Array) -> Array:
-        """Σ w a over this rank's nodes of each body, shape (bodies, n). Collective."""
-        return structure.moments(weights[:, None])[:, :, 0]
-
     def check(self, scene: Any) -> None:
         """Look its set up, and see whether its function of time can be used."""
         where = getattr(self, "where", None)

@@ -84,10 +84,6 @@ class Resultant(OnFace, Scaled):
         out[middle.nodes] = middle.weights
         return out
 
-    def moments(self, structure: Structure, weights: Array) -> Array:
-        """Σ w a over this rank's nodes of each body, shape (bodies, n)."""
-        return structure.moments(weights[:, None])[:, :, 0]
-
     def both_at(self, t: float) -> tuple[Array, Array]:
         """Force [N] and torque [N m] at t; `SceneError` on this rank, if one is not finite."""
         with np.errstate(invalid="ignore"):  # what is not finite is met below

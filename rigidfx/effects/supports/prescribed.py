@@ -199,15 +199,11 @@ class PrescribedRotation(GuidedSupport):
     @property
     def path_and_velocity(self) -> PathAndVelocity | None:
         """The angle and the given speed, as vectors along the axis."""
-        speed, axis = self.speed, self.direction
-        if speed is None:
+        if self.speed is None:
             return None
-        return PathAndVelocity(
-            lambda t: scalar(self.angle(t)) * axis,
-            lambda t: scalar(speed(t)) * axis,
-            (0, 1, 2),
-            "rad",
-        )
+        asked, axis = self._asked, self.direction
+        of = lambda t: asked("angle", t) * axis, lambda t: asked("speed", t) * axis
+        return PathAndVelocity(*of, (0, 1, 2), "rad")
 
     def displacements_at(self, t: float, X: Array) -> Array:
         """(R - I)(X - c) of some points, shape (points, 3) [m]."""
