@@ -10,12 +10,17 @@ import numpy as np
 import parallel
 import pytest
 from mpi4py import MPI
+from petsc4py import PETSc
 from test_contact_pairs import boxes
 
 import rigidfx as rf
+from rigidfx.coupling.rows import Rows
 from rigidfx.error import equations
 from rigidfx.error.error_motion import ErrorMotion
+from rigidfx.error.frames import Frames
+from rigidfx.error.ground import ground_of
 from rigidfx.error.linear_motion import LinearMotion
+from rigidfx.error.loose import loose_parts
 from rigidfx.error.validity import Validity
 
 DT = 0.02  # s
@@ -259,6 +264,41 @@ def test_strain_rates_of_what_flies_are_the_twins(mass, followed):
                 size += float((true**2).sum())
     assert size > 0
     assert off <= 0.1**2 * size
+
+
+@pytest.mark.parametrize(
+    ("effects", "motions"),
+    [
+        ((), 6),
+        ((rf.Spring("x0", 1e3),), 0),
+        ((rf.Spring("x0", (0.0, 0.0, 1e3)),), 4),
+        ((rf.Spring(**FACE, stiffness=(0.0, 0.0, 1e3)),), 5),
+        ((HELD,), 0),
+    ],
+    ids=["free", "springs", "springs of one direction", "at a face", "clamped"],
+)
+def test_what_nothing_holds_keeps_its_momenta(effects, motions):
+    made = scene(*effects, PUSHED)
+    n = made.owned_nodes
+    x = made.space.tabulate_dof_coordinates()[:n]
+    held = np.repeat((x[:, 0] < 1e-9) & (HELD in effects), 3)
+    rows = Rows(made.space, np.arange(n, dtype=np.int32))
+    ground = ground_of(made, rows)
+    M = PETSc.Mat().createDiagonal(PETSc.Vec().createWithArray(np.repeat(np.linspace(1, 2, n), 3)))
+    loose = loose_parts(made, Frames(made, x), held, ground, M)
+    assert loose.count == motions
+    assert loose.nodes.all() == (motions > 0)
+    assert loose.pins().size == motions
+    force = np.random.default_rng(1).normal(size=(n, 3))
+    left, size = loose.balanced(force), np.abs(force).sum()
+    if motions == 6:
+        assert np.abs(left.sum(axis=0)).max() <= 1e-12 * size
+        assert np.abs(np.cross(x, left).sum(axis=0)).max() <= 1e-12 * 8 * size
+        v, m = loose.still(force), np.linspace(1, 2, n)[:, None]
+        assert np.abs((m * v).sum(axis=0)).max() <= 1e-12 * size
+        assert np.abs(np.cross(x, m * v).sum(axis=0)).max() <= 1e-12 * 8 * size
+    elif motions == 0:
+        np.testing.assert_array_equal(left, force)
 
 
 class Told:

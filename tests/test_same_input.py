@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
+from pathlib import Path
 
 import numpy as np
 import parallel
@@ -15,6 +16,7 @@ import refusals
 from mpi4py import MPI
 
 import rigidfx as rf
+from rigidfx.base.same_input import digest
 
 COMM = MPI.COMM_WORLD
 RANK = COMM.rank
@@ -135,6 +137,24 @@ def test_what_differs_between_ranks_is_named():
     assert first == second
     assert any("release" in kinds for _, _, kinds in first)
     assert [rank["accepted"] for rank in ranks] == [[[2.0, 1.0], 2]] * 2
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (rf.Gravity(), rf.Gravity((0, 0, 1))),
+        (np.arange(3), np.arange(3.0)),
+        (np.arange(3.0), np.ones(3)),
+        ({"a": 1}, {"a": 2}),
+        ({1, 2}, {1, 3}),
+        (rf.Table([0, 1], [0, 1]), rf.Table([0, 2], [0, 1])),
+        ([1.0, 2.0], [1.0]),
+        (Path("a"), Path("b")),
+    ],
+)
+def test_differences_of_plain_data_are_seen(one, other):
+    assert digest(one) == digest(one)
+    assert digest(one) != digest(other)
 
 
 def _script():
