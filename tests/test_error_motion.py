@@ -18,8 +18,7 @@ from rigidfx.coupling.rows import Rows
 from rigidfx.error import equations
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.frames import Frames
-from rigidfx.error.ground import ground_of
-from rigidfx.error.linear_motion import LinearMotion
+from rigidfx.error.linear_motion import LinearMotion, ground_of
 from rigidfx.error.loose import loose_parts
 from rigidfx.error.validity import Validity
 

@@ -13,81 +13,12 @@ from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.step.newton import chord, two_levels
-from rigidfx.step.newton.chord import Control
 from rigidfx.step.newton.kept_tangent import KeptTangent
 
 STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)
 DT = 1.2e-4  # s; some 25 to a period of the bar's first bending motion
 SPIN = rf.InitialVelocity(angular=(100.0, 400.0, 50.0))  # 0.05 rad per step
 NEWTON = {"snes_lag_jacobian": 1}  # who says how tangents are used, is obeyed
-
-
-LIMIT = 25  # iterations
-FIRST = [1e6] * 4  # iterates that do not count
-
-
-def rule(price=8.0):
-    """A rule whose tangent was made in a step of four iterations."""
-    control = Control()
-    control.price = price
-    control.begin()
-    assert control.wanted([1.0], 1e-12, LIMIT)  # the first step needs one
-    control.renewed([1.0])
-    assert not control.wanted([1.0, 0.9, 3.0, 2.0, 9.0], 1e-12, LIMIT)  # four tell nothing
-    control.accepted(4, 1)
-    control.begin()
-    return control
-
-
-@pytest.mark.parametrize(
-    ("history", "wanted"),
-    [
-        ([*FIRST, 1e4, 1e2], False),  # 6 decades at 2 each
-        ([*FIRST, 1e6, 3e5], True),  # at half a decade in two, more than a tangent and four others
-        ([*FIRST, 9e6], False),  # as parts that bend are stretched by first corrections ...
-        ([*FIRST, 9e6, 2e6], True),  # ... which the next ones have not taken back
-        ([*FIRST, 1e4, 2e4], True),
-        ([*FIRST, 1e-5, 2e-5], False),  # nothing is left that would tell
-        ([1e6] + [1e6 * 0.8**k for k in range(1, 20)], True),  # the limit would throw all away
-    ],
-)
-def test_a_tangent_is_renewed_in_a_step_where_it_does_not_fit(history, wanted):
-    assert rule().wanted(history, 1e-4, LIMIT) == wanted
-
-
-def _cost_of(steps, kept, newton):
-    """Cost of steps relative to Newton's method, which takes so many iterations a step.
-
-    Args:
-        steps: How many.
-        kept: Iterations and new tangents of a step by kept tangents, by its number.
-        newton: Iterations of Newton's method in a step.
-    """
-    control, spent, served = rule(), 0.0, []
-    for k in range(steps):
-        if not control.indebted:
-            iterations, tangents = kept(k)
-            control.accepted(iterations, tangents)
-            spent += iterations + tangents * control.price
-            served.append(k)
-        else:
-            control.passed(newton)
-            spent += newton * (1 + control.price)
-    return spent / (steps * newton * (1 + control.price)), served
-
-
-@pytest.mark.parametrize("newton", [3, 6])
-def test_kept_tangents_never_cost_more_than_newtons_method_by_a_tenth(newton):
-    """In a motion that they never fit, they are tried in fewer and fewer steps."""
-    cost, served = _cost_of(300, lambda _: (8, 2 * newton), newton)
-    assert 1 < cost <= 1.1
-    assert len(served) <= 40
-
-
-def test_kept_tangents_come_back_where_they_fit_again():
-    cost, served = _cost_of(300, lambda k: (8, 8) if 50 < k < 100 else (6, 0), 4)
-    assert cost < 0.5
-    assert served[-150:] == list(range(150, 300))
 
 
 def test_small_strains_wear_no_tangent_out():
