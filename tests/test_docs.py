@@ -121,7 +121,7 @@ WARNINGS = {
     "domain/gmsh_script.py": ["cells would be inside out"],
     "domain/inp.py": ["elements of an input file"],
     "effects/contact.py": ["a contact overlaps at the start"],
-    "effects/contacts/surface.py": ["a round contact surface"],
+    "scene/round_contacts.py": ["a round contact surface"],
     "effects/loads/dead_load.py": ["a force per volume"],
     "error/validity.py": ["forces change faster than e", "e is not small"],
     "scene/checks.py": ["first-order cells lock"],

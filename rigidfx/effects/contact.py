@@ -18,7 +18,7 @@ from rigidfx.effects.contacts.against_obstacle import Friction, ObstacleForces
 from rigidfx.effects.contacts.obstacles import AskedObstacle, Obstacle
 from rigidfx.effects.contacts.pair_surface import PairSurface, pair_of, refuse_overlap
 from rigidfx.effects.contacts.pairs import PairForces
-from rigidfx.effects.contacts.surface import ContactSurface, surface_of, warn_of_facets
+from rigidfx.effects.contacts.surface import ContactSurface, surface_of
 
 __all__ = ["Contact"]
 
@@ -120,10 +120,6 @@ class Contact(Windowed):
             together(
                 scene.comm, obstacle, lambda: (asked.gap(y), asked.approach(y, y), asked.outward(y))
             )
-            if self.friction > 0:
-                inside = getattr(against, "inside", False)
-                hollow = getattr(against, "radius", np.inf) if inside else np.inf
-                warn_of_facets(scene, self.where, self.owner, hollow)
         if start <= 0.0:  # else its place is unknown yet
             self._check_depth(scene, surface.size)
 

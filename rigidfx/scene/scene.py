@@ -49,6 +49,7 @@ from rigidfx.scene.elements import element_of
 from rigidfx.scene.mesh_checks import warn_of_mesh
 from rigidfx.scene.pieces import divide, warn_of_pieces
 from rigidfx.scene.places import cells_of
+from rigidfx.scene.round_contacts import warn_of_facets
 from rigidfx.scene.summary import description, in_a_line
 from rigidfx.scene.units import warn_of_units
 from rigidfx.scene.weights import inertial_masses, nodal_weights, point_masses
@@ -197,6 +198,7 @@ class Scene:
         check_rigid(self)
         warn_of_pieces(self.domain, self.effects)
         warn_of_mesh(self.domain, self.effects, self.order)
+        warn_of_facets(self)
         warn_of_units(self)
 
     # Questions to a scene -----------------------------------------------------------------------

@@ -143,18 +143,11 @@ class SpringForces(Action):
 def _tensor(owner: str, name: str, value: Stiffness) -> Array:
     """A symmetric positive semidefinite tensor from one, three or nine numbers, shape (3, 3)."""
     given = numbers(value)
-    if given.shape == (3, 3):
-        tensor = given
-    elif given.shape in ((), (3,)):
-        tensor = np.diag(np.broadcast_to(given, 3))
-    else:
-        tensor = np.full((3, 3), np.nan)
-    size = np.abs(tensor).max()
-    if not np.isfinite(tensor).all() or not np.allclose(tensor, tensor.T, atol=1e-12 * size):
-        good = False
-    else:
-        good = bool(np.linalg.eigvalsh(tensor)[0] >= -1e-12 * size)
-    if not good:
+    tensor = np.diag(np.broadcast_to(given, 3)) if given.shape in ((), (3,)) else given
+    good = tensor.shape == (3, 3) and bool(np.isfinite(tensor).all())
+    rounding = 1e-12 * np.abs(tensor).max(initial=0.0)
+    good = good and np.allclose(tensor, tensor.T, atol=rounding)
+    if not good or np.linalg.eigvalsh(tensor)[0] < -rounding:
         raise SceneError(
             f"{owner}: {name} must be a number ≥ 0, three of them, or a symmetric 3×3 "
             f"matrix without negative eigenvalue, got {shown(value)}."
