@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from histories import table
 from mpi4py import MPI
+from parallel import launch
 from parallel import report as tell
 from parallel import run as mpirun
 from scipy.spatial.transform import Rotation
@@ -387,6 +388,7 @@ def test_files_of_a_run_that_was_stopped(tmp_path, how, times):
     pvd = tmp_path / "fields.pvd"
     with subprocess.Popen(
         command,
+        env=launch(1)[1],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         # A shell's background job ignores SIGINT, and so would this process.
