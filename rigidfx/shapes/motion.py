@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigidfx.base.types import Array
+from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.dof_layout import nodes_of, split
 from rigidfx.coupling.rows import Rows
 from rigidfx.error.linear_motion import assembled
@@ -56,7 +56,7 @@ def of_supports(
     rates = np.stack([rates_at(t) for t in ts], axis=1)
     V = responses.rigid.all
     on_held = columns(V)[held.mask]
-    leads = np.ones(len(on_held), dtype=bool)
+    leads: Bools = np.ones(len(on_held), dtype=bool)
     if hold is not None:
         own = [
             dofs

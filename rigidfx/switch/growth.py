@@ -228,7 +228,7 @@ class Growth(Watch):
             found, Q = self._of(data)
             G[data.nodes] = found.outside(data, self._resonance.momenta[data.nodes] @ Q.T) @ Q
         cells = np.concatenate([data.cells for data, _ in lacking])
-        response = self._bound().step(G[:, :, None] / dt, dt)
+        response = self._bound().step(np.asarray(G[:, :, None] / dt), dt)
         rates = self._part(response, dt / 2, cells, limits())
         most = self._scene.comm.allreduce(float(rates.max(initial=0.0)), op=MPI.MAX)
         self._swing = most / size
@@ -346,7 +346,7 @@ class Growth(Watch):
         tol, shape = limits.rates / self._kappa, self._bound().responses.stiffness.linear.shape
         out = np.zeros(tol.size)
         out[cells] = self._strains.of(motion[:, :, 0], span, shape, cells)
-        return part_of(out, tol)
+        return part_of(out, np.asarray(tol))
 
     def _scaled(self, e: Array) -> Array:
         """A response with the mass 1. Collective."""

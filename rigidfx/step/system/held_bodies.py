@@ -194,12 +194,13 @@ class HeldBodies:
         rates = self._asked(lambda p: p.support.velocities_at(t, dt, p.X, p.places(bodies)))
         for k, frame in self._frames.items():
             R, mass, origin = bodies.R[k], bodies.of.mass[k], _origin(bodies, k)
-            mean, omega, middle = np.zeros(3), np.zeros(3), origin
+            none: Array = np.zeros(3)
+            mean, omega, middle = none, none, origin
             if frame is not None:
                 v, x = rates[id(frame)], frame.places(bodies)
                 middle, mean = x.mean(axis=0), v.mean(axis=0)
                 arms = -skew(x - middle).reshape(-1, 3)
-                omega = np.linalg.lstsq(arms, (v - mean).reshape(-1))[0]
+                omega = np.asarray(np.linalg.lstsq(arms, (v - mean).reshape(-1))[0], np.float64)
             n, led = shapes.counts[k], mean + np.cross(omega, bodies.r[k] - middle)
             g, gained = int(shapes.given[k].sum()), np.zeros(n)
             for guide in self._guides[k]:
