@@ -263,6 +263,18 @@ class Bodies:
         return out
 
     @property
+    def led_mass_blocks(self) -> Array:
+        """The same by unknowns, as centres of mass in frames that are held follow the shapes."""
+        out, shapes = self.mass_blocks, self.of.shapes
+        if shapes is not None and shapes.held.any():
+            drift = shapes.drift @ self.R.swapaxes(1, 2)
+            led = self.of.mass[:, None, None] * drift
+            out[:, 6:, :3] += led
+            out[:, :3, 6:] += led.swapaxes(1, 2)
+            out[:, 6:, 6:] += led @ drift.swapaxes(1, 2)
+        return out
+
+    @property
     def given_mass_blocks(self) -> Array:
         """Those of bodies whose mass is given, zero for the others, shape (bodies, 6, 6) [kg]."""
         given = np.array([body.given for body in self.of.records], dtype=bool)

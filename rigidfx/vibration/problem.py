@@ -194,7 +194,7 @@ class Problem:
         """PᵀMP with the bodies' own. Collective."""
         M = self._mass.matrix()
         out = self._prolongation.condense(M)
-        self._prolongation.add_blocks(out, _mass_blocks(self._state.bodies))
+        self._prolongation.add_blocks(out, self._state.bodies.led_mass_blocks)
         M.destroy()
         return out
 
@@ -209,7 +209,7 @@ class Problem:
         """
         p = self._prolongation
         d, f, out = self._layout.rows.vector(), self._layout.rows.vector(), []
-        blocks = _mass_blocks(self._state.bodies)
+        blocks = self._state.bodies.led_mass_blocks
         for moved, six in self._moved(centre):
             d.array[:] = moved.reshape(-1)
             self._mass.mult(d, f)
@@ -303,17 +303,6 @@ class Problem:
             self.shaping.destroy()
         for item in (*self.motions, self.K, self.M, self._equations):
             item.destroy()
-
-
-def _mass_blocks(bodies: Bodies) -> Array:
-    """Those of bodies; centres of mass in frames that supports hold follow the shapes."""
-    blocks, shapes = bodies.mass_blocks, bodies.of.shapes
-    if shapes is not None:
-        drift, mass = shapes.drift @ bodies.R.swapaxes(1, 2), bodies.of.mass[:, None, None]
-        blocks[:, 6:, :3] += mass * drift
-        blocks[:, :3, 6:] += mass * drift.swapaxes(1, 2)
-        blocks[:, 6:, 6:] += mass * drift @ drift.swapaxes(1, 2)
-    return blocks
 
 
 def _state(scene: Scene, about: Report | None) -> State:

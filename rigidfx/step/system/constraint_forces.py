@@ -69,7 +69,7 @@ class ReducedMass:
             M = self.mass.matrix()
             self._matrix = self.p.condense(M)
             M.destroy()
-            self.p.add_blocks(self._matrix, self._bodies.mass_blocks)
+            self.p.add_blocks(self._matrix, self._bodies.led_mass_blocks)
             self.p.increments = now
         return self._matrix
 

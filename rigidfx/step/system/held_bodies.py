@@ -189,7 +189,7 @@ class HeldBodies:
             bodies: The bodies at t.
         """
         velocity, W = bodies.velocity.copy(), bodies.angular_velocity_body.copy()
-        q_rate, blocks, shapes = bodies.q_rate.copy(), bodies.mass_blocks, bodies.of.shapes
+        q_rate, blocks, shapes = bodies.q_rate.copy(), bodies.led_mass_blocks, bodies.of.shapes
         assert shapes is not None
         rates = self._asked(lambda p: p.support.velocities_at(t, dt, p.X, p.places(bodies)))
         for k, frame in self._frames.items():
@@ -208,9 +208,8 @@ class HeldBodies:
                 own = rates[id(guide)] - mean - np.cross(omega, x - middle)
                 gained[guide.own] = guide.coordinates(own @ R) - q_rate[k, guide.own]
             drift = shapes.drift[k, :n] @ R.T
-            B, D = (blocks[k, 6 : 6 + n, own] for own in (slice(3, 6), slice(6, 6 + n)))
+            B, A = (blocks[k, 6 : 6 + n, own] for own in (slice(3, 6), slice(6, 6 + n)))
             turning = bodies.of.length[k] * (omega - bodies.angular_velocity[k])
-            A = D + mass * drift @ drift.T
             impulse = B @ turning + A @ gained
             impulse += mass * drift @ (led + q_rate[k, :n] @ drift - velocity[k])
             gained[g:] -= np.linalg.solve(A[g:, g:], impulse[g:])

@@ -160,7 +160,7 @@ class ResolvedConstraints:
         self._tangent.renew()
         f = self._change(state, -v0, v1) - 2 / dt**2 * self._momenta(across)
         of_bodies, w, _ = self._respond(f, p.no_bodies, off, across[at])
-        blocks = p.increments.start.mass_blocks
+        blocks = p.increments.start.led_mass_blocks
         own = 2 / dt**2 * (blocks @ of_bodies[:, :, None])[:, :, 0]
         momenta = self._momenta(w)
         nothing = np.zeros(at.size)

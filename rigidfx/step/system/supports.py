@@ -297,7 +297,7 @@ def _solve(
     """Solve (Lᵀ M L + bodies) Δy = rhs by conjugate gradients. Collective."""
     M = mass.matrix()
     reduced = prolongation.condense(M)
-    prolongation.add_blocks(reduced, state.bodies.mass_blocks)
+    prolongation.add_blocks(reduced, state.bodies.led_mass_blocks)
     conjugate_gradients(reduced, rhs, dy)
     reduced.destroy()
     M.destroy()
