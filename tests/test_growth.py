@@ -14,7 +14,11 @@ from parallel import check_the_same, report
 import rigidfx as rf
 import rigidfx.switch.growth
 from meshes.gong import MALLET, gong
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.shapes.linear import Linear
+from rigidfx.state import State
 from rigidfx.switch.growth_control import GrowthControl
+from rigidfx.switch.inventory import about_start
 from rigidfx.switch.resonance import Resonance
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
@@ -236,6 +240,22 @@ def _found():
 @pytest.mark.parallel
 def test_it_is_the_same_on_two_ranks():
     check_the_same(__file__, 2, _found())
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_the_mass_of_a_named_part_counts_once(mass):
+    """In a step in which weights begin, all fall by g Δt²/2."""
+    domain = rf.box((0, 0, 0), (1.0, 0.1, 0.1), (6, 1, 1))
+    domain = domain.with_cells("end", lambda x: x[0] >= 0.5 - 1e-9)
+    scene = rf.Scene(domain, SOFT, [rf.Rigid("end")], mass=mass)
+    still = np.zeros(3 * scene.owned_nodes)
+    responses = about_start(scene, InternalForces(scene, State(scene).u, ()), still, ())
+    linear, moved = Linear(responses), np.zeros((scene.owned_nodes, 3, 1))
+    moved[:, 2] = 1.0
+    fallen = linear.step(responses.inertia(moved), DT)
+    np.testing.assert_allclose(fallen, 0.5 * DT**2 * moved, rtol=1e-9, atol=1e-9 * DT**2)
+    linear.destroy()
+    responses.destroy()
 
 
 if __name__ == "__main__":

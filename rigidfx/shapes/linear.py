@@ -13,6 +13,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from rigidfx.base.types import Array
+from rigidfx.coupling.mass import mass_operator
 from rigidfx.shapes.responses import Responses
 from rigidfx.step.linear.definite import solver_of
 from rigidfx.step.linear.eigenpairs import EigenControl, clusters, lowest
@@ -39,11 +40,18 @@ class Linear:
             responses: Stiffness and mass about the start.
         """
         self.responses, stiffness = responses, responses.stiffness
-        p, M = stiffness.prolongation, stiffness.mass.matrix()
+        p, bodies, seen = stiffness.prolongation, stiffness.bodies, stiffness.structure
+        inside = np.concatenate(
+            [np.empty(0, np.int32), *(body.cells for body in bodies.of.records)]
+        )
+        cells = {i: np.setdiff1d(own, inside) for i, own in stiffness.cells.items()}
+        mass = mass_operator(seen.scene, seen.rows, cells, seen.own)
+        M = mass.matrix()
         self._K = stiffness.matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
         self._M = p.condense(M)
-        p.add_blocks(self._M, stiffness.bodies.mass_blocks)
-        M.destroy()
+        p.add_blocks(self._M, bodies.mass_blocks)
+        for item in (M, mass):
+            item.destroy()
         self._step: tuple[float, PETSc.KSP] | None = None
 
     def modes(self, dt: float) -> tuple[Array, float]:
