@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from tumbling_l import tumbling_l
 
 import rigidfx as rf
 
@@ -34,8 +35,6 @@ def tumbling(
     material: rf.Material, *effects: rf.Effect, load: float = 1.0, **discretisation: Any
 ) -> rf.Scene:
     """The tumbling L under so many times load 1; free from t = 5 s on."""
-    from tumbling_l import tumbling_l  # its folder is not on the path of every process
-
     tractions = pair_of_tractions("top", "side", load * LOAD_1, TRIANGLE)
     return rf.Scene(tumbling_l(), material, [*tractions, *effects], **discretisation)
 
