@@ -3,6 +3,8 @@
 A support that begins on a moving node, or a prescribed motion that jumps in velocity, is an
 impact: the update of the velocity would otherwise ring for ever. The velocity is projected, in the
 metric of the mass, on those that the support allows; energy and impulse of the impact are reported.
+
+The mass of the unknowns of a division, and velocities by momenta.
 """
 
 from __future__ import annotations
@@ -20,13 +22,14 @@ from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Support, Windowed
+from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rotation import axial
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.linear.linear_solver import conjugate_gradients
 from rigidfx.step.watches.jumps import Jumps
 
-__all__ = ["Impact", "PrescribedDofs", "impose_velocity", "supports_of"]
+__all__ = ["Impact", "PrescribedDofs", "ReducedMass", "impose_velocity", "supports_of"]
 
 
 @dataclass(frozen=True)
@@ -232,6 +235,70 @@ class PrescribedDofs:
         return {k: v[:3] for k, v in out.items()}, {k: v[3:] for k, v in out.items()}
 
 
+class ReducedMass:
+    """Lᵀ M L + the bodies' own where the bodies were at first; made when it is needed first.
+
+    Attributes:
+        p: Map between unknowns and dofs.
+        mass: The mass of nodes, M.
+    """
+
+    def __init__(self, p: Prolongation, mass: Mass, bodies: Bodies) -> None:
+        """Keep its parts."""
+        self.p, self.mass, self._bodies = p, mass, bodies
+        self._matrix: PETSc.Mat | None = None
+        self._r, self._y = p.unknowns(), p.unknowns()
+
+    @property
+    def matrix(self) -> PETSc.Mat:
+        """It [kg]. Collective."""
+        if self._matrix is None:
+            now = self.p.increments
+            self.p.pose(self._bodies)
+            M = self.mass.matrix()
+            self._matrix = self.p.condense(M)
+            M.destroy()
+            self.p.add_blocks(self._matrix, self._bodies.led_mass_blocks)
+            self.p.increments = now
+        return self._matrix
+
+    def solve(self, momenta: Array) -> Array:
+        """Velocities of this rank's unknowns by their momenta. Collective."""
+        self._r.array[:] = momenta
+        self._y.set(0.0)
+        if self._r.norm() > 0.0:
+            conjugate_gradients(self.matrix, self._r, self._y)
+        return self._y.array_r.copy()
+
+    def followed(self, w: PETSc.Vec, momenta: PETSc.Vec) -> Array:
+        """Velocities of all rows by impulses on held ones. Collective.
+
+        Args:
+            w: Given velocities of the held rows, zero elsewhere; those of all rows afterwards.
+            momenta: M w, overwritten.
+
+        Returns:
+            Those of the bodies' unknowns, shape (bodies, 6 + m) [m/s].
+        """
+        p = self.p
+        given = w.array_r[p.prescribed].copy()
+        self.mass.mult(w, momenta)
+        p.restrict(momenta, p.no_bodies, self._r)
+        if self._r.norm() == 0.0:  # no mass couples held rows to others
+            return p.no_bodies
+        self.solve(-self._r.array_r)
+        of_bodies = p.bodies_part(self._y)
+        p.apply(self._y, of_bodies, given, w)
+        self.mass.mult(w, momenta)
+        return of_bodies
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        for item in (self._matrix, self._r, self._y):
+            if item is not None:
+                item.destroy()
+
+
 def supports_of(acting: Sequence[Windowed]) -> tuple[Support, ...]:
     """The supports among the effects that act."""
     every: Sequence[Any] = acting
@@ -271,33 +338,14 @@ def impose_velocity(
     dv.array[prescribed] = jump
     changed = dv.norm(PETSc.NormType.INFINITY) > 0.0
     if changed:
-        mass.mult(dv, p)
-        prolongation = Prolongation(layout, scene.comm)
-        rhs, dy = prolongation.unknowns(), prolongation.unknowns()
-        prolongation.pose(state.bodies)
-        bodies = state.bodies
-        prolongation.restrict(p, prolongation.no_bodies, rhs)
-        rhs.scale(-1.0)
-        if rhs.norm() > 0.0:
-            _solve(prolongation, mass, state, rhs, dy)
-            y = prolongation.bodies_part(dy)
-            prolongation.apply(dy, y, dv.array_r[prescribed], dv)
-            bodies = bodies.with_rates(bodies.rates + y)
+        prolongation, bodies = Prolongation(layout, scene.comm), state.bodies
+        prolongation.pose(bodies)
+        reduced = ReducedMass(prolongation, mass, bodies)
+        gained = reduced.followed(dv, p)
+        if gained.any():
+            bodies = bodies.with_rates(bodies.rates + gained)
         state.kick(rows.dofs, dv.array_r, bodies)
-        rhs.destroy()
-        dy.destroy()
+        reduced.destroy()
     dv.destroy()
     p.destroy()
     return (rows.dofs[prescribed].astype(np.int64), jump) if changed else None
-
-
-def _solve(
-    prolongation: Prolongation, mass: Mass, state: State, rhs: PETSc.Vec, dy: PETSc.Vec
-) -> None:
-    """Solve (Lᵀ M L + bodies) Δy = rhs by conjugate gradients. Collective."""
-    M = mass.matrix()
-    reduced = prolongation.condense(M)
-    prolongation.add_blocks(reduced, state.bodies.led_mass_blocks)
-    conjugate_gradients(reduced, rhs, dy)
-    reduced.destroy()
-    M.destroy()
