@@ -10,7 +10,7 @@ import numpy as np
 from rigidfx.base.remembered import PART, Remembered
 from rigidfx.base.types import Bools
 from rigidfx.base.uncaught import on_all_ranks
-from rigidfx.decide.criteria.judging import Observation
+from rigidfx.decide.criteria.judging import Lacking, Observation
 from rigidfx.decide.decision import Decision
 from rigidfx.decide.policy import Policy
 from rigidfx.error.error_motion import ErrorMotion
@@ -81,6 +81,11 @@ class Run:
         """The error motion, where it is added to the results shown."""
         return self.error if self.corrected else None
 
+    @property
+    def lacking(self) -> Lacking | None:
+        """What the motion lacks beside that of the flexible twin; None if it is not followed."""
+        return self.error if self.growth is None else self.growth
+
     def target(self) -> float:
         """Time at which the next step is to end [s]."""
         t, control = self.stepper.state.t, self.stepper.control
@@ -103,7 +108,7 @@ class Run:
         if policy is None:
             return stepper.accept(attempt), []
         attempt, outgrown = self._grown(attempt, policy)
-        seen = Observation(stepper, attempt.dt, motion=self.error)
+        seen = Observation(stepper, attempt.dt, motion=self.lacking)
         strained = None if looks is None else looks.look(attempt, policy.rule.limits)
         decision = policy.struck(seen, stepper.touches)
         if decision is None and strained is not None:
@@ -180,7 +185,7 @@ class Run:
         if policy is None:
             return [], np.nan
         shared = None if self.looks is None else self.looks.shared(report.dt)
-        seen = Observation(self.stepper, report.dt, shared, self.error)
+        seen = Observation(self.stepper, report.dt, shared, self.lacking)
         policy.observe(seen)
         decision = policy.after(seen, report)
         if decision is not None and self.recovery is not None:

@@ -19,11 +19,15 @@ class Limits:
         rates: Strain rate of e, of each owned cell [1/s]; None on all ranks if none wakes.
         window: Length of a window [s]; infinite while that is not known.
         size: Largest |e| of any node [m].
+        part: The same over the largest displacement so far; NaN where rates decide.
+        begins: Whether a motion begins from rest.
     """
 
     rates: Array | None = None
     window: float = np.inf
     size: float = np.inf
+    part: float = np.nan
+    begins: bool = False
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.linear import resolved
-from rigidfx.shapes.orthonormal import columns, to_one
+from rigidfx.shapes.orthonormal import INDEPENDENT, columns, to_one
+from rigidfx.shapes.part import LACKING
 
 __all__ = ["Found"]
 
@@ -70,12 +71,13 @@ class Found(Expanded):
         on = self.dot(modes, force[:, :, None])[:, 0]
         return np.asarray(force - self.times_mass((modes @ (on / D))[:, :, None])[:, :, 0])
 
-    def with_shapes(self, body: Body, vectors: Array) -> Body | None:
+    def with_shapes(self, body: Body, vectors: Array, followers: int = 0) -> Body | None:
         """A body with more shapes, all of them orthogonal by the mass, at q = q̇ = 0. Collective.
 
         Args:
             body: The body.
             vectors: At its nodes in its frame, shape (nodes, 3, k).
+            followers: How many of the last ones may lack `LACKING` of themselves.
 
         Returns:
             None if none of the vectors is new.
@@ -84,7 +86,7 @@ class Found(Expanded):
         old: Array = np.zeros((len(data.nodes), 3, 0))
         if data.shapes is not None:
             old = data.shapes.modes.swapaxes(1, 2)
-        new = self._new(old, vectors)
+        new = self._new(old, vectors, followers)
         if not new.shape[2]:
             return None
         K = self.times_stiffness(new)
@@ -114,12 +116,14 @@ class Found(Expanded):
         q[:m], rate[:m] = body.motion.q, body.motion.q_rate
         return Body(replace(data, shapes=shapes), replace(body.motion, q=q, q_rate=rate))
 
-    def _new(self, old: Array, vectors: Array) -> Array:
+    def _new(self, old: Array, vectors: Array, followers: int) -> Array:
         """The new part of vectors, their largest displacement 1, (nodes, 3, k). Collective."""
         basis, m = self.begun(old), old.shape[2]
         own = self.unmoved(vectors)
         squares = self._scene.sum(np.einsum("nak,nak->k", vectors, self.times_mass(vectors)))
-        basis.grow(own, self.times_mass(own), np.sqrt(np.asarray(squares)), m + own.shape[2])
+        sizes = np.sqrt(np.asarray(squares))
+        sizes[sizes.size - followers :] *= LACKING / INDEPENDENT
+        basis.grow(own, self.times_mass(own), sizes, m + own.shape[2])
         return to_one(self._scene.comm, basis.vectors[:, :, m:])[0]
 
     def moving(self, body: Body) -> Body:

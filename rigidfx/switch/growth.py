@@ -8,9 +8,16 @@ tolerance: where
 
 in a cell, e becomes a shape of the body, and the step is made again. A shape begins undeformed and
 at rest, so that it vibrates about e with the amplitude e: these are the strain rates to which it
-comes; 2/Δt is the highest frequency of steps. A body begins with the modes that Δt resolves, as a
-resonance that builds up cannot be seen in the forces of one step. Cells wake where a body goes on
-calling for shapes.
+comes; 2/Δt is the highest frequency of steps. Cells wake where a body goes on calling for shapes. A
+body begins with the modes that Δt resolves, as a resonance that builds up cannot be seen in the
+forces of one step.
+
+Where a displacement is bounded in place of a strain rate, 2 |e| of each node is compared with a
+part of the largest displacement up to the end of the step, or of the largest e that has become a
+shape: that is the motion to come where a load begins. While a motion begins from rest, a body grows
+once in a step and no cell wakes, as all steps err by much of nothing then. And e has its followers
+beside it (`rigidfx.shapes.ritz`); with strain rates these would let a body follow a wave for which
+its cells are to wake.
 """
 
 from __future__ import annotations
@@ -36,12 +43,13 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.shapes.found import Found
 from rigidfx.shapes.linear import Linear
+from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt, Watch
 from rigidfx.switch.growth_control import GrowthControl
 from rigidfx.switch.inventory import about_start
 from rigidfx.switch.resonance import Resonance
-from rigidfx.switch.spun_joints import SpinLimits
+from rigidfx.switch.spun_joints import SpinLimits, off_by
 
 __all__ = ["Growth", "Looked"]
 
@@ -77,6 +85,9 @@ class Growth(Watch):
         "_begun",
         "_swing",
         "_spins",
+        "_foreseen",
+        "_lacks",
+        "_bends",
     ) | {
         "_resonance": PART,
         "_start": ON_DOFS,
@@ -111,7 +122,10 @@ class Growth(Watch):
         self._vectors: Array = np.zeros((scene.owned_nodes, 3, 0))  # modes, and what has grown
         self._withheld: Array = np.zeros((scene.owned_nodes, 3))  # ρ⊥ as last seen, at the start
         self._ratio, self._since = np.inf, 0
-        self._added: dict[int, int] = {}
+        self._reached = 0.0  # largest displacement of bodies at the end of a step [m]
+        self._foreseen = 0.0  # largest static response that has become a shape [m]
+        self._lacks, self._bends = 0.0, 0.0  # largest 2 |e|, and error of shapes by ν, so far [m]
+        self._added: dict[int, tuple[float, ...]] = {}  # what called for shapes in this step
         self._energies: dict[int, float] = {}  # ½ q·Ωq of each body at the last look
         self._largest = 0.0  # strain energy of any body so far
         self._limits = SpinLimits(scene)
@@ -132,7 +146,7 @@ class Growth(Watch):
             self._linear = Linear(responses)
             self._frames = Frames(scene, responses.stiffness.places)
             if not self._vectors.shape[2]:
-                self._vectors, self._cut = self._linear.modes(self._dt)
+                self._vectors, self._cut = self._linear.modes(self._forces.dt or self._dt)
                 self._modes = self._vectors.shape[2]
                 tell(scene.comm, f"bodies begin with {self._modes} modes of the whole")
         return self._linear
@@ -170,7 +184,7 @@ class Growth(Watch):
         self._begun[number], self._lacking[number] = self._modes, self._cut
         stiff = self._scene.sum(np.count_nonzero(self._stiff[body.data.nodes])) > 0
         if np.isfinite(self._cut) and not stiff:  # its own modes would bend rigid faces
-            own, self._lacking[number] = found.modes(self._dt, self._cut)
+            own, self._lacking[number] = found.modes(self._forces.dt or self._dt, self._cut)
             self._begun[number] += own.shape[2]
             vectors = np.concatenate([vectors, own], axis=2)
         made = found.with_shapes(body, vectors)
@@ -207,7 +221,18 @@ class Growth(Watch):
             return Looked()
         if (woken := self._resonant(attempt.dt, limits)) is not None:
             return Looked(woken=woken)
-        return Looked() if quiet else self._judged(attempt.dt, F, size, limits())
+        if quiet:
+            return Looked()
+        self._reached = self._reach(attempt)
+        return self._judged(attempt.dt, F, size, limits())
+
+    def _reach(self, attempt: Attempt) -> float:
+        """Largest displacement of bodies at the end of a step. Collective."""
+        start, here = self._start.reshape(-1, 3), 0.0
+        for body in attempt.increments.end:
+            moved = body.displacement - start[body.data.nodes]
+            here = max(here, float(np.linalg.norm(moved, axis=1).max(initial=0.0)))
+        return self._scene.comm.allreduce(here, op=MPI.MAX)
 
     def _resonant(self, dt: float, limits: Callable[[], Limits]) -> Bools | None:
         """Cells of bodies that lack a mode which may be in resonance. Collective."""
@@ -228,8 +253,11 @@ class Growth(Watch):
             found, Q = self._of(data)
             G[data.nodes] = found.outside(data, self._resonance.momenta[data.nodes] @ Q.T) @ Q
         cells = np.concatenate([data.cells for data, _ in lacking])
-        response = self._bound().step(np.asarray(G[:, :, None] / dt), dt)
-        rates = self._part(response, dt / 2, cells, limits())
+        lowest = min(self._lacking[data.number] for data, _ in lacking)
+        moved: Array = self._bound().step(np.asarray(G[:, :, None] / dt), dt)[:, :, 0]
+        owned = self._scene.mesh.topology.index_map(3).size_local
+        amplitude = np.asarray(moved * (2 / dt / lowest))
+        rates = self._part(amplitude, np.full(owned, lowest), cells, limits())
         most = self._scene.comm.allreduce(float(rates.max(initial=0.0)), op=MPI.MAX)
         self._swing = most / size
         if not most > control.wakes:
@@ -270,6 +298,8 @@ class Growth(Watch):
             missed = found.missed(d, respond)
             nu = abs(float(self._scene.sum(missed.sum())))
             if nu <= control.nonlinear:
+                size = comm.allreduce(float(np.abs(d).max(initial=0.0)), op=MPI.MAX)
+                self._bends = max(self._bends, off_by(nu) * size)
                 continue
             dense = np.abs(missed) / self._scene.averaging_mass[body.data.nodes]
             most = comm.allreduce(float(dense.max(initial=0.0)), op=MPI.MAX)
@@ -281,13 +311,9 @@ class Growth(Watch):
 
     def _with_nodes(self, marks: Bools, cells: Indices) -> Bools:
         """Those of some owned cells that have a marked node. Collective."""
-        field = fem.Function(self._scene.space)
-        field.x.array.reshape(-1, 3)[: marks.size] = marks[:, None]
-        field.x.scatter_forward()
-        at = field.x.array.reshape(-1, 3)[:, 0][self._scene.space.dofmap.list[cells]]
         owned = self._scene.mesh.topology.index_map(3).size_local
         out: Bools = np.zeros(owned, dtype=bool)
-        out[cells] = at.any(axis=1)
+        out[cells] = self._at_cells(marks.astype(float), cells) > 0
         return out
 
     def _growing(self) -> list[Body]:
@@ -299,37 +325,42 @@ class Growth(Watch):
         growing = {body.data.number: body.data for body in self._growing()}
         cells = np.concatenate([data.cells for data in growing.values()])
         e = self._bound().responses.solve(F[:, :, None])
-        rates = self._part(e, dt / 2, cells, limits)
+        omega = np.zeros(self._scene.mesh.topology.index_map(3).size_local)
         for data in growing.values():
-            rates[data.cells] *= min(self._frequency(data, e) * dt / 2, 1.0)
+            omega[data.cells] = min(self._frequency(data, e), 2 / dt)
+        rates = self._part(e[:, :, 0], omega, cells, limits)
         most = comm.allreduce(float(rates.max(initial=0.0)), op=MPI.MAX)
         self._ratio, self._swing, self._since = most / size, np.inf, 0
         if not most > 1:
+            self._lacks = max(self._lacks, most * self._allowed(limits))
             return Looked()
         above = np.array([rates[data.cells].max(initial=0.0) for data in growing.values()])
         comm.Allreduce(MPI.IN_PLACE, above, op=MPI.MAX)
         wanted = dict(zip(growing, above, strict=True))
+        new, size = self._followed(F, dt, limits), np.linalg.norm(e, axis=1).max(initial=0.0)
+        self._foreseen = max(self._foreseen, comm.allreduce(float(size), op=MPI.MAX))
         out, ended, grown = list(self._stepper.state.bodies), [], False
         for k, body in enumerate(out):
             want = wanted.get(body.data.number, 0.0)
             if not want > 1:
                 continue
-            added, count = self._added.get(body.data.number, 0), body.data.deforms_by
-            count -= self._begun[body.data.number]
-            more = self._more(body, e) if count < control.grown else None
-            if more is None or (added >= 2 and want > control.wakes):
-                if want > control.wakes or count >= control.grown:
+            count = body.data.deforms_by - self._begun[body.data.number]
+            before = self._added.get(body.data.number, ())
+            if limits.begins and before:  # what is left is for the next step to tell
+                continue
+            stalls = len(before) > 1 and want > max(control.wakes, 0.5 * before[-2])
+            more = self._more(body, new) if count < control.grown else None
+            if more is None or stalls:
+                if not limits.begins and (want > control.wakes or count >= control.grown):
                     ended.append(body.data)
                 continue
             out[k], grown = more, True
-            self._added[body.data.number] = added + 1
-            self._vectors = np.concatenate([self._vectors, self._scaled(e)], axis=2)
+            self._added[body.data.number] = (*before, float(want))
+            self._vectors = np.concatenate([self._vectors, new[:, :, :1]], axis=2)
             tell(comm, f"{body.data.name} has {more.data.deforms_by} shapes: {want:.3g} tol")
         if ended:
-            woken = np.zeros(rates.size, dtype=bool)
-            for data in ended:
-                woken[data.cells] = rates[data.cells] > control.woken
-            return Looked(woken=woken)
+            cells = np.concatenate([data.cells for data in ended])
+            return Looked(woken=self._strained_most(e[:, :, 0], rates, cells, limits))
         return Looked(Bodies.of_each(out)) if grown else Looked()
 
     def _frequency(self, data: RigidBody, e: Array) -> float:
@@ -340,28 +371,78 @@ class Growth(Watch):
         heavy = found.dot(own, found.times_mass(own))[0, 0]
         return float(np.sqrt(max(stiff, 0.0) / heavy)) if heavy > 0 else np.inf
 
-    def _part(self, motion: Array, span: float, cells: Indices, limits: Limits) -> Array:
-        """Strains by a motion in a time over the tolerance, of all owned cells. Collective."""
-        assert limits.rates is not None
-        tol, shape = limits.rates / self._kappa, self._bound().responses.stiffness.linear.shape
-        out = np.zeros(tol.size)
-        out[cells] = self._strains.of(motion[:, :, 0], span, shape, cells)
-        return part_of(out, np.asarray(tol))
+    def _part(self, motion: Array, omega: Array, cells: Indices, limits: Limits) -> Array:
+        """Strain rates, or displacements, by a vibration over those allowed. Collective.
 
-    def _scaled(self, e: Array) -> Array:
-        """A response with the mass 1. Collective."""
-        responses = self._bound().responses
-        return np.asarray(e / np.sqrt(responses.dot(e, responses.inertia(e))))
+        Args:
+            motion: Its amplitude at the owned nodes, shape (nodes, 3) [m].
+            omega: Its frequency in each owned cell [1/s].
+            cells: Owned cells that are asked for.
+            limits: Those allowed.
+
+        Returns:
+            Of all owned cells; zero in those that are not asked for.
+        """
+        out = np.zeros(omega.size)
+        if limits.rates is None:
+            out[cells] = 2 * self._at_cells(np.linalg.norm(motion, axis=1), cells)
+            return part_of(out, np.full(out.size, self._allowed(limits)))
+        shape = self._bound().responses.stiffness.linear.shape
+        out[cells] = omega[cells] * self._strains.of(motion, 1.0, shape, cells)
+        return part_of(out, np.asarray(limits.rates / self._kappa))
+
+    def _strained_most(self, e: Array, rates: Array, cells: Indices, limits: Limits) -> Bools:
+        """Those of some owned cells that wake: above a limit, or strained most. Collective."""
+        woken: Bools = np.zeros(rates.size, dtype=bool)
+        if limits.rates is not None:
+            woken[cells] = rates[cells] > self.control.woken
+            return woken
+        shape = self._bound().responses.stiffness.linear.shape
+        strains = self._strains.of(e, 1.0, shape, cells)
+        here = float(strains.max(initial=0.0))
+        most = self._scene.comm.allreduce(here, op=MPI.MAX)
+        woken[cells] = strains > self.control.share * most
+        return woken
+
+    def _allowed(self, limits: Limits) -> float:
+        """Displacement that bodies may lack, of the largest up to the end of a step [m]."""
+        return max(limits.size, limits.part * max(self._foreseen, self._reached))
+
+    def _at_cells(self, values: Array, cells: Indices) -> Array:
+        """The largest of values at owned nodes in each of some owned cells. Collective."""
+        field = fem.Function(self._scene.space)
+        field.x.array.reshape(-1, 3)[: values.size] = values[:, None]
+        field.x.scatter_forward()
+        at = field.x.array.reshape(-1, 3)[:, 0][self._scene.space.dofmap.list[cells]]
+        return np.asarray(at.max(axis=1, initial=0.0))
+
+    def _followed(self, F: Array, dt: float, limits: Limits) -> Array:
+        """The static response to forces, and its followers where e is bounded. Collective."""
+        resolved, depth = dt / RESOLVED, DEPTH if limits.rates is None else 1
+        vectors, count = ritz(self._bound().responses, (F[:, :, None], depth), resolved=resolved)
+        return vectors[:, :, :count]
 
     def _within(self, data: RigidBody, e: Array) -> tuple[Found, Array]:
         """A body's matrices, and a response in its frame. Collective."""
         found, Q = self._of(data)
         return found, np.einsum("ab,nbk->nak", Q, e[data.nodes])
 
-    def _more(self, body: Body, e: Array) -> Body | None:
-        """A body with a static response as a further shape; None if it is none. Collective."""
-        found, own = self._within(body.data, e)
-        return found.with_shapes(body, own)
+    def _more(self, body: Body, vectors: Array) -> Body | None:
+        """A body with further shapes; None if it has all of them. Collective."""
+        found, own = self._within(body.data, vectors)
+        return found.with_shapes(body, own, vectors.shape[2] - 1)
+
+    # What is left --------------------------------------------------------------------------------
+
+    all_shown = False
+
+    def size(self) -> float:
+        """Largest displacement that bodies have lacked so far, but in cells that wake [m]."""
+        return self._lacks + self._bends
+
+    def hidden(self) -> Bools:
+        """Connected parts whose results lack it: all."""
+        return np.ones(self._scene.parts.count, dtype=bool)
 
     def accept(self, attempt: Attempt) -> None:
         """See `Watch`."""

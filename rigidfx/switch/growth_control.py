@@ -15,7 +15,7 @@ class GrowthControl:
         gate: Part of the tolerance up to which no response is solved for, by the last ratio of
             response to forces.
         every: Steps after which one is solved for in any case.
-        wakes: Tolerances above which a second shape in one step does not suffice, and cells wake.
+        wakes: Tolerances above which cells wake, if two more shapes in a step have not halved it.
         grown: Shapes beside the modes with which a body is full.
         woken: Tolerances above which a cell wakes then.
         nonlinear: Part of ½ q·Ωq by which the energy of a body may differ from its expansion. A

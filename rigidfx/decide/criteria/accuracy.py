@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
-from math import ceil, floor, log1p, log10
+from math import ceil, floor, inf, log1p, log10
 from typing import Any
 
 import numpy as np
@@ -93,11 +93,15 @@ class Budgeted(Criterion):
         budget: Error of the displacement over the largest one so far.
         never: Names of sets of cells that stay flexible.
         min_cells: Least number of cells of a new body; see `Accuracy`.
+        grow: Whether bodies get shapes; see `Accuracy`.
+        patience: See `Criterion`.
     """
 
     budget: float
     never: Sequence[str]
     min_cells: int | None
+    grow: bool = False
+    patience: float = Criterion.patience
 
     @property
     def owner(self) -> str:
@@ -114,12 +118,12 @@ class Budgeted(Criterion):
 
     def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> BudgetRule:
         """The rule of the budget."""
-        return BudgetRule(scene, timeline, memory, self.budget)
+        return BudgetRule(scene, timeline, memory, self.budget, grow=self.grow)
 
     @property
     def contact_change(self) -> float:
         """Change of a contact's force that releases what it meets, as e lacks what a blow does."""
-        return CHANGE
+        return inf if self.grow else CHANGE
 
     @property
     def remedy(self) -> str:
@@ -151,6 +155,10 @@ class Accuracy:
             1500 unknowns then has no bodies.
         check: Whether the flexible twin is computed, too, with steps about a quarter as long: then
             ledgers have the measured error.
+        grow: Whether the run begins reduced: from the second step on all cells are in bodies, which
+            get shapes where what they withhold would move a node by more than their share of the
+            budget, and lose cells where shapes do not suffice. Only displacements are held, not
+            strains.
     """
 
     budget: float
@@ -160,6 +168,7 @@ class Accuracy:
     never: Sequence[str] = field(default=(), kw_only=True)
     min_cells: int | None = field(default=None, kw_only=True)
     check: bool = field(default=False, kw_only=True)
+    grow: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check all values, and take them.
@@ -173,8 +182,9 @@ class Accuracy:
         for name in ("of", "smallest"):
             if getattr(self, name) is not None:
                 positive(owner, name, getattr(self, name))
-        if not isinstance(self.check, (bool, np.bool_)):
-            raise SceneError(f"Accuracy: check must be True or False, got {shown(self.check)}.")
+        for name in ("check", "grow"):
+            if not isinstance(given := getattr(self, name), (bool, np.bool_)):
+                raise SceneError(f"Accuracy: {name} must be True or False, got {shown(given)}.")
         object.__setattr__(self, "never", never_rigid(owner, self.never))
         if self.min_cells is not None:
             whole(owner, "min_cells", self.min_cells, least=1)
@@ -254,7 +264,8 @@ class Accuracy:
             scene: The problem.
         """
         cells = scene.mesh.topology.index_map(3).size_global
-        found = Budgeted(float(self.budget), self.never, self.min_cells)
+        given = float(self.budget), self.never, self.min_cells, bool(self.grow)
+        found = Budgeted(*given, patience=1.0 if self.grow else Criterion.patience)
         return found if found.least_cells(scene) <= cells or scene.named(Rigid) else None
 
     @property

@@ -20,6 +20,9 @@ periods; changing loads may double m. While loads rest, s is the swing of the st
 the window. While they change, s is its largest strain rate times τ = √(∫ Σ w ε² dt/∫ Σ w ε̇² dt),
 which is 1/ω for a vibration. Cells freeze in the order of rising w S s/V, until (1) would reach a
 fifth of the allowed value.
+
+Where bodies get shapes, all cells freeze after the first step, and |e| in (1) is what shapes lack
+(`rigidfx.switch.growth`).
 """
 
 from __future__ import annotations
@@ -124,6 +127,8 @@ class BudgetRule:
             "_frozen",
             "_named",
             "_froze",
+            "_begins",
+            "_from_rest",
         )
         | dict.fromkeys(("tol", "_strains", "_weights"), ON_CELLS)
         | {"_swings": PART}
@@ -136,6 +141,7 @@ class BudgetRule:
         memory: Memory,
         budget: float,
         spending: Spending | None = None,
+        grow: bool = False,
     ) -> None:
         """Nothing has strained. Collective.
 
@@ -145,7 +151,9 @@ class BudgetRule:
             memory: Memory of the policy.
             budget: Part of the largest displacement that rigidity and time integration may spend.
             spending: The settings of the budget.
+            grow: Whether all cells are quiet at first, as bodies get shapes.
         """
+        self._grow, self._begins = grow, grow
         self._scene, self._timeline, self._memory, self._whole = scene, timeline, memory, budget
         self._spending = Spending() if spending is None else spending
         self._stiffness = stiffness(scene)
@@ -159,6 +167,7 @@ class BudgetRule:
         self._budget = self._spending.rigidity * budget  # what rigidity may spend
         self._size, self._largest = 0.0, 0.0  # |e| and U [m]
         self._shown = False  # whether e is added to what is shown
+        self._from_rest = False  # whether a motion begins
         self._named = -1  # cells of parts named rigid
         self._frozen, self._froze = 0, ""  # cells of the bodies found; tolerances that froze them
         self.tol: Array = np.zeros(cells)
@@ -206,11 +215,16 @@ class BudgetRule:
     def limits(self) -> Limits:
         """The size of e by which u + e may be off by the share of rigidity."""
         length = self.length()
-        size = self._room(self._budget) * self._largest
-        return Limits(window=inf if isnan(length) else length, size=size if size > 0 else inf)
+        part = self._room(self._budget)
+        size = part * self._largest if self._largest > 0 else inf
+        return Limits(
+            window=inf if isnan(length) else length, size=size, part=part, begins=self._from_rest
+        )
 
     def length(self) -> float:
         """How long a window is to be [s]; NaN while that is not known."""
+        if self._begins:
+            return 0.0
         if self._memory.window.steps < self._spending.fewest:
             return nan
         return self._spending.window * self._period / 2
@@ -234,10 +248,11 @@ class BudgetRule:
         self._free = rested > self._spending.at_rest * seen.dt
         self._size, self._shown = seen.error
         self._largest, self._t = control.length.displacement, seen.t
+        self._from_rest = control.length.begins(seen.t)
         cells = sum(body.size for body in seen.bodies)  # a body may have a named part's name
         self._named = cells if self._named < 0 else min(self._named, cells)
         frozen = cells - self._named
-        if frozen > self._frozen:
+        if frozen > self._frozen and not self._grow:
             self._note(~seen.flexible)
         self._frozen = frozen
         if not self._frozen:  # time integration spends what there is, until something is
@@ -246,6 +261,10 @@ class BudgetRule:
 
     def window_ends(self, seen: Observation, flexible: Bools) -> None:
         """Find the tolerances that use the allowed value. Collective."""
+        if self._begins:
+            self._begins = False
+            self.tol = np.full(flexible.size, inf)
+            return
         worst, swing = self._memory.window.worst, self._swings.end()
         s = swing if self._free else worst * self._period / (2 * pi)
         density = np.where(flexible, self._stiffness * np.maximum(self._strains, s) * s, 0.0)
@@ -276,6 +295,8 @@ class BudgetRule:
 
     def told(self) -> str:
         """The settings by hand with the same result."""
+        if self._grow:
+            return "all cells that may be in bodies were so from the second step on"
         return self._froze or "nothing was quiet for long enough to become rigid"
 
 

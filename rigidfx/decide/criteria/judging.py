@@ -19,7 +19,6 @@ from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.decide.criteria.release import Release
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.effects import Reduced
-from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.strained import Limits, Strained
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
@@ -48,6 +47,23 @@ EASING = 0.25  # windows in which released cells are let down, at least
 WORTH = 0.05  # of all cells: what is less saves less than its switches cost
 
 
+class Lacking(Protocol):
+    """What the motion of a run lacks beside that of its flexible twin."""
+
+    @property
+    def all_shown(self) -> bool:
+        """Whether it is added to the results shown."""
+        ...
+
+    def size(self) -> float:
+        """Its largest displacement of any node [m]. Collective."""
+        ...
+
+    def hidden(self) -> Bools:
+        """Connected parts whose results lack it."""
+        ...
+
+
 @dataclass(frozen=True)
 class Observation:
     """The run around a step.
@@ -56,13 +72,13 @@ class Observation:
         stepper: The stepper.
         dt: Length of the step [s].
         shared: Strain rate of each owned cell by u + e [1/s]; None where that is not measured.
-        motion: The error motion; None if it is not followed.
+        motion: What the motion lacks; None if that is not followed.
     """
 
     stepper: Stepper
     dt: float
     shared: Array | None = None
-    motion: ErrorMotion | None = None
+    motion: Lacking | None = None
 
     @property
     def error(self) -> tuple[float, bool]:
