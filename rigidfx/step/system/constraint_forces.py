@@ -25,6 +25,7 @@ from petsc4py import PETSc
 
 from rigidfx.base.matrices import dense
 from rigidfx.base.types import Array
+from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.ports import Ports
 from rigidfx.effects.joints.elements import end_rates
 from rigidfx.effects.joints.linkage import Linkage
@@ -33,57 +34,13 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.rotation import orthonormalized
 from rigidfx.state import State
+from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.newton.parted import parted
 from rigidfx.step.system.supports import PrescribedDofs, ReducedMass
 
-__all__ = ["HeldForces", "JointForces", "gained_across", "path_rates"]
+__all__ = ["MeanConstraints", "gained_across", "path_rates"]
 
 Ints = npt.NDArray[np.signedinteger]
-
-
-class HeldForces:
-    """w of supports that move, M w and their forces."""
-
-    def __init__(self, prescribed: PrescribedDofs, reduced: ReducedMass) -> None:
-        """Keep the supports. Collective.
-
-        Args:
-            prescribed: Dofs that they hold.
-            reduced: The mass.
-        """
-        self._prescribed, self._reduced = prescribed, reduced
-        rows = reduced.p.layout.rows
-        self._held = rows.dofs[reduced.p.prescribed]
-        self._last: Array = np.empty(0)
-        self.w, self._momenta = rows.vector(), rows.vector()
-
-    def find(self, state: State, dt: float, d: Array, gained: Array) -> Array:
-        """Change of M w of held rows in the step that has been solved, `w` that of w. Collective.
-
-        Args:
-            state: The state at its start.
-            dt: Its length [s].
-            d: Increments of the division's rows [m].
-            gained: Changes of their velocities [m/s].
-
-        Returns:
-            Shape (held rows,) [kg m/s].
-        """
-        at = self._reduced.p.prescribed
-        first, self._last = path_rates(self._prescribed, state, dt, self._held, d[at])
-        self.w.set(0.0)
-        self.w.array[at] = gained[at] - (self._last - first)
-        self._reduced.followed(self.w, self._momenta)
-        return self._momenta.array_r[at].copy()
-
-    def accept(self, state: State) -> None:
-        """Keep the rates of paths at the end of the step."""
-        state.follow_paths(self._held, self._last)
-
-    def destroy(self) -> None:
-        """Free the vectors. Collective."""
-        self.w.destroy()
-        self._momenta.destroy()
 
 
 class JointForces:
@@ -160,6 +117,61 @@ class JointForces:
                 if at >= 0:  # no support holds the frame
                     Q[at : at + 3, at : at + 3] = own
         return np.asarray(Q @ self._C @ Q.T)
+
+
+class MeanConstraints:
+    """λ* - λ of the supports and joints of a division; `destroy` frees its mass and vectors."""
+
+    def __init__(
+        self, equations: Equilibrium, mass: Mass, prescribed: PrescribedDofs, bodies: Bodies
+    ) -> None:
+        """Keep the equations of steps. Collective.
+
+        Args:
+            equations: The equations.
+            mass: The mass of nodes.
+            prescribed: Dofs that supports hold.
+            bodies: The bodies as they are now.
+        """
+        self._equations, self._prescribed = equations, prescribed
+        p, joints = equations.prolongation, equations.constraints
+        self._reduced, rows = ReducedMass(p, mass, bodies), p.layout.rows
+        self._joints: JointForces | None = None
+        if joints is not None:
+            self._joints = JointForces(joints.linkage, joints.ports, self._reduced, bodies)
+        self._held = rows.dofs[p.prescribed]
+        self._last: Array = np.empty(0)
+        self._w, self._momenta = rows.vector(), rows.vector()
+
+    def find(self, state: State) -> tuple[Array, Callable[[], tuple[Array, Array]] | None]:
+        """λ* - λ of the step that has been solved: see `ResolvedConstraints.find`. Collective."""
+        equations, p = self._equations, self._equations.prolongation
+        dt, d, v0 = equations.dt, equations.d.array_r, equations.trial.v0.array_r
+        at, v1 = p.prescribed, 2 / dt * d - v0
+        more: Array = np.zeros(at.size)
+        if self._prescribed.moves:
+            first, self._last = path_rates(self._prescribed, state, dt, self._held, d[at])
+            self._w.set(0.0)
+            self._w.array[at] = (v1 - v0)[at] - (self._last - first)
+            self._reduced.followed(self._w, self._momenta)
+            more = -self._momenta.array_r[at] / dt
+            v1 = v1 - self._w.array_r
+        if self._joints is None:
+            return more, None
+        added = self._joints.find(v0, v1, p.increments, dt)
+        if self._joints.on_supports:
+            more = more + self._joints.on_nodes(added()[1], self._w)[at]
+        return more, added
+
+    def accept(self, state: State) -> None:
+        """Keep the rates of paths at the end of the step."""
+        if self._prescribed.moves:
+            state.follow_paths(self._held, self._last)
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        for item in (self._reduced, self._w, self._momenta):
+            item.destroy()
 
 
 def path_rates(

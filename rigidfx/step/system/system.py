@@ -6,7 +6,7 @@ nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -36,7 +36,7 @@ from rigidfx.step.equations.shape_damping import ShapeDamping
 from rigidfx.step.newton.first_guess import predict
 from rigidfx.step.newton.newton import Newton
 from rigidfx.step.newton.solution import Solution
-from rigidfx.step.system.constraint_forces import HeldForces, JointForces, ReducedMass
+from rigidfx.step.system.constraint_forces import MeanConstraints
 from rigidfx.step.system.division import Hold
 from rigidfx.step.system.equations import Equations
 from rigidfx.step.system.held_bodies import HeldBodies
@@ -132,19 +132,13 @@ class System(Equations):
 
     def _bind_constraints(self, bodies: Bodies) -> None:
         """Bind what takes the alternating part out of forces of constraints. Collective."""
-        self._reduced: ReducedMass | None = None
-        self._of_joints: JointForces | None = None
-        self._of_held: HeldForces | None = None
-        self._resolved: ResolvedConstraints | None = None
+        known = self.equilibrium, self.mass, self._prescribed
         constrained = self._prescribed.active or self.linkage is not None
+        self._mean: MeanConstraints | ResolvedConstraints | None = None
         if constrained and self._scene.named(ResolvedForces):
-            known = self.equilibrium, self.mass, self._prescribed, self._scene
-            self._resolved = ResolvedConstraints(*known)
+            self._mean = ResolvedConstraints(*known, self._scene)
         elif self._prescribed.moves or self.linkage is not None:
-            reduced = ReducedMass(self.equilibrium.prolongation, self.mass, bodies)
-            self._reduced, self._of_held = reduced, HeldForces(self._prescribed, reduced)
-            if (rows := self.equilibrium.constraints) is not None:
-                self._of_joints = JointForces(rows.linkage, rows.ports, reduced, bodies)
+            self._mean = MeanConstraints(*known, bodies)
 
     def follow(self, acting: Sequence[Windowed]) -> bool:
         """Let dead loads begin and end; False if other effects do, which takes a new system.
@@ -210,10 +204,8 @@ class System(Equations):
         work = self.foresee(state, dt, t)
         self.equilibrium.accept()
         self.actions.accept()
-        if self._resolved is not None:
-            self._resolved.accept(state)
-        elif self._of_held is not None and self._prescribed.moves:
-            self._of_held.accept(state)
+        if self._mean is not None:
+            self._mean.accept(state)
         return work
 
     def foresee(self, state: State, dt: float, t: float) -> Work:
@@ -237,10 +229,13 @@ class System(Equations):
         prolongation, actions = self.equilibrium.prolongation, self.actions
         d, forces = self.equilibrium.d.array_r, self.equilibrium.forces_out_of_balance.array_r
         prescribed = prolongation.prescribed
-        held, added = self._constraint_forces(state, dt, d, forces[prescribed])
+        held, added = forces[prescribed], None
+        if self._mean is not None:
+            more, added = self._mean.find(state)
+            held = held + more
         of_supports = reactions, moments = self.of_supports(self._prescribed, held, 0.5)
         alternating = np.zeros((2, 3))
-        if self._of_held is not None or self._resolved is not None:
+        if self._mean is not None:
             rest = self.of_supports(self._prescribed, forces[prescribed] - held, 0.5)
             alternating += dt * np.array([sum(of.values(), np.zeros(3)) for of in rest])
         touches = actions.touches()
@@ -290,34 +285,9 @@ class System(Equations):
             state.kick(self.layout.rows.dofs[:0], np.empty(0), bodies)
         return changed
 
-    def _constraint_forces(
-        self, state: State, dt: float, d: Array, held: Array
-    ) -> tuple[Array, Callable[[], tuple[Array, Array]] | None]:
-        """Forces of supports on held rows, and addition to joints' forces, that do not alternate.
-
-        Collective; `constraint_forces` and `resolved_forces` say why.
-        """
-        if self._resolved is not None:
-            more, added = self._resolved.find(state)
-            return held + more, added
-        if self._of_held is None:
-            return held, None
-        v0, at = self._v0.array_r, self.equilibrium.prolongation.prescribed
-        v1 = 2 / dt * d - v0
-        if self._prescribed.moves:
-            held = held - self._of_held.find(state, dt, d, v1 - v0) / dt
-            v1 = v1 - self._of_held.w.array_r
-        if self._of_joints is None:
-            return held, None
-        added = self._of_joints.find(v0, v1, self.increments, dt)
-        if self._of_joints.on_supports:
-            held = held + self._of_joints.on_nodes(added()[1], self._of_held.w)[at]
-        return held, added
-
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
-        own = self.newton, self.energies, self._v0
-        for item in (*own, self._reduced, self._of_held, self._resolved):
+        for item in (self.newton, self.energies, self._v0, self._mean):
             if item is not None:
                 item.destroy()
         super().destroy()
