@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
-from math import ceil, floor, inf, log1p, log10
+from math import ceil, floor, log1p, log10
 from typing import Any
 
 import numpy as np
@@ -123,7 +123,7 @@ class Budgeted(Criterion):
     @property
     def contact_change(self) -> float:
         """Change of a contact's force that releases what it meets, as e lacks what a blow does."""
-        return inf if self.grow else CHANGE
+        return CHANGE
 
     @property
     def remedy(self) -> str:
@@ -157,8 +157,8 @@ class Accuracy:
             ledgers have the measured error.
         grow: Whether the run begins reduced: from the second step on all cells are in bodies, which
             get shapes where what they withhold would move a node by more than their share of the
-            budget, and lose cells where shapes do not suffice. Only displacements are held, not
-            strains.
+            budget, and lose cells where shapes do not suffice, or all of them where a contact's
+            force changes. Only displacements are held, not strains.
     """
 
     budget: float
