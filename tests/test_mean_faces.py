@@ -24,6 +24,7 @@ class AnyFace:
 
     def __init__(self, axes):
         self.axes, self.averages = axes, tuple(Average() for _ in range(4))
+        self.nodes, self.centre = self.averages[0].nodes, np.zeros(3)
 
 
 @pytest.mark.parametrize("moments", [(0.2, 0.3, 0.5), (0.0, 0.4, 0.6)])

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 import rigidfx as rf
 from rigidfx.coupling.condensed_tangent import ProductBlocks
+from rigidfx.step.newton import chord
 
 DRIFT = 1e-11  # the issue's bound, relative
 CELLS = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
@@ -55,6 +56,12 @@ BOUNDS = {0.06: 5, 0.7: 9}  # Newton iterations, the issue's
 STEPS = 250
 
 
+@pytest.fixture
+def new_tangents(monkeypatch):
+    """Each iteration has a tangent of its own, as of systems that are too small to keep one."""
+    monkeypatch.setattr(chord, "DEAR", np.inf)
+
+
 def tumble(mass, cell, speed):
     """Half rigid bar, strain-free at the start, with a spin about a skew axis."""
     axis = np.array([0.2, 0.3, 1.0])
@@ -87,7 +94,7 @@ def quadratic(residuals, floor):
 @pytest.mark.parametrize("speed", SPEEDS)
 @CELLS
 @MASSES
-def test_tumbling_bar(mass, cell, speed):
+def test_tumbling_bar(mass, cell, speed, new_tangents):
     """H, L and J to 1e-11 in 1000 steps, none cut, Newton quadratic and quick, strains 1 to 2 %."""
     scene = tumble(mass, cell, speed)
     strain, reports, peak = PeakStrain(scene), [], 0.0
@@ -162,7 +169,7 @@ def test_gravity_on_a_part_of_a_given_mass(mass):
 
 
 @pytest.mark.parametrize("speed", SPEEDS)
-def test_consistent_tangent(speed, monkeypatch):
+def test_consistent_tangent(speed, monkeypatch, new_tangents):
     """With P in place of L in the tangent Newton ends at the same motion, but linearly."""
     insert, found = ProductBlocks.insert_into, {}
     for consistent in (True, False):
@@ -221,7 +228,7 @@ def test_other_parts_in_the_same_motion(material):
         assert [b.mass for b in reports[0].bodies] == pytest.approx([12 + 8 + 2, 2 + 4 + 16])
 
 
-def test_newton_ends_where_every_flexible_cell_touches_a_body():
+def test_newton_ends_where_every_flexible_cell_touches_a_body(new_tangents):
     """A flexible layer on a rigid one: Newton knows the rounding of cells at a body's rim, too."""
     domain = rf.box((0, 0, 0), (12, 2, 2), (12, 2, 2))
     domain = domain.with_cells("stiff", lambda x: x[2] <= 1 + 1e-9)
