@@ -158,7 +158,7 @@ class Accuracy:
         grow: Whether the run begins reduced: from the second step on all cells are in bodies, which
             get shapes where what they withhold would move a node by more than their share of the
             budget, and lose cells where shapes do not suffice, or all of them where a contact's
-            force changes. Neither strains are bounded nor what large bends change.
+            force changes. Neither strains are bounded nor how bending shortens a part.
     """
 
     budget: float
