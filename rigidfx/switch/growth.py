@@ -223,8 +223,10 @@ class Growth(Watch):
             return Looked(woken=woken)
         if quiet:
             return Looked()
-        self._reached = self._reach(attempt)
-        return self._judged(attempt.dt, F, size, limits())
+        now = limits()
+        if now.rates is None:
+            self._reached = self._reach(attempt)
+        return self._judged(attempt.dt, F, size, now)
 
     def _reach(self, attempt: Attempt) -> float:
         """Largest displacement of bodies at the end of a step. Collective."""
@@ -332,13 +334,11 @@ class Growth(Watch):
         most = comm.allreduce(float(rates.max(initial=0.0)), op=MPI.MAX)
         self._ratio, self._swing, self._since = most / size, np.inf, 0
         if not most > 1:
-            self._lacks = max(self._lacks, most * self._allowed(limits))
-            return Looked()
+            return self._left(most, limits)
         above = np.array([rates[data.cells].max(initial=0.0) for data in growing.values()])
         comm.Allreduce(MPI.IN_PLACE, above, op=MPI.MAX)
         wanted = dict(zip(growing, above, strict=True))
-        new, size = self._followed(F, dt, limits), np.linalg.norm(e, axis=1).max(initial=0.0)
-        self._foreseen = max(self._foreseen, comm.allreduce(float(size), op=MPI.MAX))
+        new = self._followed(F, dt, limits)
         out, ended, grown = list(self._stepper.state.bodies), [], False
         for k, body in enumerate(out):
             want = wanted.get(body.data.number, 0.0)
@@ -349,8 +349,8 @@ class Growth(Watch):
             if limits.begins and before:  # what is left is for the next step to tell
                 continue
             stalls = len(before) > 1 and want > max(control.wakes, 0.5 * before[-2])
-            more = self._more(body, new) if count < control.grown else None
-            if more is None or stalls:
+            more = None if stalls or count >= control.grown else self._more(body, new)
+            if more is None:
                 if not limits.begins and (want > control.wakes or count >= control.grown):
                     ended.append(body.data)
                 continue
@@ -361,7 +361,17 @@ class Growth(Watch):
         if ended:
             cells = np.concatenate([data.cells for data in ended])
             return Looked(woken=self._strained_most(e[:, :, 0], rates, cells, limits))
-        return Looked(Bodies.of_each(out)) if grown else Looked()
+        if not grown:
+            return self._left(most, limits)
+        size = float(np.linalg.norm(e, axis=1).max(initial=0.0))
+        self._foreseen = max(self._foreseen, comm.allreduce(size, op=MPI.MAX))
+        return Looked(Bodies.of_each(out))
+
+    def _left(self, most: float, limits: Limits) -> Looked:
+        """Keep what bodies lack in a step that calls for nothing, over that allowed."""
+        if limits.rates is None:
+            self._lacks = max(self._lacks, most * self._allowed(limits))
+        return Looked()
 
     def _frequency(self, data: RigidBody, e: Array) -> float:
         """ω of a body by Rayleigh's quotient of a static response [1/s]. Collective."""
