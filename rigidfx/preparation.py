@@ -15,12 +15,9 @@ from rigidfx.decide.policy import Policy
 from rigidfx.effects import Contact
 from rigidfx.error.ending import Promise
 from rigidfx.error.error_motion import ErrorMotion
-from rigidfx.error.forces.body_forces import BodyForces
 from rigidfx.error.looks import Looks
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
-from rigidfx.recovery.held_parts import HeldParts
-from rigidfx.recovery.recovery import Recovery
 from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.probe_stress import Probes
 from rigidfx.report.resolved_forces import ResolvedForces
@@ -36,6 +33,9 @@ from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import Impact
 from rigidfx.switch.growth import Growth
 from rigidfx.switch.switch import Switch
+from rigidfx.withheld.body_forces import BodyForces
+from rigidfx.withheld.held_parts import HeldParts
+from rigidfx.withheld.recovery import Recovery
 
 __all__ = ["prepare"]
 
@@ -100,7 +100,7 @@ def prepare(
                 error, looks, borne = _followed(stepper, pieces, measures, probes, promise)
                 held = HeldParts(stepper, pieces) if switch.clamps else None
                 stepper.watches += [] if held is None else [held]
-                recovery = Recovery(stepper, borne, held, error)
+                recovery = Recovery(stepper, borne, held, error.moved)
         ledgers = None if looks is None and control is None else Ledgers(stepper)
         stack.pop_all()
     touch, contacts = FirstTouch(stepper), ResolvedForces(scene) if scene.named(Contact) else None

@@ -17,7 +17,6 @@ from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.letting_down import let_down
 from rigidfx.error.looks import Looks
 from rigidfx.mechanics.eased import Eased
-from rigidfx.recovery.recovery import Recovery
 from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.of_step import report_of
@@ -32,6 +31,7 @@ from rigidfx.step.system.supports import Impact
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.switch.growth import Growth
 from rigidfx.switch.switch import Switch
+from rigidfx.withheld.recovery import Recovery
 
 __all__ = ["Run"]
 

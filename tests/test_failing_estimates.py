@@ -17,11 +17,11 @@ import rigidfx as rf
 from rigidfx.decide.policy import CHECKED, FAILED
 from rigidfx.error import equations
 from rigidfx.error.ending import Ending
-from rigidfx.error.error_motion import CellStrains
-from rigidfx.error.forces.body_forces import Withheld
 from rigidfx.error.impulse import Impulse
 from rigidfx.error.linear_motion import LinearMotion
 from rigidfx.error.response import AllUnknowns
+from rigidfx.flexible.cell_strains import CellStrains
+from rigidfx.withheld.body_forces import Withheld
 
 
 def error(function, *given):

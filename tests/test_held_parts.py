@@ -14,9 +14,9 @@ from mpi4py import MPI
 from test_contact_pairs import boxes
 
 import rigidfx as rf
-import rigidfx.recovery.recovery
+import rigidfx.withheld.recovery
 from rigidfx.flexible.stress import CauchyStress
-from rigidfx.recovery.recovery import AtRest
+from rigidfx.withheld.recovery import AtRest
 
 COMM = MPI.COMM_WORLD
 DT, T = 0.2, 60.0  # s, and s of the slow load
@@ -171,13 +171,13 @@ def test_what_is_asked_for_often_is_what_is_asked_for_once(monkeypatch, bears):
     """Equations and factors of the whole serve all asks; contacts open and close on the way."""
     effects = rf.Gravity((0, 0, -0.5), time=lambda t: np.sin(2 * np.pi * t / 7)), CLAMP, bears
     rule = rf.StrainRate(rf.Relative(0.02), 5 * DT, never=("root", "rest"))
-    made, own = [], rigidfx.recovery.recovery.Whole
+    made, own = [], rigidfx.withheld.recovery.Whole
 
     def counted(*given):
         made.append(own(*given))
         return made[-1]
 
-    monkeypatch.setattr(rigidfx.recovery.recovery, "Whole", counted)
+    monkeypatch.setattr(rigidfx.withheld.recovery, "Whole", counted)
     found = []
     for often in (True, False):
         scene = bar(*effects, DRAG, HELD, root=SOFT)

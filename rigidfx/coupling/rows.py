@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la
+from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
@@ -64,6 +65,13 @@ class Rows:
         lengths, kind = row_lengths(form, self.nodes), PETSc.Mat.Type.AIJ
         numbers = self.first + np.arange(self.dofs.size)
         return mapped_matrix(self._space, self.dofs, numbers, lengths, kind, 3)
+
+    def assembled(self, form: fem.Form) -> PETSc.Mat:
+        """A form's matrix; the caller destroys it. Collective."""
+        A = self.matrix(form)
+        fem_petsc.assemble_matrix(A, form)
+        A.assemble()
+        return A
 
     def add_diagonal(self, A: PETSc.Mat, values: Array) -> None:
         """Add to the diagonal of a matrix of these rows that is not assembled yet.

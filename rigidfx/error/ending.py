@@ -18,15 +18,15 @@ from functools import wraps
 from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.remembered import LARGEST, Remembered, same
 from rigidfx.base.types import Array, Ints
 from rigidfx.error.response import Response
+from rigidfx.flexible.cell_strains import finite
 from rigidfx.step.stepper import Stepper
 
-__all__ = ["Ending", "Promise", "finite", "or_dropped"]
+__all__ = ["Ending", "Promise", "or_dropped"]
 
 LITTLE = 0.04  # a twentieth of 0.8: of what is allowed, that is let go
 T = TypeVar("T")
@@ -52,17 +52,6 @@ def or_dropped(method: Callable[..., T]) -> Callable[..., T]:
             return method(owner, *given, **named)
 
     return guarded
-
-
-def finite(values: Array, comm: MPI.Intracomm) -> Array:
-    """Values of e, if they are finite on all ranks. Collective.
-
-    Raises:
-        LinAlgError: On every rank, if they are not.
-    """
-    if comm.allreduce(bool(np.isfinite(values).all()), op=MPI.LAND):
-        return values
-    raise np.linalg.LinAlgError("numbers are not finite")
 
 
 @dataclass(frozen=True)

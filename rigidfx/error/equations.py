@@ -28,7 +28,6 @@ from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Preload, Rigid, rigid_faces
 from rigidfx.effects.joints.joint import Between
 from rigidfx.error.contacts import Contacts, increments_of
-from rigidfx.error.forces.parts import mass_of
 from rigidfx.error.frames import Frames, to_space
 from rigidfx.error.held import Held
 from rigidfx.error.joints import Joints, joined_parts
@@ -42,6 +41,7 @@ from rigidfx.mechanics.rigid_motions import independent, rigid_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
+from rigidfx.withheld.parts import mass_of
 
 __all__ = ["LARGEST", "SOLUTION", "Equations"]
 

@@ -33,22 +33,21 @@ from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.effects import Contact
 from rigidfx.error.contacts import Contacts
-from rigidfx.error.ending import Ending, Promise, finite, or_dropped
+from rigidfx.error.ending import Ending, Promise, or_dropped
 from rigidfx.error.equations import SOLUTION, Equations
-from rigidfx.error.forces.body_forces import BodyForces
 from rigidfx.error.frames import FRAMES, Frames, to_space
 from rigidfx.error.impulse import Impulse
 from rigidfx.error.linear_motion import step_kind
 from rigidfx.error.response import Response
 from rigidfx.error.validity import Validity
+from rigidfx.flexible.cell_strains import CellStrains
 from rigidfx.flexible.indicator import Indicator
-from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.scene.points import Point
-from rigidfx.scene.scene import Scene
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt, Watch
+from rigidfx.withheld.body_forces import BodyForces
 
-__all__ = ["CellStrains", "ErrorMotion", "Shown"]
+__all__ = ["ErrorMotion", "Shown"]
 
 Nodes = npt.NDArray[np.integer]
 
@@ -57,50 +56,6 @@ LOOKS = 4  # steps from look to look: at the size of e, and at cells that it har
 
 # Kicks, response and contacts, and how many steps there were, before an attempt.
 _Before = tuple[Array, object, object, int]
-
-
-class CellStrains:
-    """Measures the strain that a motion adds to a shape, in cells that are asked for."""
-
-    def __init__(self, scene: Scene, forces: InternalForces, indicator: Indicator) -> None:
-        """Measure nothing yet. Collective.
-
-        Args:
-            scene: The problem.
-            forces: Internal forces, which know the cells of each material.
-            indicator: A measure of its own.
-        """
-        self._comm, self._forces, self._indicator = scene.comm, forces, indicator
-        self._ends = fem.Function(scene.space), fem.Function(scene.space)
-        self._cells: Indices | None = None
-
-    def of(self, motion: Array, span: float, shape: fem.Function, cells: Indices) -> Array:
-        """Strain by a motion, over a time. Collective.
-
-        Args:
-            motion: Of the owned nodes, in the frame of the shape, shape (nodes, 3) [m].
-            span: The time [s]; 1 for a strain.
-            shape: Displacement that makes the shape [m].
-            cells: Owned cells.
-
-        Returns:
-            Linear strain of each of the cells [1/s], in their order.
-
-        Raises:
-            LinAlgError: On every rank, if the motion is not finite.
-        """
-        if self._cells is None or not np.array_equal(cells, self._cells):
-            self._cells = np.array(cells, dtype=np.int32)
-            self._indicator.bind(self._forces.cells(np.unique(self._cells)), self._ends)
-        motion = finite(motion, self._comm)
-        start, end = (f.x for f in self._ends)
-        # Between half of the motion on either side the part of second order is zero.
-        for side, half in ((start, -0.5), (end, 0.5)):
-            side.array[:] = shape.x.array
-            side.array[: motion.size] += half * motion.reshape(-1)
-            side.scatter_forward()
-        self._indicator.measure(span)
-        return np.asarray(self._indicator.values[self._cells])
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,11 @@ import numpy.typing as npt
 
 from rigidfx.base.remembered import ON_NODES, Remembered
 from rigidfx.base.types import Array, Indices
-from rigidfx.error.forces.body_forces import BodyForces
-from rigidfx.error.forces.parts import Parts
 from rigidfx.error.frames import Frames, to_shape, to_space
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.step.stepper import Stepper
+from rigidfx.withheld.body_forces import BodyForces
+from rigidfx.withheld.parts import Parts
 
 __all__ = ["Impulse"]
 

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array, vstack
@@ -23,7 +21,7 @@ from rigidfx.scene.scene import Scene
 from rigidfx.step.linear.definite import solver_of
 from rigidfx.step.linear.linear_solver import conjugate_gradients
 
-__all__ = ["Ground", "LinearMotion", "assembled", "ground_of", "step_kind"]
+__all__ = ["Ground", "LinearMotion", "ground_of", "step_kind"]
 
 # Times its own stiffness that a part named rigid has besides: it strains by 1e-4 of what it would,
 # and direct factors lose four digits of sixteen. With 1e3 a stalk that is rigid in its middle had
@@ -124,9 +122,9 @@ class LinearMotion:
         """
         self._mass, self._first, self._supported = mass, rows.first, supported
         stiffness = linear.tangent(cells) if stressed else linear.stiffness(cells)
-        self._K = assembled(rows, stiffness)
+        self._K = rows.assembled(stiffness)
         if rigid is not None:
-            stiff = assembled(rows, linear.stiffness(rigid))
+            stiff = rows.assembled(linear.stiffness(rigid))
             self._K.axpy(NAMED, stiff, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             stiff.destroy()
         self._M = mass.matrix()
@@ -137,7 +135,7 @@ class LinearMotion:
             self._M.axpy(1.0, extra, self._pattern)
             extra.destroy()
         viscosity = linear.viscosity(cells)
-        self._viscosity = None if viscosity is None else assembled(rows, viscosity)
+        self._viscosity = None if viscosity is None else rows.assembled(viscosity)
         if ground is not None:
             self._tie(rows, ground)
         diagonal = self._K.getDiagonal()
@@ -285,11 +283,3 @@ class LinearMotion:
 def step_kind(dt: float, drag: float, xi: float) -> tuple[float, float, float]:
     """Key of a step's factors, and what it takes: times at the ends of steps are rounded."""
     return float(f"{dt:.9g}"), drag, xi
-
-
-def assembled(rows: Rows, form: fem.Form) -> PETSc.Mat:
-    """A form's matrix over some rows; the caller destroys it. Collective."""
-    A = rows.matrix(form)
-    fem_petsc.assemble_matrix(A, form)
-    A.assemble()
-    return A

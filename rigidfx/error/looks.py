@@ -16,12 +16,12 @@ from mpi4py import MPI
 from rigidfx.base.remembered import CELLS, FIELD, ON_CELLS, ON_NODES, PART, Remembered, same
 from rigidfx.base.types import Array, Indices
 from rigidfx.error.error_motion import LOOKS, ErrorMotion
-from rigidfx.error.forces.body_forces import BodyForces
 from rigidfx.error.strained import Limits, Strained, part_of
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt, Watch
+from rigidfx.withheld.body_forces import BodyForces
 
 __all__ = ["Looks"]
 

@@ -13,7 +13,6 @@ from rigidfx.base.types import Array
 from rigidfx.effects import Contact, Joint, JointReports, Rigid, SpringDamper, Touch
 from rigidfx.error.error_motion import ErrorMotion, Shown
 from rigidfx.flexible.indicator import Indicator
-from rigidfx.recovery.recovery import Recovery
 from rigidfx.report.events import Event
 from rigidfx.report.probe_stress import Probes
 from rigidfx.report.report import Report
@@ -23,6 +22,7 @@ from rigidfx.step.equations.energies import Measures
 from rigidfx.step.step_result import StepResult
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import Impact
+from rigidfx.withheld.recovery import Recovery
 
 __all__ = ["amended", "held_at_start", "report_of"]
 

@@ -21,10 +21,10 @@ from rigidfx.base.taken import seal
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.flexible.nodal_stress import extrapolation, material_groups
 from rigidfx.flexible.stress import Added, PointStress, Recovered, tensors, von_mises
-from rigidfx.recovery.recovery import Carried
 from rigidfx.scene.points import Point, owned_part, weights_at
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
+from rigidfx.withheld.recovery import Carried
 
 __all__ = ["Holder", "ProbeStress", "Probes", "Strained", "StressAt"]
 

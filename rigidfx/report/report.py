@@ -20,7 +20,6 @@ from rigidfx.flexible.stress import Added, Recovered
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.mechanics.rotation import skew
-from rigidfx.recovery.recovery import Recovery
 from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledger
 from rigidfx.report.probe_stress import Probes, StressAt
@@ -29,6 +28,7 @@ from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures
 from rigidfx.step.system.supports import Impact
 from rigidfx.step.system.system import Work
+from rigidfx.withheld.recovery import Recovery
 
 __all__ = ["Look", "Report"]
 

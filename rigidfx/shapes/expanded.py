@@ -20,7 +20,6 @@ from dolfinx import fem, la
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.rows import Rows
-from rigidfx.error.linear_motion import assembled
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.kernels import add_vector
 from rigidfx.flexible.linear_forms import LinearForms
@@ -66,7 +65,7 @@ class Expanded:
         self.nodes, self.cells, self.rows = nodes, cells, Rows(scene.space, nodes)
         self._mass = mass_operator(scene, self.rows, cells, np.ones(nodes.size, dtype=bool))
         with self._displaced(0 * state):
-            self._K = assembled(self.rows, linear.tangent(cells))
+            self._K = self.rows.assembled(linear.tangent(cells))
         self.internal = self.forces(0 * state)
         held = np.zeros(state.shape, dtype=bool) if held is None else held
         self.motions = self._rigid_motions(held)

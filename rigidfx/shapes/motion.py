@@ -13,7 +13,6 @@ import numpy as np
 from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.dof_layout import nodes_of, split
 from rigidfx.coupling.rows import Rows
-from rigidfx.error.linear_motion import assembled
 from rigidfx.shapes.orthonormal import columns
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.samples import compressed, instants
@@ -106,7 +105,7 @@ def pulled(responses: Responses, e: Array) -> Array:
     _, cells = split(scene, stiffness.cells, moved)
     nodes = np.flatnonzero(nodes_of(scene, cells)[: scene.owned_nodes]).astype(np.int32)
     rows = Rows(scene.space, nodes)
-    K, F = assembled(rows, stiffness.linear.tangent(cells)), np.zeros_like(e)
+    K, F = rows.assembled(stiffness.linear.tangent(cells)), np.zeros_like(e)
     F[nodes] = -times(K, columns(e[nodes]), rows.vector).reshape(-1, *e.shape[1:])
     K.destroy()
     return F

@@ -14,7 +14,6 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.types import Array, Bools, Indices
-from rigidfx.error.linear_motion import assembled
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.scene.scene import Scene
@@ -201,7 +200,7 @@ class Part(Expanded):
                 own = shape.x.array[: 3 * scene.owned_nodes].reshape(-1, 3)
                 own += sign * h * psi[:, :, k]
                 shape.x.scatter_forward()
-                K = assembled(self.rows, responses.stiffness.linear.tangent(self.cells))
+                K = self.rows.assembled(responses.stiffness.linear.tangent(self.cells))
                 image = times(K, columns(modes), self.rows.vector).reshape(modes.shape)
                 sides.append(self.dot(modes, image))
                 K.destroy()

@@ -34,10 +34,9 @@ from rigidfx.base.log import tell
 from rigidfx.base.remembered import ON_DOFS, ON_NODES, PART, Remembered, same
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.effects import rigid_faces
-from rigidfx.error.error_motion import CellStrains
-from rigidfx.error.forces.body_forces import BodyForces
 from rigidfx.error.frames import Frames
 from rigidfx.error.strained import Limits, part_of
+from rigidfx.flexible.cell_strains import CellStrains
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, RigidBody
@@ -50,6 +49,7 @@ from rigidfx.switch.growth_control import GrowthControl
 from rigidfx.switch.inventory import about_start
 from rigidfx.switch.resonance import Resonance
 from rigidfx.switch.spun_joints import SpinLimits, off_by
+from rigidfx.withheld.body_forces import BodyForces
 
 __all__ = ["Growth", "Looked"]
 

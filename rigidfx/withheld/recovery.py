@@ -9,25 +9,23 @@ turns alone), the whole structure is solved with it. Else it strains by K⁺ρ, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from petsc4py import PETSc
 
 from rigidfx.base.types import Array, Bools, Indices
-from rigidfx.error.error_motion import ErrorMotion
-from rigidfx.error.forces.body_forces import BodyForces
-from rigidfx.error.forces.parts import Parts
-from rigidfx.error.linear_motion import assembled
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.mechanics.rigid_motions import free_motions
-from rigidfx.recovery.held_parts import HeldParts
-from rigidfx.recovery.whole import Whole, small_enough
 from rigidfx.step.linear.definite import solver_of
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import PrescribedDofs
+from rigidfx.withheld.body_forces import BodyForces
+from rigidfx.withheld.held_parts import HeldParts
+from rigidfx.withheld.parts import Parts
+from rigidfx.withheld.whole import Whole, small_enough
 
 __all__ = ["AtRest", "Carried", "Recovery"]
 
@@ -59,7 +57,7 @@ class AtRest:
         linear.shape.x.array[:] = 0.0
         linear.shape.x.array[rows.dofs] = parts.shape
         linear.shape.x.scatter_forward()
-        K = assembled(rows, linear.stiffness(parts.cells))
+        K = rows.assembled(linear.stiffness(parts.cells))
         self._right, self._found = K.getDiagonal(), rows.vector()
         scale = float(self._right.norm()) / np.sqrt(comm.size)
         supported = held[rows.nodes]
@@ -129,7 +127,7 @@ class Recovery:
         stepper: Stepper,
         forces: BodyForces,
         held: HeldParts | None,
-        error: ErrorMotion,
+        moved: Callable[[], tuple[Array, Indices]],
     ) -> None:
         """Nothing is known yet.
 
@@ -137,9 +135,9 @@ class Recovery:
             stepper: Solves the steps.
             forces: Those on bodies.
             held: Parts named rigid that supports hold; None if none ever do.
-            error: The error motion.
+            moved: Displacements of bodies by what they withhold, and these cells. Collective.
         """
-        self._stepper, self._forces, self._held, self._error = stepper, forces, held, error
+        self._stepper, self._forces, self._held, self._moved = stepper, forces, held, moved
         self._asked = -1  # the state that is known, by how often it had been written into
         self._known: Carried | None = None
         self._linear: LinearForms | None = None
@@ -157,7 +155,7 @@ class Recovery:
         return self._known
 
     def _recovered(self) -> Carried:
-        u, cells = self._error.moved()
+        u, cells = self._moved()
         stepper, loaded = self._stepper, []
         for held, own in self._loaded().items():
             if not own:

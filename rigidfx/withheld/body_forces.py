@@ -27,7 +27,6 @@ from rigidfx.base.types import Array
 from rigidfx.coupling.mass import Mass
 from rigidfx.effects import Structure, Windowed
 from rigidfx.effects.motion import Forces, Motion
-from rigidfx.error.forces.parts import Parts, watched
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments, Step
@@ -35,6 +34,7 @@ from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt, Watch
+from rigidfx.withheld.parts import Parts, watched
 
 __all__ = ["BodyForces", "Withheld"]
 

@@ -1,0 +1,1 @@
+"""What bodies withhold: the forces at their nodes, and strains by them where asked for."""
