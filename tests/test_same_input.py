@@ -45,6 +45,10 @@ def _record(**options):
         assert set(named) == {named[0]}
 
 
+def _contact(**options):
+    return rf.Contact("z0", **{"against": rf.Plane((0, 0, -1), (0, 0, 1))} | options)
+
+
 def _write(path):
     refusals.write_bodies_of(_scene(), path)
 
@@ -121,6 +125,34 @@ REFUSED = {
     "a monitor that fails": (_monitor, "simulate: monitor failed with KeyError: 'on rank 1'"),
     "a box": (lambda: rf.box((0, 0, 0), (1, 1, 1 + RANK), (1, 1, 2)), "box: upper[2] is not"),
     "cells of a box": (lambda: rf.box((0, 0, 0), (1, 1, 1), [1, 1, 2 + RANK]), "box: cells[2] is"),
+    "a control": (lambda: _run(dt=rf.StepControl(0.05 * (1 + RANK), largest=0.1)), "simulate: dt"),
+    "a control or a number": (
+        lambda: _run(dt=rf.StepControl(0.05, largest=0.1) if RANK else 0.1),
+        "simulate: dt",
+    ),
+    "stiffness of a contact": (lambda: _run(_contact(stiffness=1.0 + RANK)), "Scene: effects"),
+    "place of a plane": (
+        lambda: _run(_contact(against=rf.Plane((0, 0, -1 - RANK), (0, 0, 1)))),
+        "Scene: effects",
+    ),
+    "a contact or none": (lambda: _run(*[_contact()][:RANK]), "Scene: effects"),
+    "an axis": (
+        lambda: _run(rf.PrescribedRotation("x0", axis=(1, RANK, 0), angle=np.sin)),
+        "Scene: effects",
+    ),
+    "an element": (lambda: _run(element=("standard", "enhanced")[RANK]), "Scene: element"),
+    "a relative tolerance": (
+        lambda: _run(rigidify=rf.StrainRate(rf.Relative(0.1 + 0.1 * RANK), 0.1)),
+        "simulate: rigidify",
+    ),
+    "no cells but the same ones": (
+        lambda: rf.from_arrays(np.argwhere(np.ones((2, 2, 2)))[:, ::-1], [range(8)]),
+        "from_arrays: ranks 0 and 1 give the same cells, so that each would be there twice",
+    ),
+    "integration points": (
+        lambda: _record(integration_points=bool(RANK)),
+        "Recorder: integration_points",
+    ),
     "a probe": (lambda: _run(probes={"tip": (RANK, 1, 1)}), "probes is not the same"),
 }
 

@@ -23,7 +23,7 @@ with rf.Recorder(scene, folder, every=99) as recorder:
         if report.step == 3 and not sound:
             raise KeyError("mine")
 """
-OWN = "import test_bad_own as own; own."
+OWN = "import test_refused_own as own; own."
 SCRIPT = """
 from mpi4py import MPI
 import rigidfx as rf
