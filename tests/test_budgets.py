@@ -338,50 +338,6 @@ def test_levels_add_up_to_what_there_is_room_for():
     assert level(density, share, 0.0, scene) == 0.0
 
 
-# Bad input --------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("wrong", "named"),
-    [
-        ({"budget": 0.0}, "budget"),
-        ({"budget": 1.0}, "budget"),
-        ({"at": ()}, "at"),
-        ({"of": 0.0}, "of"),
-        ({"smallest": -1.0}, "smallest"),
-        ({"never": 3}, "never"),
-        ({"min_cells": 0}, "min_cells"),
-        ({"check": "yes"}, "check"),
-    ],
-)
-def test_bad_values_are_refused(wrong, named):
-    with pytest.raises(rf.SceneError, match=f"Accuracy.*{named}"):
-        rf.Accuracy(**{"budget": 0.01, **wrong})
-
-
-@pytest.mark.parametrize(
-    ("accuracy", "more", "match"),
-    [
-        (rf.Accuracy(0.01, "top"), {}, r"probe 'top'.*tip"),
-        (rf.Accuracy(0.01), {"rigidify": rf.StrainRate(1e-3, 1.0)}, "rigidify: give one"),
-        (rf.Accuracy(0.01), {"dt": rf.StepControl(0.01, largest=0.1)}, "StepControl"),
-        (rf.Accuracy(0.01), {"dt": {0: 0.1, 1: 0.01}}, "several values"),
-        (rf.Accuracy(0.01), {"dt": 0.0}, "dt must be"),
-        (rf.Accuracy(0.01, smallest=0.5), {}, "smallest ≤ dt"),
-        (0.01, {}, "must be an Accuracy"),
-        (rf.Accuracy(0.01, never="nowhere"), {}, r"Accuracy \(never\).*nowhere"),
-    ],
-)
-def test_what_contradicts_itself_is_refused(accuracy, more, match):
-    with pytest.raises(rf.SceneError, match=match):
-        rf.simulate(swaying(), **{"dt": LARGEST, **more}, t_end=1.0, accuracy=accuracy)
-
-
-def test_a_check_without_probes_is_refused():
-    with pytest.raises(rf.SceneError, match="the scene has none"):
-        rf.simulate(bar(probes=False), 0.1, 1.0, accuracy=rf.Accuracy(0.01, check=True))
-
-
 # Ranks ------------------------------------------------------------------------------------------
 
 

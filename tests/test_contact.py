@@ -368,32 +368,6 @@ def test_histories_and_fields_tell_of_contacts(tmp_path):
     assert h["contact"].max() > 0
 
 
-# Refusals --------------------------------------------------------------------------------------
-
-REFUSED = {
-    "no radius": (lambda: rf.Sphere((0, 0, 0), 0.0), "radius must be a finite number > 0"),
-    "no axis": (lambda: rf.Cylinder((0, 0, 0), 1.0, axis=(0, 0, 0)), "axis must have a direction"),
-    "nothing": (
-        lambda: rf.Contact("skin", against=None),
-        "against must be a Plane or another obstacle",
-    ),
-    "friction": (lambda: rf.Contact("skin", against=FLOOR, friction=-0.1), "friction must be ≥ 0"),
-    "creep": (lambda: rf.Contact("skin", against=FLOOR, friction=0.1), "friction needs creep"),
-    "stiffness": (lambda: rf.Contact("skin", against=FLOOR, stiffness=0), "stiffness must be a"),
-    "overlap": (
-        lambda: block(rf.Contact("skin", against=FLOOR), above=-0.1),
-        r"at the start it is 0\.1 m inside the Plane at \(.*, -0\.1\) m: move one of them",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_is_refused(case):
-    action, message = REFUSED[case]
-    with pytest.raises(rf.SceneError, match=message):
-        action()
-
-
 def test_a_preload_may_press():
     """A beam that sags into the floor rests there: the run begins in balance, and stays in it."""
     sags = rf.Fixed("x0"), rf.Preload([rf.Gravity()]), rf.Gravity()

@@ -268,13 +268,6 @@ def test_files_without_usable_cells(tmp_path, recombine, found):
         rf.read_msh(_save(tmp_path / "file.msh", build))
 
 
-def test_facets_inside_are_told():
-    with pytest.raises(rf.SceneError, match="true for 4 facets inside the mesh and for none"):
-        rf.box((0, 0, 0), (1, 1, 1), (2, 2, 2)).with_facets("mid", lambda x: abs(x[0] - 0.5) < 0.1)
-    with pytest.raises(rf.SceneError, match="true for no facets of the mesh"):
-        rf.box((0, 0, 0), (1, 1, 1), (2, 2, 2)).with_facets("far", lambda x: x[0] > 2)
-
-
 def test_messages_show_plain_numbers():
     with pytest.raises(rf.SceneError, match=r"got \(0\.5, 1\.0\)\."):
         rf.Traction("x0", (np.float64(0.5), np.float32(1.0)))

@@ -238,24 +238,6 @@ def test_bars_that_meet_may_grow():
     assert np.abs(tips(own) - tips(twin)).max() < 0.001 * np.abs(tips(twin) - tips(twin)[0]).max()
 
 
-BAD = {
-    "none": (lambda: rule(1.0, wake="none"), "with wake='none'"),
-    "all": (lambda: rule(1.0, wake="all"), "wake='local' only"),
-    "a word": (lambda: rule(1.0, grow="yes"), "grow must be True or False, got 'yes'"),
-    "no flag": (
-        lambda: rf.Accuracy(0.01, grow=1.5),
-        "Accuracy: grow must be True or False, got 1.5",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", BAD)
-def test_bad_input_says_what_to_do(case):
-    make, words = BAD[case]
-    with pytest.raises(rf.SceneError, match=words):
-        make()
-
-
 def _found():
     """What is the same on any number of ranks."""
     period = 1.6e-3

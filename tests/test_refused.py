@@ -156,6 +156,15 @@ def _rate(**options):
     return rf.StrainRate(1.0, 1.0, **options)
 
 
+def _watched(condition):
+    return _rate(release=rf.Release(when=lambda report: condition(report.t)))
+
+
+def _budgeted(accuracy, **more):
+    scene = _scene(probes={"tip": (2, 1, 1)})
+    rf.simulate(scene, **{"dt": 0.1, "t_end": 1.0, "accuracy": accuracy} | more)
+
+
 @dataclass(frozen=True)
 class Told(Obstacle):
     """An obstacle of a user's own, whose gap is what a function tells."""
@@ -313,6 +322,18 @@ _material(lambda C: None) :: Scene: the stored energy of Hyperelastic cannot be 
 _material(lambda C: C) :: Scene: the stored energy of Hyperelastic must be a scalar.
 _material(lambda C: C[0, 0] * ufl.SpatialCoordinate(_overlapping().mesh)[0]) :: is of another mesh
 Hyperelastic(rho=1.0, W=lambda C, mu: C[0, 0] * mu, values=[("mu", 3)]) :: values must be a dict of
+StVenantKirchhoff(rho=0.0, E=1.0, nu=0.3) :: StVenantKirchhoff: rho must be a finite number > 0
+NeoHooke(rho=-1.0, E=1.0, nu=0.3) :: NeoHooke: rho must be a finite number > 0
+MooneyRivlin(rho=0.0, c10=1.0, c01=0.0, kappa=1.0) :: MooneyRivlin: rho must be a finite number > 0
+Hyperelastic(rho=0.0, W=lambda C: ufl.tr(C)) :: Hyperelastic: rho must be a finite number > 0
+StVenantKirchhoff(rho=1.0, E=0.0, nu=0.3) :: E must be
+NeoHooke(rho=1.0, E=-1.0, nu=0.3) :: E must be
+StVenantKirchhoff(rho=1.0, E=1.0, nu=0.5) :: nu
+StVenantKirchhoff(rho=1.0, E=1.0, nu=-1.0) :: nu
+NeoHooke(rho=1.0, E=1.0, nu=0.7) :: nu
+MooneyRivlin(rho=1.0, c10=0, c01=0, kappa=1) :: MooneyRivlin
+MooneyRivlin(rho=1.0, c10=1, c01=-0.5, kappa=1) :: MooneyRivlin
+MooneyRivlin(rho=1.0, c10=1, c01=1, kappa=0) :: MooneyRivlin
   # Loads
 _run(Traction("top", (1, 0, 0))) :: no facets named 'top'
 _scene(Traction("a", (1, 0, 0))) :: Traction: there are no facets named 'a'. Known names: '
@@ -402,7 +423,13 @@ _scene(_contact(against="a")) :: there are no facets named 'a'
 _scene(_contact(), _contact()) :: two contacts are called 'z0_plane'; give one a title of its own
 _scene(_contact("skin", against="skin"), domain=_overlapping()) :: the mesh overlaps itself at (
 _run(_contact(), InitialDisplacement(lambda x: (0, 0, -1.9))) :: at the start it is 0.9 m inside the
+_contact(against=None) :: against must be a Plane or another obstacle
+_contact(friction=-0.1) :: friction must be ≥ 0
+_contact(friction=0.1) :: friction needs creep
+_contact(stiffness=0) :: stiffness must be a
 Plane((0, 0, 0), (0, 0, 0)) :: must have a direction
+Sphere((0, 0, 0), 0.0) :: radius must be a finite number > 0
+Cylinder((0, 0, 0), 1.0, axis=(0, 0, 0)) :: axis must have a direction
 Sphere((0, 0, 0), 1, inside=1) :: inside must be True or False
 _scene(_moving(lambda x, t: x)) :: its function of time failed
 _run(_moving(_then((0.0,) * 3, (nan,) * 3, 0.08))) :: got [nan nan nan]. Check its path of the Plane
@@ -430,8 +457,34 @@ _rate(wake="local", kappa=0.0) :: StrainRate: kappa must be ≥ 1, got 0.0.
 _rate(wake="never") :: StrainRate: wake must be 'all', 'local' or 'none', got 'never'.
 _rate(since=2.0, until=1.0) :: StrainRate: needs since < until, got 2.0 … 1.0.
 _rate(tolerances={"a": Relative(0.1)}) :: of 'a' must be a finite number, got Relative(part=0.1)
+_rate(wake="none", grow=True) :: with wake='none'
+_rate(wake="all", grow=True) :: wake='local' only
+_rate(grow="yes") :: grow must be True or False, got 'yes'
+_rate(wake="local", load_change=0.2) :: with wake='local' none does. Take wake='all', or leave it
+_run(rigidify=_rate(never=["x0"])) :: StrainRate (never): there are no cells named 'x0'
+_run(rigidify=_watched(_fails(False, -1.0))) :: Release: its condition failed with KeyError
+StrainRate((0.02,), 1.0) :: tol
 _run(rigidify=_rate(), scheme=Trapezoidal()) :: simulate: Trapezoidal does not couple to rigid bodie
 Relative(0) :: Relative: part must be
+Relative(1.0) :: Relative: part must be
+Accuracy(0.0) :: Accuracy: budget
+Accuracy(1.0) :: Accuracy: budget
+Accuracy(0.01, grow=1.5) :: Accuracy: grow must be True or False, got 1.5
+Accuracy(0.01, at=()) :: Accuracy: at
+Accuracy(0.01, of=0.0) :: Accuracy: of
+Accuracy(0.01, smallest=-1.0) :: Accuracy: smallest
+Accuracy(0.01, never=3) :: Accuracy: never
+Accuracy(0.01, min_cells=0) :: Accuracy: min_cells
+Accuracy(0.01, check="yes") :: Accuracy: check
+_budgeted(0.01) :: must be an Accuracy
+_budgeted(Accuracy(0.01, "top")) :: the probe 'top'
+_budgeted(Accuracy(0.01), rigidify=_rate()) :: rigidify: give one
+_budgeted(Accuracy(0.01), dt=_control()) :: StepControl
+_budgeted(Accuracy(0.01), dt={0: 0.1, 1: 0.01}) :: several values
+_budgeted(Accuracy(0.01), dt=0.0) :: dt must be
+_budgeted(Accuracy(0.01, smallest=0.5)) :: smallest ≤ dt
+_budgeted(Accuracy(0.01, never="nowhere")) :: Accuracy (never): there are no cells named 'nowhere'
+simulate(_scene(), 0.1, 1.0, accuracy=Accuracy(0.01, check=True)) :: the scene has none
 CauchyStress(None) :: CauchyStress: scene must be a Scene
 recovered_stress(None, _stress()) :: recovered_stress: report must be a Report, got NoneType
 _recovered_elsewhere() :: recovered_stress: stress is that of a scene on another mesh
