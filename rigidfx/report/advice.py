@@ -1,7 +1,6 @@
 """Advice in a run: which number is looked at, up to which bound, and the sentence beyond it.
 
-The key of each row begins its entry in docs/messages.md. The looks that compute the numbers are
-`Adviser`s.
+docs/messages.py writes it into docs/messages.md. `Adviser`s compute the numbers.
 """
 
 from __future__ import annotations
@@ -27,23 +26,23 @@ class Row:
     """One piece of advice.
 
     Attributes:
-        number: What is looked at.
-        bound: The number up to which nothing is said.
-        page: Page of docs/ that explains it.
+        bound: The number up to which, or down to which, nothing is said.
+        of: Its unit, or the whole of which it is a part.
+        remedy: In a few words, with a link into docs/.
         sentence: The message, with the names of its values.
     """
 
-    number: str
     bound: float
-    page: str
+    of: str
+    remedy: str
     sentence: str
 
 
 ADVICE = {
     "a force goes back and forth": Row(
-        "part of the resolved peak by which a force goes back and forth",
         NOTICED,
-        "results.md",
+        "of the resolved peak",
+        "[`…_resolved`](results.md#forces-of-flexible-parts)",
         "Up to t = {t:.6g} s {name} goes back and forth from step to step by {swing:.3g} {unit}: "
         "its peak is {peak:.3g}, that of the motion that Δt resolves {resolved:.3g} "
         "{unit}{others}. Cells vibrate faster than Δt = {dt:.3g} s resolves. Pictures and the "
@@ -51,9 +50,9 @@ ADVICE = {
         "rf.ResolvedForces() in the scene. Motions that begin smoothly vibrate less.",
     ),
     "a load or path changes faster than Δt": Row(
-        "part of a load that steps miss",
         SMOOTH,
-        "effects.md",
+        "of the load is missed",
+        "the Δt of the message, [a `Table`](effects.md)",
         "{owner}: its {kind} changes faster than Δt = {dt:.3g} s, near t = {t:.6g} s within some "
         "{period:.2g} s. A step takes it in its middle, and misses {number:.0%} of it. Take Δt ≤ "
         "{short:.2g} s, a tenth of that, or StepControl; where it jumps or has kinks, since, "
@@ -62,17 +61,17 @@ ADVICE = {
     # A path that starts smoothly has a velocity by a difference quotient, whose error is 1e-6 of
     # that after a step. Where it rests, rounding leaves 1e-12 of its place in a step.
     "a load does nothing, nothing acts": Row(
-        "way by which energies, work or impulses of joints move a structure, over a cell's size",
         1e-9,
-        "effects.md",
+        "of a cell's size",
+        "`describe()`: windows, [supports](effects.md), `t_end`",
         "Up to t = {t:.6g} s nothing acts and nothing moves: the scene has neither a load, nor a "
         "motion that is prescribed, nor a velocity or displacement at the start. Scene.describe() "
         "tells which effects act when.",
     ),
     "a support or contact acts with a jolt": Row(
-        "part of the energy before or after an impact, of the larger one",
         0.1,
-        "effects.md",
+        "of the energy",
+        "[a path](effects.md) that starts smoothly, `InitialVelocity`",
         "At t = {t:.6g} s {names} acts with a jolt: an impact {gives} {energy:.3g} J{share} at "
         "one instant, and waves run from there.{follows} If no blow is meant, let a prescribed "
         "motion start from the velocity that the nodes have and grow over some periods of "
@@ -81,9 +80,9 @@ ADVICE = {
         "impact in `impact`.",
     ),
     "a blow on a contact": Row(
-        "steps of a blow on a contact, half of which are enough",
         RESOLVED,
-        "contact.md",
+        "steps (half do)",
+        "[the Δt of the message](contact.md)",
         "{told} within {steps}: Δt does not resolve this impact. Its impulse, {impulse:.3g} N s, "
         "and the motion afterwards hold; the peak of its force ({peak:.3g} N here, a mean over a "
         "step) and of stresses does not. With Δt ≤ {dt:.2g} s, a tenth of the half period of the "
@@ -93,35 +92,35 @@ ADVICE = {
         "steps at impacts; the error afterwards is not estimated.",
     ),
     "the peak of a contact's force": Row(
-        "peak of a contact's force over that of its mean over the time that cells resolve",
         1.1,
-        "contact.md",
+        "times the resolved peak",
+        "[`touch.resolved`](contact.md#peaks-of-impacts), smaller cells",
         "{told}: the peak of its force, {peak:.3g} N, lasts for less than its cells resolve, as "
         "nodes of the surface ring on the contact. Take that of touch.resolved, {resolved:.3g} N: "
         "a mean over {over}, in which a wave crosses four layers of nodes. Smaller cells resolve "
         "shorter blows.",
     ),
     "a blow on a `Stop` or a cable": Row(
-        "steps of a blow on a stop or by a cable, half of which are enough",
         RESOLVED,
-        "joints.md",
+        "steps (half do)",
+        "shorter steps, [a softer stop](joints.md)",
         "{title} {how} at t = {t:.6g} s, in a blow of some {short:.2g} s: Δt does not resolve it. "
         "Its impulse and the motion afterwards hold; the peak of its force or torque ({peak:.3g} "
         "here, a mean over a step) does not. With Δt ≤ {dt:.2g} s the peak is found to a few per "
         "cent; a smaller `stiffness` makes blows longer.",
     ),
     "a blow on a `Stop`": Row(
-        "the same, of a run",
         RESOLVED,
-        "joints.md",
+        "steps, in a run of one",
+        "[shorter steps](joints.md)",
         "{title} {how} in the only step of the run, which does not show how long the blow is: the "
         "peak of its force or torque ({peak:.3g} here, a mean over a step) may be higher. Take "
         "shorter steps.",
     ),
     "lumped masses of a thin body": Row(
-        "part of a body's kinetic energy that is an error of its lumped masses",
         NOTICED,
-        "rigid_parts.md",
+        "of the body's kinetic energy",
+        '[`mass="consistent"`](rigid_parts.md), more cells across',
         "Body '{name}': {number:.0%} of its kinetic energy at t = {t:.6g} s is an error of its "
         "lumped masses, which give it up to {ratio:.3g} times the moment of inertia of its cells "
         "(about the axis it is thinnest around). Energies and angular momenta are conserved all "
@@ -130,9 +129,9 @@ ADVICE = {
     ),
     # Springs that give back all of a spin may stop it before it is a radian.
     "nodes of a spring rotate": Row(
-        "angle by which the nodes of a spring have turned [rad]",
         0.3,
-        "recipes.md",
+        "rad",
+        "nodes on the axis, [a joint](joints.md), a `SpringDamper`",
         "Spring on '{where}': at t = {t:.6g} s its nodes have turned by {number:.2g} rad, and "
         "each is pulled back to where it began: {energy:.3g} J are stored by the rotation alone, "
         "as in a torsional spring. For a bearing, take the nodes on the axis (with_vertices), or "
@@ -140,25 +139,25 @@ ADVICE = {
     ),
     # Four orders above what Newton's tolerance leaves.
     "the balance of energy is off": Row(
-        "error of the balance of energy over the largest energy",
         1e-4,
-        "limits.md",
+        "of the largest energy",
+        "[the message names the cause](limits.md#rounding)",
         "At t = {t:.6g} s the balance of energy is off by {number:.1e} of the largest energy. "
         "{why}",
     ),
     "the balance of energy is lost": Row(
-        "error of the balance of energy over all that was ever accounted for",
         1.0,
-        "limits.md",
+        "of all energy and work",
+        "a smooth energy, [smaller ratios of stiffness](limits.md#rounding)",
         "{lost}: the balance of energy is lost, and what follows is no motion of this scene. Look "
         "for the cause before anything else: a stored energy of one's own that is not smooth, or "
         "is called quadratic and is not; parts that are stiff beyond measure; a "
         "-rigidfx_snes_rtol that is too large.",
     ),
     "rounding dominates energies": Row(
-        "error of the balance over the largest energy at the end of a run",
         1e-2,
-        "limits.md",
+        "of the largest energy",
+        "[`StVenantKirchhoff`](limits.md#rounding)",
         "The energies of this run are rounding to {number:.0%}: its largest is {largest:.1e} J, "
         "and a stored energy other than a quadratic one is known to {known:.1e} J at best, a "
         "small difference of numbers near one times its stiffness. Energy and its balance tell "
