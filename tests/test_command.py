@@ -12,10 +12,9 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.command.main import main
+from rigidfx.command.main import WORDS, in_options, main
 from rigidfx.command.options import ask
 from rigidfx.command.pair import Pair
-from rigidfx.command.told import WORDS, in_options
 from rigidfx.report.peaks import Peaks
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="writes files")

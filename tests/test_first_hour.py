@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import rigidfx as rf
-from rigidfx.plot.units import prefixed
+from rigidfx.plot.curves import prefixed
 
 STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.0, rho=8000.0)
 SOFT = rf.NeoHooke(E=1e6, nu=0.3, rho=1000.0)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rigidfx.base.instants import at_latest, longer, reached, resolution, same_length
+from rigidfx.base.instants import at_latest, longer, reached, resolution
 
 
 def test_rounding_of_sums_is_the_same_instant():
     t = 1 - 0.9
     assert t < 0.1
     assert reached(t, 0.1, 0.1)
-    assert same_length(t, 0.1)
     assert not longer(0.1, t)
 
 

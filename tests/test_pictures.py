@@ -21,8 +21,7 @@ from rigidfx.plot.curves import figure_of
 from rigidfx.plot.panels import MOST, of_joints
 from rigidfx.plot.pictures import pictures
 from rigidfx.plot.renders import Photograph, images, key, pyvista, surface_of
-from rigidfx.plot.shapes import Shapes, factor_of
-from rigidfx.plot.show import show
+from rigidfx.plot.shapes import Shapes, factor_of, show
 
 pytest.importorskip("pyvista")
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its ranks itself")
@@ -209,7 +208,6 @@ def test_displacements_are_enlarged_by_themselves(tmp_path, monkeypatch):
     assert factor_of(3.0, line, []) == 3.0
     told = []
     monkeypatch.setattr("rigidfx.plot.renders.tell_scale", lambda f, s, p: told.append(s))
-    monkeypatch.setattr("rigidfx.plot.film.tell_scale", lambda f, s, p: told.append(s))
     bar = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1))
     scene = rf.Scene(bar, MATERIAL, [rf.Fixed("x0"), rf.Traction("x1", (0, 0, 0.01))])
     shapes = Shapes(scene, [1.0], colour="von_mises")

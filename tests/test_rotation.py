@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from rigidfx.mechanics.rotation import (
     axial,
     cayley,
-    cayley_tangent,
     cross,
     orthonormalized,
     skew,
@@ -51,15 +50,6 @@ def test_cayley_is_the_rotation_it_says(theta):
     quotient = np.linalg.solve(np.eye(3) - skew(theta) / 2, np.eye(3) + skew(theta) / 2)
     assert np.abs(R - quotient).max() <= 200 * EPS
     assert np.abs(cayley(-theta) - R.T).max() <= 20 * EPS
-
-
-@given(theta=vectors)
-def test_tangent_is_the_derivative(theta):
-    """dR = (T dθ)^ R, by a complex step: to rounding, at any angle."""
-    R, T, h = cayley(theta), cayley_tangent(theta), 1e-30
-    for direction, column in zip(np.eye(3), T.T, strict=True):
-        dR = cayley(theta + 1j * h * direction).imag / h
-        assert np.abs(dR - skew(column) @ R).max() <= 100 * EPS
 
 
 @given(theta=vectors, V=vectors)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["at_latest", "longer", "reached", "resolution", "same_length"]
+__all__ = ["at_latest", "longer", "reached", "resolution"]
 
 CLOSE = 1e-9  # of a step, or of a length: what is nearer is the same
 NUMBERS = 4  # ... or so many numbers apart, late in a run of small steps
@@ -30,11 +30,6 @@ def at_latest(t: Any, dt: Any) -> Any:
 def reached(t: Any, due: float, dt: Any) -> Any:
     """Whether steps of dt [s], maybe cut, that end at t [s] have reached an instant [s]."""
     return at_latest(t, dt) >= due
-
-
-def same_length(a: float, b: float) -> bool:
-    """Whether two lengths of time [s] are the same but for rounding."""
-    return bool(abs(a - b) <= CLOSE * max(abs(a), abs(b)))
 
 
 def longer(a: Any, b: Any) -> Any:

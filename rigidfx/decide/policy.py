@@ -40,7 +40,7 @@ from rigidfx.effects import Contact, Touch
 from rigidfx.error.strained import Strained
 from rigidfx.report.ledger import Rigidity
 from rigidfx.report.report import Report
-from rigidfx.scene.linked import linked, met
+from rigidfx.scene.points import linked, met
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 

@@ -16,7 +16,6 @@ __all__ = [
     "AXES",
     "axial",
     "cayley",
-    "cayley_tangent",
     "cross",
     "nearest_rotations",
     "orthonormalized",
@@ -25,7 +24,6 @@ __all__ = [
 
 
 IDENTITY = np.eye(3)
-QUARTERS = np.full(3, 0.25)
 # The skew matrices of the unit vectors, one per row.
 UNIT_SKEWS = np.array(
     [
@@ -82,20 +80,6 @@ def cayley(theta: npt.ArrayLike) -> Array:
     """
     hat = skew(theta)
     return IDENTITY + (hat + 0.5 * hat @ hat) / (1 + 0.25 * np.dot(theta, theta))
-
-
-def cayley_tangent(theta: Array, half: Array | None = None) -> Array:
-    """T = (I + ½θ̂)/(1 + ¼θ·θ): rotation, in space, of the rotated frame per unit dθ.
-
-    Args:
-        theta: Cayley vectors θ, shape (..., 3).
-        half: ½θ̂, if it is known already, shape (..., 3, 3).
-
-    Returns:
-        Shape (..., 3, 3).
-    """
-    half = skew(0.5 * theta) if half is None else half
-    return (IDENTITY + half) / (1 + np.dot(theta * theta, QUARTERS))[..., None, None]
 
 
 def orthonormalized(R: Array) -> Array:

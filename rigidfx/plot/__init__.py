@@ -14,8 +14,7 @@ run's motion as one HTML file; `joints` draws angles, travels and forces of join
 from rigidfx.plot.curves import Curve, curves, figure_of, histories, on_first_rank, save
 from rigidfx.plot.panels import joints
 from rigidfx.plot.pictures import pictures
-from rigidfx.plot.shapes import Shapes
-from rigidfx.plot.show import show
+from rigidfx.plot.shapes import Shapes, show
 from rigidfx.plot.web import web
 
 __all__ = [

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rigidfx.base.types import Array
-from rigidfx.plot.units import prefixed
+from rigidfx.plot.curves import prefixed
 from rigidfx.report.report import Report
 
 __all__ = ["Arrows", "add_arrows", "arrows_of", "ends_of", "largest_of", "told"]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from math import floor, isfinite, log10
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +30,9 @@ __all__ = [
     "histories",
     "is_table",
     "on_first_rank",
+    "prefixed",
     "save",
 ]
-
 
 STYLE = {
     "font.size": 12,
@@ -319,3 +320,19 @@ def on_first_rank(comm: MPI.Intracomm, draw: Callable[[], None], what: str) -> N
         except Exception as error:
             problem = f"{what} could not be drawn: {type(error).__name__}: {error}"
     agree(comm, problem, OutputError)
+
+
+PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
+
+
+def prefixed(unit: str, largest: float) -> tuple[float, str]:
+    """The factor from a unit to one with a prefix, and its name.
+
+    Args:
+        unit: The unit, such as "Pa"; one that begins with a digit, such as "1/s", takes no prefix.
+        largest: Largest number that is to be shown in it [unit]; it becomes one from 1 to 1000.
+    """
+    if not unit or unit[0].isdigit() or not isfinite(largest) or largest <= 0:
+        return 1.0, unit
+    power = min(max(3 * floor(log10(largest) / 3 + 1e-12), -12), 12)
+    return 10.0**-power, PREFIXES[power] + unit

@@ -14,8 +14,7 @@ from rigidfx.base.errors import OutputError, SceneError
 from rigidfx.base.inputs import path_of, shown
 from rigidfx.base.types import Array
 from rigidfx.output.history import columns_of, joint_columns, resolved_columns
-from rigidfx.plot.curves import Curve, curves, is_table, on_first_rank
-from rigidfx.plot.units import prefixed
+from rigidfx.plot.curves import Curve, curves, is_table, on_first_rank, prefixed
 from rigidfx.report.report import Report
 
 __all__ = ["Panels", "joints", "of_joints", "of_probes"]

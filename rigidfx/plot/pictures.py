@@ -35,12 +35,12 @@ from rigidfx.plot.curves import (
     on_first_rank,
     save,
 )
-from rigidfx.plot.film import film
 from rigidfx.plot.panels import of_joints, of_probes
 from rigidfx.plot.renders import (
     VIEW,
     Photograph,
     check_camera,
+    film,
     sheet,
     surface_of,
 )

@@ -20,7 +20,7 @@ from mpi4py import MPI
 
 from rigidfx.base.inputs import path_of, whole
 from rigidfx.output.field_reader import RecordedFields, read_fields
-from rigidfx.plot.curves import on_first_rank
+from rigidfx.plot.curves import on_first_rank, prefixed
 from rigidfx.plot.pictures import FRAMES, chosen_times
 from rigidfx.plot.renders import (
     FIELDS,
@@ -34,7 +34,6 @@ from rigidfx.plot.renders import (
     range_of,
 )
 from rigidfx.plot.shapes import Scale, check_scale, factor_of
-from rigidfx.plot.units import prefixed
 
 __all__ = ["web"]
 

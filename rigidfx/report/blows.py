@@ -28,8 +28,8 @@ from rigidfx.base.remembered import Remembered, same
 from rigidfx.effects import Contact, SpringDamper
 from rigidfx.effects.joints.elements import Blow
 from rigidfx.report.advice import ADVICE, RESOLVED, Adviser
-from rigidfx.report.layer_times import own_time, resolved_time
 from rigidfx.report.report import Report
+from rigidfx.report.resolved_forces import own_time, resolved_time
 from rigidfx.scene.scene import Scene
 
 __all__ = ["BriefContacts", "BriefStops", "rounded_down"]

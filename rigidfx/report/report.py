@@ -419,11 +419,6 @@ class Report(Work, Measures):
         return moved, moving, e
 
     @property
-    def is_corrected(self) -> bool:
-        """Whether displacements that are shown contain the error motion, where it is known."""
-        return self._error is not None
-
-    @property
     def finds_bodies(self) -> bool:
         """Whether the run looks for parts that become rigid."""
         return self._indicator is not None

@@ -35,6 +35,7 @@ from rigidfx.mechanics.schemes import Scheme, scheme_of
 from rigidfx.scene.assignment import assign
 from rigidfx.scene.checks import (
     STIFFNESS_DEGREE,
+    cells_of,
     check_discretisation,
     check_masses,
     check_rigid,
@@ -48,7 +49,6 @@ from rigidfx.scene.checks import (
 from rigidfx.scene.elements import element_of
 from rigidfx.scene.mesh_checks import warn_of_mesh
 from rigidfx.scene.pieces import divide, warn_of_pieces
-from rigidfx.scene.places import cells_of
 from rigidfx.scene.round_contacts import warn_of_facets
 from rigidfx.scene.summary import description, in_a_line
 from rigidfx.scene.units import warn_of_units

@@ -37,7 +37,7 @@ from rigidfx.error.strained import Limits, Strained
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.strain_rate import StrainRates
-from rigidfx.scene.linked import linked
+from rigidfx.scene.points import linked
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import fraction
 from rigidfx.scene.timeline import Timeline

@@ -25,8 +25,7 @@ import numpy as np
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.types import Array
 from rigidfx.effects import Contact, Touch
-from rigidfx.scene.linked import met
-from rigidfx.scene.points import parts_of_nodes
+from rigidfx.scene.points import met, parts_of_nodes
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Blows"]
