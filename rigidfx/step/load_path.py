@@ -119,7 +119,7 @@ class Settling:
             forces.rate = self._s * unit
             system.take_drag(forces.rate)
             with np.errstate(over="ignore", invalid="ignore"):  # it may run away, and fails then
-                solution = system.solve(t0, t1, first).after(solution)
+                solution = system.solve_load(t0, t1, first).after(solution)
             found, pose = system.found
             moved = system.distance(found, last) / self._size
             if not solution.converged or moved > control.far:
@@ -264,7 +264,7 @@ class LoadPath:
             dt = self._trial if longer(left, self._trial) else left
             t1 = end if dt == left else t0 + dt
             if self._settling is None:
-                solution = self.system.solve(t0, t1)
+                solution = self.system.solve_load(t0, t1)
             else:
                 solution = self._settling.solve(self.system, t0, t1)
             error, size = self._objection(solution, t0, dt, jumped)
@@ -318,31 +318,12 @@ class LoadPath:
         self, solution: Solution, t0: float, t1: float, cuts: int, before: Measures, size: float
     ) -> StepResult:
         """Accept the last solution. Collective."""
-        system = self.system
-        reactions, moments, work = system.reactions()
-        joints, springs = system.joints(), system.spring_dampers()
-        touches, dissipated = system.actions.touches(), system.dissipated()
-        moving = sum(touch.work for touch in touches.values())
-        system.accept(t0, t1)
+        work = self.system.accept_load(t0, t1, before)
         self.t = t1
-        gained = self.measure().energy - before.energy
         if size > self._least:
             self._rate = size / (t1 - t0)
             self._first = self._first or self._rate
-        return StepResult(
-            dt=t1 - t0,
-            solution=solution,
-            cuts=cuts,
-            work_of_loads=gained + sum(dissipated.values()) - work - moving,
-            work_of_supports=work + moving,
-            dissipated=dissipated,
-            reactions=reactions,
-            alternating_impulse=np.zeros((2, 3)),
-            reaction_moments=moments,
-            touches=touches,
-            joints=joints,
-            spring_dampers=springs,
-        )
+        return StepResult(**vars(work), dt=t1 - t0, solution=solution, cuts=cuts)
 
     def close(self) -> None:
         """Free all PETSc objects. Collective."""

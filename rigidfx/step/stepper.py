@@ -25,7 +25,7 @@ from rigidfx.step.length.time_control import TimeControl
 from rigidfx.step.step_result import StepResult, result_of
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.rigid_motion import following_energy
-from rigidfx.step.system.supports import Impact, PrescribedDofs, impose_velocity, supports_of
+from rigidfx.step.system.supports import Impact, PrescribedDofs, impose_velocity
 from rigidfx.step.system.system import System
 from rigidfx.step.watches.alternation import Alternation, Unresolved
 from rigidfx.step.watches.compression import Compression
@@ -49,7 +49,6 @@ class Stepper:
         forces: Internal forces of the scene's cells.
         indicator: Indicator of flexible cells in each step; None if there is none.
         control: Chooses Δt by its error; None if nothing does.
-        prescribed: Dofs that supports hold, of the division it is bound to.
         system: Everything that is bound to that division.
         watches: Observers of attempts that become steps; more may be added.
     """
@@ -91,7 +90,6 @@ class Stepper:
         self._whole = np.inf  # ... of a step of this length
         self._dealing, self._eased_stress = Dealing(), EasedStress(scene, forces)
         self.system: System
-        self.prescribed: PrescribedDofs
         self._bound = False
 
     # What it is bound to ------------------------------------------------------------------------
@@ -101,15 +99,6 @@ class Stepper:
         before = self.system if self._bound else None
         if before is not None:
             before.destroy()
-        self.state.group(division.bodies)
-        self.state.clamp(division.clamped)
-        self.prescribed = PrescribedDofs(
-            self.scene,
-            supports_of(acting),
-            division.driven_nodes,
-            self.jumps,
-            division.nodes_of_held,
-        )
         self._division = division
         self._inversion.bind(division.flexible)
         for watch in self.watches:
@@ -118,13 +107,12 @@ class Stepper:
             self.scene,
             self.forces,
             self.state,
+            self.scene.effects,
             acting,
-            division.flexible,
-            self.prescribed,
-            self._dealing,
-            self._eased_stress,
-            division.driven_cells,
-            division.held,
+            division,
+            jumps=self.jumps,
+            dealing=self._dealing,
+            eased_stress=self._eased_stress,
         )
         if before is not None:
             self.system.newton.go_on(before.newton)
@@ -154,6 +142,11 @@ class Stepper:
     def unknowns(self) -> int:
         """Number of unknowns of the current division."""
         return self.system.equilibrium.prolongation.size
+
+    @property
+    def prescribed(self) -> PrescribedDofs:
+        """Dofs that supports hold, of the division it is bound to."""
+        return self.system.prescribed
 
     @property
     def flexible(self) -> Bools:

@@ -10,43 +10,38 @@ Equations, 1996, Section 6.3).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import partial
+from collections.abc import Sequence
 from math import nextafter
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from rigidfx.base.errors import together
 from rigidfx.base.types import Array
-from rigidfx.effects import Effect, JointReports, SpringDamperReport, Windowed
+from rigidfx.effects import Effect, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.step.equations.energies import Energies
+from rigidfx.step.equations.energies import Measures
 from rigidfx.step.linear.linear_solver import PREFIX, default_options
 from rigidfx.step.newton.first_guess import Guess
 from rigidfx.step.newton.newton import Newton
 from rigidfx.step.newton.solution import Solution
 from rigidfx.step.system.division import Division
-from rigidfx.step.system.equations import Equations
-from rigidfx.step.system.held_bodies import HeldBodies
-from rigidfx.step.system.supports import PrescribedDofs, supports_of
+from rigidfx.step.system.system import System, Work
 
 __all__ = ["StaticSystem"]
 
 
-class StaticSystem(Equations):
+class StaticSystem(System):
     """The equations of statics of one division; `destroy` frees them.
 
     Attributes:
-        acting: The effects with a time window that act.
-        energies: Measures states.
-        prescribed: Dofs that supports hold.
         unknowns: Number of unknowns.
         share: Part of the loads that acts in the present load step.
     """
+
+    kind = "static"
 
     def __init__(
         self,
@@ -72,30 +67,17 @@ class StaticSystem(Equations):
                 the path, supports and obstacles rest. The time of the path if None.
             loose: Whether a `StepDrag` is among the effects.
         """
-        self._fixed, self.share, self._state = fixed, 1.0, state
-        self.acting = tuple(acting)
-        state.group(division.bodies)
-        state.clamp(division.clamped)
-        known = division.driven_nodes, None, division.nodes_of_held
-        self.prescribed = PrescribedDofs(scene, supports_of(acting), *known)
-        cells, driven = division.flexible, division.driven_cells
-        of_division = state, cells, self.prescribed.mask, driven
-        super().__init__("static", scene, forces, *of_division, notes=state.notes)
-        state.follow(self.layout.following)
-        state.rebuild()
         # A drag has no force where nothing moves.
         taking_part = [e for e in effects if not e.mass_damping]
-        self.bind(taking_part, acting, loose=loose)
-        self.energies = Energies(scene, forces, self.mass, self.layout, self.actions, self.linkage)
+        super().__init__(scene, forces, state, taking_part, acting, division, loose=loose)
+        self._fixed, self.share = fixed, 1.0
         self.unknowns = self.prolongation.size
-        self._newton = Newton(self.equilibrium, scene)
         self._searching: Newton | None = None
-        self._held = HeldBodies(scene, division.held, state.bodies)
         self._last: tuple[Array, Array, float] | None = None  # increments and length of a step
-        self._before: Array | None = None  # forces of supports there [N]
+        self._before = np.zeros(self.prolongation.prescribed.size)  # forces of supports there [N]
         self._rows = np.zeros_like(state.bodies.rates)  # those on the rows of bodies there [N]
 
-    def solve(self, t0: float, t1: float, first: Guess | None = None) -> Solution:
+    def solve_load(self, t0: float, t1: float, first: Guess | None = None) -> Solution:
         """Find the equilibrium at t₁ from that at t₀; the state is not changed. Collective.
 
         Args:
@@ -108,23 +90,14 @@ class StaticSystem(Equations):
         """
         dt = t1 - t0
         self._set_loads(t1, dt)
-        if self.linkage is not None:
-            at = (t0, dt) if self._fixed is None else (self._fixed, 0.0)
-            together(self._scene.comm, "A motor", partial(self.linkage.set_time, *at))
-        given = None
-        if self._fixed is None:
-            imposed = self.prescribed.increments(t0, t1, self._state.u.x.array)
-            if len(self._held):
-                given = self._held.given(t0, t1, self._state.bodies)
-        else:
-            imposed = np.zeros(self.prolongation.prescribed.size)
-        self.equilibrium.begin(dt, None, imposed, self._state.bodies, given)
+        motors = (t0, dt) if self._fixed is None else (self._fixed, 0.0)
+        self.begin(t0, t1, dt, motors, moves=self._fixed is None)
         rest, _ = self.at_rest
         guesses: tuple[Guess, ...] = (rest if first is None else first,)
         if self._last is not None and first is None:
             d, bodies, before = self._last
             guesses = (rest, Guess(dt / before * d, dt / before * bodies))
-        solution = self._newton.solve(guesses)
+        solution = self.newton.solve(guesses)
         if not solution.converged:
             solution = self._search().solve(guesses[:1]).after(solution)
             if not solution.converged:
@@ -162,10 +135,10 @@ class StaticSystem(Equations):
 
     def _renew(self) -> None:
         """Make solvers anew: MUMPS may refuse to go on after a singular matrix. Collective."""
-        for newton in (self._newton, self._searching):
+        for newton in (self.newton, self._searching):
             if newton is not None:
                 newton.destroy()
-        self._newton, self._searching = Newton(self.equilibrium, self._scene), None
+        self.newton, self._searching = Newton(self.equilibrium, self._scene), None
 
     @property
     def size(self) -> float:
@@ -194,64 +167,40 @@ class StaticSystem(Equations):
         own = max(float(nodes), float(np.abs(a.bodies - b.bodies).max(initial=0.0)))
         return float(self._scene.comm.allreduce(own, op=MPI.MAX))
 
-    def accept(self, t0: float, t1: float) -> None:
+    def accept_load(self, t0: float, t1: float, before: Measures) -> Work:
         """Put the last solution into the state, which then is at t₁. Collective.
 
-        Where the time is fixed, that of the state stays.
+        Where the time is fixed, that of the state stays. Work is by the trapezoidal rule; loads
+        have done what energy has gained beside it.
+
+        Args:
+            t0: Start of the load step [s].
+            t1: Its end [s].
+            before: Energies at its start.
         """
         equations, p = self.equilibrium, self.prolongation
-        d, dofs = equations.d.array_r, self.layout.rows.dofs
-        self._last = d.copy(), p.increments.unknowns, t1 - t0
-        self._before = equations.forces_out_of_balance.array_r[p.prescribed]
-        self._rows = equations.body_rows
-        bodies = p.increments.end
-        moved = p.displacement(bodies)
-        t = t1 if self._fixed is None else self._state.t
-        self._state.advance(t, dofs, d, np.zeros(d.size), bodies, dofs[p.attached], moved)
+        d, own, increments = equations.d.array_r, equations.body_rows, self.increments
+        f = equations.forces_out_of_balance.array_r[p.prescribed]
+        of_supports = self.of_supports(self.prescribed, f, 1.0)
+        (work,), dissipated = self.taken(0.5 * (self._before + f) @ d[p.prescribed])
+        if len(self.held):
+            work += increments.work_of_supports(0.5 * (self._rows + own))
+            self.add_frames(self.held, of_supports)
+        touches, links = self.actions.touches(), self.told()
+        moving = work + sum(touch.work for touch in touches.values())
+        self._last = d.copy(), increments.unknowns, t1 - t0
+        self._before, self._rows = f, own
+        self.move(t1 if self._fixed is None else self._state.t, np.zeros(d.size))
         self.actions.accept()
         self.equilibrium.accept()
-
-    def joints(self) -> JointReports:
-        """Force and motion of each joint in the last solution, by its title."""
-        return JointReports() if self.linkage is None else self.linkage.told()
-
-    def spring_dampers(self) -> Mapping[str, SpringDamperReport]:
-        """Force and length of each spring between two points there, by its title."""
-        return {} if self.linkage is None else self.linkage.points.told()
-
-    def reactions(self) -> tuple[Mapping[str, Array], Mapping[str, Array], float]:
-        """Forces of supports in the last solution. Collective.
-
-        Returns:
-            Force of each on the structure [N] and its moment about the origin [N m], by the names
-            of their sets, and their work by the trapezoidal rule [J].
-        """
-        held, d = self.prolongation.prescribed, self.equilibrium.d.array_r
-        f = self.equilibrium.forces_out_of_balance.array_r[held]
-        of_supports = self.of_supports(self.prescribed, f, 1.0)
-        if not self.prescribed.active:
-            return *of_supports, 0.0
-        before = np.zeros(held.size) if self._before is None else self._before
-        work = float(self._scene.sum(0.5 * (before + f) @ d[held]))
-        if len(self._held):
-            increments, own = self.prolongation.increments, self.equilibrium.body_rows
-            work += increments.work_of_supports(0.5 * (self._rows + own))
-            self.add_frames(self._held, of_supports)
-        return *of_supports, work
-
-    def dissipated(self) -> dict[str, float]:
-        """Energy that friction takes in the last solution, by its kind [J]. Collective."""
-        by_kind = self.actions.dissipated(self.equilibrium.motion)
-        lost = self._scene.sum([0.0, *(energy for _, energy in by_kind)])[1:]
-        out: dict[str, float] = {}
-        for (kind, _), energy in zip(by_kind, map(float, lost), strict=True):
-            out[kind] = out.get(kind, 0.0) + energy
-        return {kind: energy for kind, energy in out.items() if energy != 0.0}
+        gained = self.energies.measure(self._state).energy - before.energy
+        loads = gained + sum(dissipated.values()) - moving
+        dissipated = {kind: energy for kind, energy in dissipated.items() if energy != 0.0}
+        named = *of_supports, np.zeros((2, 3)), touches, *links
+        return Work(loads, moving, dissipated, *named)
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
-        newtons = (self._newton, self._searching)
-        for item in (*newtons, self.energies):
-            if item is not None:
-                item.destroy()
+        if self._searching is not None:
+            self._searching.destroy()
         super().destroy()

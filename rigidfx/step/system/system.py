@@ -6,9 +6,10 @@ nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from rigidfx.base.errors import together
 from rigidfx.base.types import Array, Indices
 from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.effects import (
+    Effect,
     JointReports,
     ResolvedForces,
     SpringDamperReport,
@@ -24,7 +26,7 @@ from rigidfx.effects import (
 )
 from rigidfx.effects.motion import ForcesOfNodes
 from rigidfx.flexible.eased_stress import EasedStress
-from rigidfx.flexible.internal_forces import Cells, InternalForces
+from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.kernels import integral
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
@@ -32,18 +34,22 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.eased_forces import EasedForces
 from rigidfx.step.equations.energies import Energies
+from rigidfx.step.equations.equations import Trial
 from rigidfx.step.equations.shape_damping import ShapeDamping
 from rigidfx.step.newton.first_guess import predict
 from rigidfx.step.newton.newton import Newton
 from rigidfx.step.newton.solution import Solution
 from rigidfx.step.system.constraint_forces import MeanConstraints
-from rigidfx.step.system.division import Hold
-from rigidfx.step.system.equations import Equations
+from rigidfx.step.system.division import Division
+from rigidfx.step.system.equations import Equations, Kind
 from rigidfx.step.system.held_bodies import HeldBodies
 from rigidfx.step.system.resolved_forces import ResolvedConstraints
-from rigidfx.step.system.supports import PrescribedDofs
+from rigidfx.step.system.supports import PrescribedDofs, supports_of
+from rigidfx.step.watches.jumps import Jumps
 
 __all__ = ["System", "Work"]
+
+Links = tuple[JointReports, Mapping[str, SpringDamperReport]]
 
 
 @dataclass(frozen=True)
@@ -75,70 +81,80 @@ class Work:
 
 
 class System(Equations):
-    """The equations of motion of one division.
+    """The equations of one division, for steps; `StaticSystem` has those of load steps.
 
     Attributes:
+        kind: Which equations they are.
         acting: The effects with a time window that act.
+        prescribed: Dofs that supports hold.
         energies: Measures states.
         newton: Solves steps.
         held: Bodies whose frames supports hold.
     """
+
+    kind: ClassVar[Kind] = "step"
 
     def __init__(
         self,
         scene: Scene,
         forces: InternalForces,
         state: State,
+        effects: Sequence[Effect],
         acting: Sequence[Windowed],
-        flexible: Cells,
-        prescribed: PrescribedDofs,
-        dealing: Dealing,
-        eased_stress: EasedStress,
-        driven: Cells | None = None,
-        held: Mapping[str, Hold] | None = None,
+        division: Division,
+        *,
+        jumps: Jumps | None = None,
+        dealing: Dealing | None = None,
+        eased_stress: EasedStress | None = None,
+        loose: bool = False,
     ) -> None:
         """Bind everything to a division and to the effects that act. Collective.
 
         Args:
             scene: The problem.
             forces: Compiled internal forces.
-            state: State with its bodies.
-            acting: The effects with a time window that act from now on.
-            flexible: Flexible owned cells by subdomain id.
-            prescribed: Dofs held by supports.
+            state: The state; its bodies become those of the division.
+            effects: All effects that take part.
+            acting: Those with a time window that act from now on.
+            division: Division of the cells.
+            jumps: Observer of the paths of supports, if any.
             dealing: Deals flexible cells out among the ranks where that pays.
-            eased_stress: Form of the stresses that releases have let down.
-            driven: Owned cells by subdomain id that move with a support: not flexible, all their
-                dofs prescribed, their mass counted.
-            held: The supports in each body that deforms and is held, by the body's name.
+            eased_stress: Form of the stresses that releases have let down, if any have.
+            loose: Whether a `StepDrag` is among the effects.
         """
-        forces.select(acting)
-        of_division = state, flexible, prescribed.mask, driven
-        super().__init__("step", scene, forces, *of_division, notes=state.notes, dealing=dealing)
-        self._prescribed = prescribed
-        self.acting = tuple(acting)
+        state.group(division.bodies)
+        state.clamp(division.clamped)
+        known = division.driven_nodes, jumps, division.nodes_of_held
+        self.prescribed = PrescribedDofs(scene, supports_of(acting), *known)
+        steps, flexible, driven = self.kind == "step", division.flexible, division.driven_cells
+        if steps:
+            forces.select(acting)
+        of_division = state, flexible, self.prescribed.mask, driven
+        super().__init__(self.kind, scene, forces, *of_division, notes=state.notes, dealing=dealing)
+        self._state, self.acting = state, tuple(acting)
         state.follow(self.layout.following)
         state.rebuild()  # effects may look at the displacement inside bodies
-        rows, u = self.layout.rows, self.structure.u
-        easing = [EasedForces(eased_stress, eased, rows, u, flexible) for eased in state.eased]
-        self._damping = ShapeDamping(scene, forces, state.bodies)
-        self.bind(scene.effects, acting, easing=easing, damping=self._damping)
+        rows, u, easing = self.layout.rows, self.structure.u, list[EasedForces]()
+        if eased_stress is not None:
+            easing += [EasedForces(eased_stress, own, rows, u, flexible) for own in state.eased]
+        self._damping = ShapeDamping(scene, forces, state.bodies) if steps else None
+        self.bind(effects, acting, loose=loose, easing=easing, damping=self._damping)
         self.energies = Energies(scene, forces, self.mass, self.layout, self.actions, self.linkage)
-        self._taken = forces.bind_taken(flexible, driven)
+        self._taken = forces.bind_taken(flexible, driven) if steps else None
         self.newton = Newton(self.equilibrium, scene)
-        self.held = HeldBodies(scene, held or {}, state.bodies)
-        self._v0 = rows.vector()
-        self._bind_constraints(state.bodies)
+        self.held = HeldBodies(scene, division.held, state.bodies)
+        self._v0: Any = rows.vector() if steps else None  # of statics there is none
+        self._mean = self._mean_constraints(state.bodies) if steps else None
 
-    def _bind_constraints(self, bodies: Bodies) -> None:
+    def _mean_constraints(self, bodies: Bodies) -> MeanConstraints | ResolvedConstraints | None:
         """Bind what takes the alternating part out of forces of constraints. Collective."""
-        known = self.equilibrium, self.mass, self._prescribed
-        constrained = self._prescribed.active or self.linkage is not None
-        self._mean: MeanConstraints | ResolvedConstraints | None = None
+        known = self.equilibrium, self.mass, self.prescribed
+        constrained = self.prescribed.active or self.linkage is not None
         if constrained and self._scene.named(ResolvedForces):
-            self._mean = ResolvedConstraints(*known, self._scene)
-        elif self._prescribed.moves or self.linkage is not None:
-            self._mean = MeanConstraints(*known, bodies)
+            return ResolvedConstraints(*known, self._scene)
+        if self.prescribed.moves or self.linkage is not None:
+            return MeanConstraints(*known, bodies)
+        return None
 
     def follow(self, acting: Sequence[Windowed]) -> bool:
         """Let dead loads begin and end; False if other effects do, which takes a new system.
@@ -152,18 +168,37 @@ class System(Equations):
         self.actions.select(acting)
         return True
 
+    def begin(
+        self, t0: float, t1: float, dt: float, motors: tuple[float, float], moves: bool = True
+    ) -> Trial:
+        """Begin a step with the loads that are set. Collective.
+
+        Args:
+            t0: Its start [s].
+            t1: Its end [s].
+            dt: Its length [s].
+            motors: When motors act, and for how long [s].
+            moves: Whether supports move; otherwise they rest.
+
+        Raises:
+            SceneError: On every rank, if a user's function fails on any, or gives no numbers.
+        """
+        bodies, given = self._state.bodies, None
+        if self.linkage is not None:
+            together(self._scene.comm, "A motor", partial(self.linkage.set_time, *motors))
+        imposed: Array = np.zeros(self.prolongation.prescribed.size)
+        if moves:
+            imposed = self.prescribed.increments(t0, t1, self._state.u.x.array)
+            given = self.held.given(t0, t1, bodies) if len(self.held) else None
+        return self.equilibrium.begin(dt, self._v0, imposed, bodies, given)
+
     def solve(self, state: State, dt: float) -> Solution:
         """Find the increment of a step of length dt [s]; the state is not changed. Collective."""
         middle = state.t + dt / 2
         self._forces.set_time(middle, dt)
         self.actions.set_time(middle, dt)
-        if self.linkage is not None:
-            start = partial(self.linkage.set_time, state.t, dt)
-            together(self._scene.comm, "A motor", start)
         self._v0.array[:] = state.v.x.array[self.layout.rows.dofs]
-        imposed = self._prescribed.increments(state.t, state.t + dt, state.u.x.array)
-        given = self.held.given(state.t, state.t + dt, state.bodies) if len(self.held) else None
-        trial = self.equilibrium.begin(dt, self._v0, imposed, state.bodies, given)
+        trial = self.begin(state.t, state.t + dt, dt, (state.t, dt))
         v, bodies = trial.v0.array_r, state.bodies
         return self.newton.solve(predict(self._scene, self.layout, trial.start, v, bodies, dt))
 
@@ -211,63 +246,73 @@ class System(Equations):
     def foresee(self, state: State, dt: float, t: float) -> Work:
         """Put the state where the found increment leads, and nothing else. Collective."""
         work = self._work(state, dt)
-        d, dofs = self.equilibrium.d.array_r, self.layout.rows.dofs
-        prolongation, bodies = self.equilibrium.prolongation, self.increments.end
-        state.advance(
-            t,
-            dofs,
-            d,
-            2 / dt * d - self._v0.array_r,
-            bodies,
-            dofs[prolongation.attached],
-            prolongation.displacement(bodies),
-        )
+        self.move(t, 2 / dt * self.equilibrium.d.array_r - self._v0.array_r)
         return work
+
+    def move(self, t: float, v: Array) -> None:
+        """Put the state where the found increment leads.
+
+        Args:
+            t: Its time then [s].
+            v: Velocities of the active nodes then [m/s].
+        """
+        p, dofs, bodies = self.prolongation, self.layout.rows.dofs, self.increments.end
+        d, moved = self.equilibrium.d.array_r, p.displacement(bodies)
+        self._state.advance(t, dofs, d, v, bodies, dofs[p.attached], moved)
+
+    def told(self, added: Callable[[], tuple[Array, Array]] | None = None) -> Links:
+        """Forces and motions of joints, and of springs between two points, by their titles."""
+        if self.linkage is None:
+            return JointReports(), {}
+        return self.linkage.told(added), self.linkage.points.told()
+
+    def taken(self, *local: float) -> tuple[list[float], dict[str, float]]:
+        """Sums of numbers over ranks, and the energy that each kind of damping takes [J]."""
+        cells = {} if self._taken is None else self._taken.dissipated
+        kinds = [(kind, integral(form)) for kind, form in cells.items()]
+        kinds += self.actions.dissipated(self.equilibrium.motion)
+        sums = [*map(float, self._scene.sum([*local, *(energy for _, energy in kinds)]))]
+        dissipated: dict[str, float] = {}
+        for (kind, _), energy in zip(kinds, sums[len(local) :], strict=True):
+            dissipated[kind] = dissipated.get(kind, 0.0) + energy
+        return sums[: len(local)], dissipated
 
     def _work(self, state: State, dt: float) -> Work:
         """Effect of forces in the step that has been solved. Collective."""
-        prolongation, actions = self.equilibrium.prolongation, self.actions
+        prolongation, actions = self.prolongation, self.actions
         d, forces = self.equilibrium.d.array_r, self.equilibrium.forces_out_of_balance.array_r
         prescribed = prolongation.prescribed
         held, added = forces[prescribed], None
         if self._mean is not None:
             more, added = self._mean.find(state)
             held = held + more
-        of_supports = reactions, moments = self.of_supports(self._prescribed, held, 0.5)
+        of_supports = reactions, moments = self.of_supports(self.prescribed, held, 0.5)
         alternating = np.zeros((2, 3))
         if self._mean is not None:
-            rest = self.of_supports(self._prescribed, forces[prescribed] - held, 0.5)
+            rest = self.of_supports(self.prescribed, forces[prescribed] - held, 0.5)
             alternating += dt * np.array([sum(of.values(), np.zeros(3)) for of in rest])
         touches = actions.touches()
-        motion = self.equilibrium.motion
-        by_kind = actions.dissipated(motion)
-        local = [
-            actions.work(motion),
+        assert self._taken is not None
+        (dead, supports, followed), dissipated = self.taken(
+            actions.work(self.equilibrium.motion),
             forces[prescribed] @ d[prescribed],
             -sum(map(integral, self._taken.against_loads)),
-            *map(integral, self._taken.dissipated.values()),
-            *(energy for _, energy in by_kind),
-        ]
-        dead, supports, followed, *lost = map(float, self._scene.sum(local))
-        kinds = [*self._taken.dissipated, *(kind for kind, _ in by_kind)]
-        dissipated: dict[str, float] = {}
-        for kind, energy in zip(kinds, lost, strict=True):
-            dissipated[kind] = dissipated.get(kind, 0.0) + energy
-        for kind, energy in self._damping.taken(self.increments, dt).items():
-            dissipated[kind] = dissipated.get(kind, 0.0) + energy
-        loads = dead + followed
+        )
+        loads, further = dead + followed, []
+        if self._damping is not None:
+            further.append(self._damping.taken(self.increments, dt))
         if len(self.held):
             self.add_frames(self.held, of_supports)
             supports += self.increments.work_of_supports(self.equilibrium.body_rows)
         supports += sum(touch.work for touch in touches.values())
-        joints, springs = JointReports(), dict[str, SpringDamperReport]()
         if self.linkage is not None:
-            joints, springs = self.linkage.told(added), self.linkage.points.told()
             driven, damped = self.linkage.work()
             loads += driven
-            for kind, energy in damped.items():
+            further.append(damped)
+        for own in further:
+            for kind, energy in own.items():
                 dissipated[kind] = dissipated.get(kind, 0.0) + energy
-        named = reactions, moments, alternating, touches, joints, springs
+        named = reactions, moments, alternating, touches, *self.told(added)
         return Work(loads, supports, dissipated, *named)
 
     def lead_frames(self, state: State, dt: float) -> bool:
