@@ -17,7 +17,7 @@ from test_contact_pairs import boxes
 import rigidfx as rf
 from rigidfx.plot.pictures import spent
 from rigidfx.scene.damped import Damped, comes_back
-from rigidfx.step.length.controller import RunError
+from rigidfx.step.length.controller import REST, Controller, Moves, RunError
 from rigidfx.step.length.elsewhere import Elsewhere
 from rigidfx.step.length.given import Onsets
 
@@ -462,6 +462,21 @@ def test_what_begins_from_rest_at_no_breakpoint_is_no_warning():
     reports = run(bar(rf.Fixed("x0"), push), control, 1.5)
     assert min(r.dt for r in reports[1:]) < 2 * control.least
     assert reports[-1].ledger.time.relative < 0.001
+
+
+@pytest.mark.parametrize("first", [0.6, 2.3, 40.0])
+def test_a_motion_begins_until_it_no_longer_grows_faster_than_time(first):
+    # Its steps are coarse beside the time since it was at rest.
+    def begin():
+        error = RunError(bar(), 1, 1.0, 1e-3)
+        return Controller(0.01, 1.0, error, 1e-3, 1e-3, size=1.0)
+
+    grows, drifts = begin(), begin()
+    for k in range(1, 100):
+        for control, u in ((grows, first * k**3), (drifts, first * k)):
+            control.accept(np.nan, k * 1e-3, 1e-3, Moves(REST * u, 0.0, 0.0), young=True)
+        assert grows.begins(k * 1e-3)
+    assert not drifts.begins(0.099)
 
 
 def test_bodies_that_come_and_go():

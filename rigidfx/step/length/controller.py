@@ -248,7 +248,7 @@ class Controller:
     """
 
     remembered: ClassVar[Remembered] = same(
-        "tol", "wanted", "spent", "_t", "_envelope", "_last", "_foreseen", "_lost"
+        "tol", "wanted", "spent", "_t", "_dt", "_envelope", "_last", "_foreseen", "_lost"
     ) | {"_course": PART}
 
     def __init__(
@@ -274,7 +274,7 @@ class Controller:
         """
         self.tol, self._t_end, self._of, self.error = tol, t_end, of, error
         self.wanted = self.longest = longest
-        self.shortest, self.spent, self._t = shortest, 0.0, 0.0
+        self.shortest, self.spent, self._t, self._dt = shortest, 0.0, 0.0, 0.0
         self._course, self._rest = Course(), REST * size if of is None else of
         self._foreseen = self.displacement
         self._envelope = self._last = self._lost = 0.0
@@ -313,8 +313,10 @@ class Controller:
         """Whether points are on their way from rest at t [s]: all steps err by much of nothing."""
         if self._of is not None:
             return False
+        if self._course.largest <= NUMBERS.growth * self._rest:
+            return True
         way = t - self._course.until(self._rest)  # t² grows fourfold in half of its time
-        return self._course.largest <= self._rest or 3 * self._growing(t) < 2 * way
+        return 3 * (self._growing(t) - self._dt) < 2 * way  # when in a step is not known
 
     def too_much(self, error: float, t: float, dt: float) -> bool:
         """Whether a step from t of the length dt [s] that errs [m] by so much is repeated."""
@@ -346,7 +348,7 @@ class Controller:
             young: Whether steps grow from small first ones.
             unknowns: Number of unknowns.
         """
-        self._t = t
+        self._t, self._dt = t, dt
         if self._of is None:
             self._course.add(now.displacement, t - dt, t)
             self._foreseen = self._foresee(t, now)
