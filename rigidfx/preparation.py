@@ -18,6 +18,7 @@ from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.looks import Looks
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.mechanics.rigid_body import Body
 from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.probe_stress import Probes
 from rigidfx.report.resolved_forces import ResolvedForces
@@ -26,6 +27,7 @@ from rigidfx.run import Run
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
+from rigidfx.shapes.shortening import About, Shortening
 from rigidfx.state import State
 from rigidfx.step.first_touch import FirstTouch
 from rigidfx.step.length.time_control import TimeControl
@@ -104,8 +106,15 @@ def prepare(
         ledgers = None if looks is None and control is None else Ledgers(stepper)
         stack.pop_all()
     touch, contacts = FirstTouch(stepper), ResolvedForces(scene) if scene.named(Contact) else None
-    known = policy, probes, recovery, touch, contacts, ledgers, error, looks
+    shortening = Shortening(scene, probes.points, partial(_about, switch, state, growth))
+    known = policy, probes, shortening, recovery, touch, contacts, ledgers, error, looks
     return Run(timeline, stepper, switch, *known, idle, growth, corrected), impact
+
+
+def _about(switch: Switch, state: State, growth: Growth | None, body: Body) -> About:
+    """The expansion of a body with shapes. Collective."""
+    found = None if growth is None else growth.about(body)
+    return switch.shaping.about(state, body) if found is None else found
 
 
 def _measure(scene: Scene, criterion: Criterion, forces: InternalForces) -> Indicator:

@@ -24,6 +24,7 @@ from rigidfx.report.probe_stress import Probes
 from rigidfx.report.report import Report
 from rigidfx.report.resolved_forces import ResolvedForces
 from rigidfx.scene.timeline import Timeline
+from rigidfx.shapes.shortening import Shortening
 from rigidfx.step.first_touch import FirstTouch
 from rigidfx.step.step_result import StepResult
 from rigidfx.step.stepper import Stepper
@@ -46,6 +47,7 @@ class Run:
         switch: Applies decisions, and follows effects that begin or end.
         policy: Decides on rigid and flexible cells; None if nothing does.
         probes: Points that are reported.
+        shortening: Displacements of second order of bodies with shapes.
         recovery: Forces that would strain rigid parts; None if forces wake none.
         touch: Foresees the first touch of a contact.
         resolved: Averages forces of contacts over the time that the mesh resolves; None without.
@@ -62,6 +64,7 @@ class Run:
     switch: Switch
     policy: Policy | None
     probes: Probes
+    shortening: Shortening
     recovery: Recovery | None
     touch: FirstTouch
     resolved: ResolvedForces | None
@@ -73,7 +76,7 @@ class Run:
     corrected: bool
 
     remembered: ClassVar[Remembered] = dict.fromkeys(
-        ("stepper", "policy", "touch", "resolved", "ledgers", "growth"), PART
+        ("stepper", "policy", "shortening", "touch", "resolved", "ledgers", "growth"), PART
     )
 
     @property
@@ -144,7 +147,9 @@ class Run:
         """Apply releases on a user's conditions before the step is solved again. Collective."""
         stepper = self.stepper
         with stepper.foreseen(attempt) as result:
-            report = report_of(number, stepper, self.probes, result, None, error=self.added)
+            report = report_of(
+                number, stepper, self.probes, result, None, self.shortening, error=self.added
+            )
             bodies = stepper.state.bodies.of.records
             _, cells = policy.releases.asked(report.t, report, bodies, before=True)
         seen = Observation(stepper, attempt.dt)

@@ -324,7 +324,8 @@ def _reports(
     ):
         bar.update(state.t)
         if not first:
-            report = report_of(0, stepper, run.probes, None, impact, run.recovery, run.added)
+            known = run.shortening, run.recovery, run.added
+            report = report_of(0, stepper, run.probes, None, impact, *known)
             report = replace(report, **held_at_start(scene, *switch.held), _writers=writers)
             report = run.accounted(report)
             for look in looks:
@@ -346,9 +347,8 @@ def _reports(
                     result, woken = run.advance(target, step)
                 except StepError as error:
                     raise balance.explained(error) from None
-                report = report_of(
-                    step, stepper, run.probes, result, impact, run.recovery, run.added
-                )
+                known = run.shortening, run.recovery, run.added
+                report = report_of(step, stepper, run.probes, result, impact, *known)
                 now, closeness = run.after(report)
                 report = amended(report, stepper, [*events, *woken, *now], closeness)
                 report = run.accounted(report)

@@ -43,6 +43,7 @@ from rigidfx.report.start import check_scene
 from rigidfx.scene.idle import warn_of_idle
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
+from rigidfx.shapes.shortening import Shortening
 from rigidfx.state import State
 from rigidfx.step.linear.petsc_options import SolverOptions
 from rigidfx.step.load_path import LoadPath
@@ -223,7 +224,9 @@ def _reports(
         "static",
         loose=loose,
     )
-    probes, number = Probes(scene), 0
+    probes, number, shortening = Probes(scene), 0, None
+    if shaping is not None:
+        shortening = Shortening(scene, probes.points, partial(shaping.about, state))
     looks = Whereabouts(scene.comm, ends[-1]), Stillness(scene)
     try:
         with heard(scene.comm, verbose), solver.at_work():
@@ -232,7 +235,7 @@ def _reports(
             path.follow(0.5 * ends[0])
             _tell_of_shapes(scene, state, shaping)
             tell(scene.comm, f"Statics of {path.unknowns} unknowns, {len(ends)} load steps.")
-            report = report_of(0, path, probes, None, None)
+            report = report_of(0, path, probes, None, None, shortening)
         yield report
         for end in ends:
             path.follow(0.5 * (state.t + end))
@@ -241,7 +244,7 @@ def _reports(
                 with heard(scene.comm, verbose), solver.at_work():
                     result = path.advance(end)
                     number += 1
-                    report = report_of(number, path, probes, result, None)
+                    report = report_of(number, path, probes, result, None, shortening)
                     tell(
                         scene.comm,
                         f"t = {state.t:.6g} s: {report.iterations} iterations, {result.cuts} cuts",

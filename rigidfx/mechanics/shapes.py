@@ -85,6 +85,11 @@ class Shapes:
         """m."""
         return len(self.force)
 
+    @property
+    def whole(self) -> Array:
+        """Φ with the drift, zero where a support holds the frame, shape (nodes, m, 3)."""
+        return self.modes if self.drift is None else self.modes + self.drift
+
 
 class ShapesOfBodies:
     """The shapes of some bodies as arrays; `some` of all bodies have any.

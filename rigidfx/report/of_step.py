@@ -17,6 +17,7 @@ from rigidfx.report.events import Event
 from rigidfx.report.probe_stress import Probes
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
+from rigidfx.shapes.shortening import Shortening
 from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures
 from rigidfx.step.step_result import StepResult
@@ -56,6 +57,7 @@ def report_of(
     probes: Probes,
     result: StepResult | None,
     impact: Impact | None,
+    shortening: Shortening | None = None,
     recovery: Recovery | None = None,
     error: ErrorMotion | None = None,
 ) -> Report:
@@ -67,12 +69,13 @@ def report_of(
         probes: Points that are reported.
         result: Result of the step; None for the initial state.
         impact: Impact of a support at the start of the step.
+        shortening: Displacements of second order of bodies with shapes; not shown if None.
         recovery: Strains withheld from rigid parts, if known.
         error: The error motion, which is added to displacements of probes; None if it is not.
     """
     state, solution = stepper.state, result.solution if result else None
     off = {} if error is None else error.at(probes.points)
-    moved = probes.displacements(state)
+    u, v = _shown(probes, state, shortening)
     return Report(
         step=step,
         t=state.t,
@@ -97,12 +100,12 @@ def report_of(
         closeness=np.nan,
         probes=Named(
             "report.probes",
-            {name: u + off[name].displacement for name, u in moved.items()} if off else moved,
+            {name: own + off[name].displacement for name, own in u.items()} if off else u,
         ),
-        velocities=_velocities(probes, state, off),
+        velocities=_velocities(v, off),
         error_motion=Named(
             "report.error_motion",
-            {name: off[name].displacement if off else np.zeros(3) for name in moved},
+            {name: off[name].displacement if off else np.zeros(3) for name in u},
         ),
         **_of_twin(error, result),
         ledger=None,
@@ -111,6 +114,7 @@ def report_of(
         _changes=state.changes,
         _indicator=stepper.indicator,
         _probes=probes,
+        _shortening=shortening,
         _recovery=recovery,
         _error=error,
     )
@@ -149,13 +153,22 @@ def amended(report: Report, stepper: Stepper, events: Sequence[Event], closeness
         report,
         **vars(stepper.measure()),
         rigid=stepper.state.bodies,
-        velocities=_velocities(probes, stepper.state, off),
+        velocities=_velocities(_shown(probes, stepper.state, report._shortening)[1], off),
     )
 
 
-def _velocities(probes: Probes, state: State, off: Mapping[str, Shown]) -> Mapping[str, Array]:
-    """Velocity of each probe, with the error motion where that is known [m/s]. Collective."""
-    own = probes.velocities(state)
+def _shown(
+    probes: Probes, state: State, shortening: Shortening | None
+) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
+    """Displacement [m] and velocity [m/s] of each probe, with those of second order. Collective."""
+    u, v = probes.displacements(state), probes.velocities(state)
+    if shortening is None or not (more := shortening.at_probes(state.bodies)):
+        return u, v
+    return {k: u[k] + d for k, (d, _) in more.items()}, {k: v[k] + r for k, (_, r) in more.items()}
+
+
+def _velocities(own: Mapping[str, Array], off: Mapping[str, Shown]) -> Mapping[str, Array]:
+    """Velocity of each probe, with the error motion where that is known [m/s]."""
     shown = {name: v + off[name].velocity for name, v in own.items()} if off else own
     return Named("report.velocities", shown)
 

@@ -24,6 +24,7 @@ from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledger
 from rigidfx.report.probe_stress import Probes, StressAt
 from rigidfx.report.writers import Writers
+from rigidfx.shapes.shortening import Shortening
 from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures
 from rigidfx.step.system.supports import Impact
@@ -227,6 +228,7 @@ class Report(Work, Measures):
     _changes: int
     _indicator: Indicator | None
     _probes: Probes
+    _shortening: Shortening | None = None
     _recovery: Recovery | None = None
     _error: ErrorMotion | None = None
     nu: Mapping[str, float] = field(default_factory=dict)
@@ -406,17 +408,15 @@ class Report(Work, Measures):
         self._check("shown")
         self._state.rebuild()
         state, found = self._state, None if self._error is None else self._error.shown()
-        if found is None:
-            none = None if self._error is None else fem.Function(state.u.function_space)
-            return state.u, state.v, none
-        e, moved, moving = (fem.Function(state.u.function_space) for _ in range(3))
-        n = found.displacement.size
-        e.x.array[:n] = found.displacement.reshape(-1)
-        moved.x.array[:n] = state.u.x.array[:n] + e.x.array[:n]
-        moving.x.array[:n] = state.v.x.array[:n] + found.velocity.reshape(-1)
-        for made in (e, moved, moving):
-            made.x.scatter_forward()
-        return moved, moving, e
+        more = None if self._shortening is None else self._shortening.field(state.bodies)
+        none = None if self._error is None else fem.Function(state.u.function_space)
+        u, v, e = state.u, state.v, none
+        if more is not None:
+            u, v = _with(u, more[0]), _with(v, more[1])
+        if none is not None and found is not None:
+            e = _with(none, found.displacement)
+            u, v = _with(u, found.displacement), _with(v, found.velocity)
+        return u, v, e
 
     @property
     def finds_bodies(self) -> bool:
@@ -429,6 +429,14 @@ class Report(Work, Measures):
                 f"Report.{name}: the report is of t = {self.t:g} s, and the run has gone on to "
                 f"{self._state.t:g} s. Ask before the next step, and keep a copy of what you need."
             )
+
+
+def _with(field: fem.Function, more: Array) -> fem.Function:
+    """A field with more at owned nodes, shape (nodes, 3). Collective."""
+    out = field.copy()
+    out.x.array[: more.size] += more.reshape(-1)
+    out.x.scatter_forward()
+    return out
 
 
 class Look:

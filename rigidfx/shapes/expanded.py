@@ -16,6 +16,7 @@ from contextlib import contextmanager
 
 import numpy as np
 from dolfinx import fem, la
+from mpi4py import MPI
 
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.coupling.mass import mass_operator
@@ -23,6 +24,7 @@ from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.kernels import add_vector
 from rigidfx.flexible.linear_forms import LinearForms
+from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.mechanics.rigid_motions import free_motions, rigid_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.orthonormal import Basis, columns, normalised
@@ -130,6 +132,27 @@ class Expanded:
         b.x.scatter_reverse(la.InsertMode.add)
         return np.array(b.x.array.reshape(-1, 3)[self.nodes])
 
+    def even(self, d: Array) -> Array:
+        """½ [f(d) + f(-d)] - f(0), the forces of second order, shape (nodes, 3) [N]. Collective."""
+        return np.asarray(0.5 * (self.forces(d) + self.forces(-d)) - self.internal)
+
+    def stiffening(self, along: Array, fields: Array) -> Array:
+        """K'[along] of fields, the change of K by a displacement, shape (nodes, 3, k). Collective.
+
+        Args:
+            along: The displacement, shape (nodes, 3) [m].
+            fields: Fields at its nodes, shape (nodes, 3, k).
+        """
+        comm, out = self._scene.comm, np.zeros_like(fields)
+        size = comm.allreduce(float(np.abs(along).max(initial=0.0)), op=MPI.MAX)
+        h = SMALL_WAY * self._scene.mean_cell_size / size if size > 0 else 0.0
+        for step in (h, -h) if h else ():
+            with self._displaced(step * along):
+                K = self.rows.assembled(self._linear.tangent(self.cells))
+            out += times(K, columns(fields), self.rows.vector).reshape(fields.shape) / (2 * step)
+            K.destroy()
+        return out
+
     def energy(self, d: Array) -> float:
         """½ d·K d [J]. Collective."""
         return 0.5 * float(self.dot(d[:, :, None], self.times_stiffness(d[:, :, None]))[0, 0])
@@ -144,8 +167,7 @@ class Expanded:
             d: Displacement by shapes, shape (nodes, 3) [m].
             respond: Static responses of the whole to forces on its nodes.
         """
-        even = 0.5 * (self.forces(d) + self.forces(-d)) - self.internal
-        w = d - self.unmoved(respond(even)[:, :, None])[:, :, 0]
+        w = d - self.unmoved(respond(self.even(d))[:, :, None])[:, :, 0]
         mean = (self.forces(w) + 4 * self.forces(0.5 * w) - 5 * self.internal) / 6
         linear = self.times_stiffness(d[:, :, None])[:, :, 0]
         return np.asarray((w * mean - 0.5 * d * linear).sum(axis=1) / self.energy(d))

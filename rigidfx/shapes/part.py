@@ -10,24 +10,20 @@ from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 import numpy as np
-from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.flexible.internal_forces import Cells
-from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.orthonormal import (
     INDEPENDENT,
     Basis,
-    columns,
     slowest,
     to_one,
     whole_groups,
 )
 from rigidfx.shapes.responses import Responses
-from rigidfx.shapes.stiffness import times
 
 __all__ = ["BLOCK", "LACKING", "MOST", "Part", "PartShapes"]
 
@@ -181,32 +177,18 @@ class Part(Expanded):
         Args:
             modes: At its nodes, shape (nodes, 3, m).
         """
-        responses, shape = self._responses, self._responses.stiffness.linear.shape
-        x, scene = responses.stiffness.places, self._scene
+        responses, scene = self._responses, self._scene
+        x = responses.stiffness.places
         x = x - np.asarray(scene.sum(np.r_[x.sum(axis=0), len(x)]))[:3] / scene.sum(len(x))
         fields = [
             (a == b) * x - 0.5 * (np.outer(x[:, b], np.eye(3)[a]) + np.outer(x[:, a], np.eye(3)[b]))
             for a, b in PAIRS
         ]
         psi = responses.solve(responses.inertia(np.stack(fields, axis=2)))
-        before, m = shape.x.array.copy(), modes.shape[2]
-        N = np.zeros((m, m, 3, 3))
+        N = np.zeros((*modes.shape[2:], *modes.shape[2:], 3, 3))
         for k, (a, b) in enumerate(PAIRS):
-            size = float(scene.comm.allreduce(np.abs(psi[:, :, k]).max(initial=0.0), op=MPI.MAX))
-            h = SMALL_WAY * scene.mean_cell_size / size if size > 0 else 0.0
-            sides = []
-            for sign in (1.0, -1.0):
-                shape.x.array[:] = before
-                own = shape.x.array[: 3 * scene.owned_nodes].reshape(-1, 3)
-                own += sign * h * psi[:, :, k]
-                shape.x.scatter_forward()
-                K = self.rows.assembled(responses.stiffness.linear.tangent(self.cells))
-                image = times(K, columns(modes), self.rows.vector).reshape(modes.shape)
-                sides.append(self.dot(modes, image))
-                K.destroy()
-            change = (sides[0] - sides[1]) / (2 * h) if h else sides[0] * 0.0
+            change = self.dot(modes, self.stiffening(psi[self.nodes, :, k], modes))
             N[:, :, a, b] = N[:, :, b, a] = -0.5 * (change + change.T)
-        shape.x.array[:] = before
         return N
 
     def unspanned(self, shapes: PartShapes, F: Array, most: int = MOST) -> tuple[Array, bool]:

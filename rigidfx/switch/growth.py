@@ -43,6 +43,7 @@ from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.shapes.found import Found
 from rigidfx.shapes.linear import Linear
 from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz
+from rigidfx.shapes.shortening import About
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt, Watch
 from rigidfx.switch.growth_control import GrowthControl
@@ -170,6 +171,13 @@ class Growth(Watch):
             Q = self._frames.of_sets([data.nodes], x)[0]
             self._found[data.number] = known = data, found, Q
         return known[1], known[2]
+
+    def about(self, body: Body) -> About | None:
+        """The expansion of a body; None of one that is named. Collective."""
+        if not self._grows(body.data):
+            return None
+        found, Q = self._of(body.data)
+        return About(self._bound().responses, found, Q)
 
     def shaped(self, body: Body) -> Body:
         """A body that was frozen just now with its shapes. Collective."""

@@ -33,6 +33,7 @@ from rigidfx.shapes.part import LACKING, MOST, Part, PartShapes
 from rigidfx.shapes.patterns import of_springs, patterns
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz, shapes_of
+from rigidfx.shapes.shortening import About
 from rigidfx.state import State
 from rigidfx.step.system.division import Hold
 from rigidfx.step.system.held_bodies import guided
@@ -437,6 +438,10 @@ class Shaping:
             return self._bind(state), self._part(body.data)
 
         return self._spent.follow(state, part_of)
+
+    def about(self, state: State, body: Body) -> About:
+        """The expansion of a body, about the start. Collective."""
+        return About(self._bind(state), self._part(body.data), np.eye(3))
 
     def destroy(self) -> None:
         """Free factor and matrices. Collective."""

@@ -93,6 +93,4 @@ class Spent:
 
 def whole_modes(data: RigidBody) -> Array:
     """Shapes at the nodes of a body, with the drift of those that are held, shape (nodes, m, 3)."""
-    if data.shapes is None:
-        return np.zeros((data.nodes.size, 0, 3))
-    return data.shapes.modes if data.shapes.drift is None else data.shapes.modes + data.shapes.drift
+    return np.zeros((data.nodes.size, 0, 3)) if data.shapes is None else data.shapes.whole

@@ -1,0 +1,202 @@
+"""Displacements of second order: how bending shortens bodies with shapes.
+
+A body that bends by d = Φ q alone gets longer, and its cells pull it back. With the forces f of its
+cells about the frozen shape and the static response K⁺ of the whole structure, all nodes go by
+
+    δ = -K⁺ (½ [f(d) + f(-d)] - f(0)) = -½ K⁺ K'[d] d
+
+more, in the frame of the body. U(q) is the energy with δ, to third order, so that steps go without
+it. Places that are shown contain it, but for parts that joints alone hold. At a probe, whose
+response to unit forces is g = K⁺ e,
+
+    δ = -½ Σ q_k q_l C_kl,    C_kl = g·K'[φ_k] φ_l,
+
+which is found once for each shape, when δ begins to count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from mpi4py import MPI
+
+from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.types import Array
+from rigidfx.effects import Joint
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rigid_body import Body
+from rigidfx.scene.points import Point
+from rigidfx.scene.scene import Scene
+from rigidfx.shapes.expanded import Expanded
+from rigidfx.shapes.part import LACKING
+from rigidfx.shapes.responses import Responses
+
+__all__ = ["About", "Shortening"]
+
+
+ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))  # of q, over the length of a body
+
+
+@dataclass(frozen=True)
+class About:
+    """The expansion of a body.
+
+    Attributes:
+        responses: Of the whole structure about its start.
+        part: The cells of the body about the shape in which it is frozen.
+        Q: Rotation of the body from the start to the freeze, shape (3, 3).
+    """
+
+    responses: Responses
+    part: Expanded
+    Q: Array
+
+
+class Shortening:
+    """δ of the bodies of a run, at probes and as a field."""
+
+    remembered: ClassVar[Remembered] = same("_looked", "_counting")
+
+    def __init__(
+        self, scene: Scene, points: Mapping[str, Point], about: Callable[[Body], About]
+    ) -> None:
+        """Nothing is computed.
+
+        Args:
+            scene: The problem.
+            points: Its probes.
+            about: The expansion of a body with shapes. Collective.
+        """
+        self._scene, self._points, self._about = scene, points, about
+        self._looked: dict[int, float] = {}  # Σ |q| of each body at the last look [m], by number
+        self._counting: frozenset[int] = frozenset()  # bodies whose δ is shown
+        self._terms: dict[int, Array] = {}  # C of each, shape (3 · probes, m, m) [1/m]
+        self._units: dict[int, Array] = {}  # g by responses, shape (owned nodes, 3, 3 · probes)
+
+    def at_probes(self, bodies: Bodies) -> dict[str, tuple[Array, Array]]:
+        """δ [m] and its rate [m/s] at each probe; nothing where no body bends by much. Collective.
+
+        Args:
+            bodies: The bodies.
+        """
+        counting = self._those(bodies) if self._points else []
+        if not counting:
+            return {}
+        moved, moving = np.zeros((2, len(self._points), 3))
+        for body in counting:
+            motion, about = body.motion, self._about(body)
+            half, turn = self._of_probes(body, about) @ motion.q, (motion.R @ about.Q).T
+            own = -0.5 * (half @ motion.q).reshape(-1, 3) @ turn
+            moved += own
+            moving -= (half @ motion.q_rate).reshape(-1, 3) @ turn
+            moving += np.cross(motion.angular_velocity, own)
+        return dict(zip(self._points, zip(moved, moving, strict=True), strict=True))
+
+    def field(self, bodies: Bodies) -> tuple[Array, Array] | None:
+        """δ [m] and its rate [m/s] at the owned nodes; None where no body bends by much.
+
+        Collective.
+
+        Args:
+            bodies: The bodies.
+        """
+        counting = self._those(bodies)
+        if not counting:
+            return None
+        moved, moving = np.zeros((2, self._scene.owned_nodes, 3))
+        for body in counting:
+            motion, about = body.motion, self._about(body)
+            d, rate = (_deformed(body, x) for x in (motion.q, motion.q_rate))
+            sizes = self._largest(d), self._largest(rate)
+            h = sizes[0] / sizes[1] if sizes[1] > 0 else 0.0
+            change = about.part.even(d + h * rate) - about.part.even(d - h * rate)
+            forces = [about.part.even(d), change / (2 * h) if h > 0 else change]
+            own, change = self._response(body, about, np.stack(forces, axis=2))
+            moved += own
+            moving += change + np.cross(motion.angular_velocity, own)
+        return moved, moving
+
+    def _those(self, bodies: Bodies) -> list[Body]:
+        """The bodies whose δ counts. Collective."""
+        return [] if bodies.of.shapes is None else [body for body in bodies if self._counts(body)]
+
+    def _counts(self, body: Body) -> bool:
+        """Whether δ of a body is above `LACKING`/10 before it bends twice as far. Collective."""
+        number, size = body.data.number, float(np.abs(body.motion.q).sum())
+        known = number in self._counting
+        if known or size <= max(2 * self._looked.get(number, 0.0), ROUNDING * body.data.length):
+            return known
+        self._looked[number], about = size, self._about(body)
+        if self._hangs(body, about.responses):
+            self._looked[number] = np.inf
+            return False
+        d = _deformed(body, body.motion.q)
+        (own,) = self._response(body, about, about.part.even(d)[:, :, None])
+        if 10 * 2 * self._largest(own) > LACKING * self._largest(d):
+            self._counting |= {number}
+        return number in self._counting
+
+    def _hangs(self, body: Body, responses: Responses) -> bool:
+        """Whether joints alone hold a body, so that K does not know where. Collective."""
+        part = responses.rigid.part
+        nodes = [v.nodes for joint in self._scene.named(Joint) for v in joint.averages]
+        jointed = np.concatenate([part[:0], *(part[own] for own in nodes)])
+        jointed = np.concatenate(self._scene.comm.allgather(np.unique(jointed)))
+        loose = responses.motions[body.data.nodes].any(axis=(1, 2))
+        hangs = loose & np.isin(part[body.data.nodes], jointed)
+        return bool(self._scene.sum(np.count_nonzero(hangs)) > 0)
+
+    def _largest(self, u: Array) -> float:
+        """The largest norm of any node. Collective."""
+        here = float(np.linalg.norm(u, axis=1).max(initial=0.0))
+        return self._scene.comm.allreduce(here, op=MPI.MAX)
+
+    def _response(self, body: Body, about: About, forces: Array) -> list[Array]:
+        """-K⁺ f in space of forces on a body in its frame, each (owned nodes, 3). Collective.
+
+        Args:
+            body: The body.
+            about: Its expansion.
+            forces: Shape (nodes, 3, k) [N].
+        """
+        F = np.zeros((self._scene.owned_nodes, 3, forces.shape[2]))
+        F[body.data.nodes] = np.einsum("ba,nbk->nak", about.Q, forces)
+        found, turn = about.responses.solve(F), (body.motion.R @ about.Q).T
+        return [-found[:, :, k] @ turn for k in range(forces.shape[2])]
+
+    def _of_probes(self, body: Body, about: About) -> Array:
+        """C of a body; rows of shapes that have grown are added. Collective."""
+        number, m, shapes = body.data.number, body.data.deforms_by, body.data.shapes
+        assert shapes is not None
+        known = self._terms.get(number, np.zeros((3 * len(self._points), 0, 0)))
+        before = known.shape[1]
+        if before == m:
+            return known
+        out = np.zeros((len(known), m, m))
+        out[:, :before, :before] = known
+        g = np.einsum("ab,nbp->nap", about.Q, self._unit(about.responses)[body.data.nodes])
+        modes = shapes.whole.swapaxes(1, 2)
+        for k in range(before, m):
+            images = about.part.stiffening(modes[:, :, k], modes[:, :, : k + 1])
+            out[:, k, : k + 1] = out[:, : k + 1, k] = about.part.dot(g, images)
+        self._terms[number] = out
+        return out
+
+    def _unit(self, responses: Responses) -> Array:
+        """Responses to unit forces at the probes. Collective."""
+        if id(responses) not in self._units:
+            F = np.zeros((self._scene.owned_nodes, 3, len(self._points), 3))
+            for p, point in enumerate(self._points.values()):
+                for axis in range(3):
+                    F[point.nodes, axis, p, axis] = point.weights
+            self._units[id(responses)] = responses.solve(F.reshape(len(F), 3, -1))
+        return self._units[id(responses)]
+
+
+def _deformed(body: Body, q: Array) -> Array:
+    """Φ q at the owned nodes of a body, shape (nodes, 3)."""
+    assert body.data.shapes is not None
+    return np.asarray(np.einsum("nka,k->na", body.data.shapes.whole, q))
