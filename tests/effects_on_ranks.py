@@ -44,5 +44,4 @@ with patch.multiple(dealt_rows, LOPSIDED=-1.0, FEW=least, DealtCells=copies):
                     sum(r.dissipated.values()),
                 ]
             )
-if scene.comm.rank == 0:
-    report(rows)
+report(rows)

@@ -88,6 +88,4 @@ def failing():
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
-    found = history()
-    if MPI.COMM_WORLD.rank == 0:
-        report(found)
+    report(history())

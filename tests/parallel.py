@@ -37,8 +37,9 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def report(data: Any) -> None:
-    """Leave data where `run` finds it; to be called once, by one rank of the script."""
-    Path(os.environ[RESULT]).write_text(json.dumps(data), encoding="utf-8")
+    """Leave rank 0's data where `run` finds it; to be called once by each rank of the script."""
+    if MPI.COMM_WORLD.rank == 0:
+        Path(os.environ[RESULT]).write_text(json.dumps(data), encoding="utf-8")
 
 
 def run(script: str | Path, ranks: int, timeout: float, *arguments: str) -> Any:

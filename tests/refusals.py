@@ -42,8 +42,7 @@ def on_each_rank(actions: Mapping[str, Callable[[], object]]) -> None:
             found[name] = type(error).__name__, re.sub(r" at 0x[0-9a-f]+", "", str(error))
         comm.barrier()  # a rank that is still in the case would hang here
     everybody = comm.gather(found)
-    if comm.rank == 0:
-        parallel.report(everybody)
+    parallel.report(everybody)
 
 
 def write_bodies_of(scene: rf.Scene, path: object) -> None:

@@ -13,7 +13,6 @@ from functools import cache
 import numpy as np
 import parallel
 import pytest
-from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.decide.criteria.budget_rule import level
@@ -360,5 +359,4 @@ if __name__ == "__main__":
     last, times = reports[-1], [event.t for report in reports for event in report.events]
     assert times, "nothing was decided"
     row = [last.step, last.unknowns, *times, *last.probes["tip"], last.ledger.rigidity.spent]
-    if MPI.COMM_WORLD.rank == 0:
-        parallel.report([float(x) for x in row])
+    parallel.report([float(x) for x in row])

@@ -427,6 +427,4 @@ def test_the_same_on_several_ranks(ranks):
 
 
 if __name__ == "__main__":
-    found = histories()
-    if MPI.COMM_WORLD.rank == 0:
-        parallel.report(found)
+    parallel.report(histories())

@@ -11,7 +11,6 @@ from unittest.mock import patch
 import numpy as np
 import parallel
 import pytest
-from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.coupling import dealt_rows
@@ -113,6 +112,4 @@ def test_dealt_with_every_effect():
 
 
 if __name__ == "__main__":
-    history = _history()
-    if MPI.COMM_WORLD.rank == 0:
-        parallel.report(history)
+    parallel.report(_history())

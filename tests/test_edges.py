@@ -193,5 +193,4 @@ if __name__ == "__main__":
     rows, by_rank = history()
     read = rf.Scene(rf.read_msh(sys.argv[1]), SOFT)
     sides = [int(nodes(read, f"side {k}")) for k in range(2, 6)]
-    if COMM.rank == 0:
-        tell({"rows": rows, "by rank": by_rank, "sides": sides})
+    tell({"rows": rows, "by rank": by_rank, "sides": sides})

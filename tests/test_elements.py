@@ -319,6 +319,4 @@ def test_what_cannot_be_is_refused(element, name):
 
 
 if __name__ == "__main__":
-    found_here = on_ranks(MPI.COMM_WORLD)
-    if MPI.COMM_WORLD.rank == 0:
-        parallel.report(found_here)
+    parallel.report(on_ranks(MPI.COMM_WORLD))

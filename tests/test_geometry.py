@@ -818,5 +818,4 @@ def test_refusals_on_several_ranks(runs):
 
 if __name__ == "__main__":
     found = {"adaptive": adaptive(), "refusals": refusals(Path(sys.argv[1]))}
-    if MPI.COMM_WORLD.rank == 0:
-        parallel.report(found)
+    parallel.report(found)

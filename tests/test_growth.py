@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from histories import tips
 from joints import boxes
-from mpi4py import MPI
 from parallel import check_the_same, report
 
 import rigidfx as rf
@@ -270,6 +269,4 @@ def test_the_mass_of_a_named_part_counts_once(mass):
 
 
 if __name__ == "__main__":
-    found = _found()
-    if MPI.COMM_WORLD.rank == 0:
-        report(found)
+    report(_found())

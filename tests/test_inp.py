@@ -396,5 +396,4 @@ if __name__ == "__main__":
         rf.read_inp(sys.argv[1] + ".none")
     except rf.SceneError as error:
         kinds = MPI.COMM_WORLD.gather(type(error).__name__)
-    if MPI.COMM_WORLD.rank == 0:
-        tell([[counts, kinds]])
+    tell([[counts, kinds]])

@@ -163,6 +163,4 @@ def test_on_two_ranks():
 
 
 if __name__ == "__main__":
-    results = starts()
-    if MPI.COMM_WORLD.rank == 0:
-        parallel.report(results)
+    parallel.report(starts())

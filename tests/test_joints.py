@@ -9,7 +9,6 @@ import numpy as np
 import parallel
 import pytest
 from joints import PIN, SOFT, bars, follow
-from mpi4py import MPI
 from runs import prepared, step
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
@@ -800,9 +799,7 @@ if __name__ == "__main__":
     import warnings
 
     warnings.simplefilter("ignore")
-    rows = history(sys.argv[1])
-    if MPI.COMM_WORLD.rank == 0:
-        parallel.report(rows)
+    parallel.report(history(sys.argv[1]))
 
 
 def test_a_motor_that_throws_a_rigid_body_is_told_without_a_node():

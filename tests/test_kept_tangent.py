@@ -9,7 +9,6 @@ import numpy as np
 import parallel
 import pytest
 from histories import column, drift, show
-from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.step.newton import chord, two_levels
@@ -190,6 +189,4 @@ def _history(name):
 
 
 if __name__ == "__main__":
-    found = histories()
-    if MPI.COMM_WORLD.rank == 0:
-        parallel.report(found)
+    parallel.report(histories())

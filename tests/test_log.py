@@ -173,8 +173,7 @@ if __name__ == "__main__":
         box = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1))
         list(rf.simulate(rf.Scene(box, MATERIAL), 0.1, 0.1, verbose=False))
     os.sched_setaffinity(0, own)
-    if MPI.COMM_WORLD.rank == 0:
-        parallel.report(heard)
+    parallel.report(heard)
 
 
 def test_a_bar_ends_where_the_run_does(capsys):

@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 from parallel import report as tell
 from parallel import run as mpirun
 from scipy.linalg import eigh
@@ -385,6 +384,4 @@ def test_a_motor_of_given_angle_locks_modes():
 
 
 if __name__ == "__main__":
-    found = on_ranks()
-    if MPI.COMM_WORLD.rank == 0:
-        tell(found)
+    tell(on_ranks())

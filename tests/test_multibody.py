@@ -185,6 +185,4 @@ def test_ranks_write_and_read_the_same_file(tmp_path, ranks):
 
 
 if __name__ == "__main__":
-    result = read_again(Path(sys.argv[1]))
-    if COMM.rank == 0:
-        parallel.report(result)
+    parallel.report(read_again(Path(sys.argv[1])))

@@ -198,5 +198,4 @@ def test_there_is_something_to_compare(histories):
 
 if __name__ == "__main__":
     results = {name: _history(*make()) for name, make in SCENES.items()}
-    if MPI.COMM_WORLD.rank == 0:
-        parallel.report({**results, "ranks": MPI.COMM_WORLD.size})
+    parallel.report({**results, "ranks": MPI.COMM_WORLD.size})

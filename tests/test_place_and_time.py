@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 from parallel import report as tell
 from parallel import run as mpirun
 from scipy.optimize import curve_fit
@@ -211,5 +210,4 @@ def test_fields_on_several_ranks():
 
 if __name__ == "__main__":
     found = on_ranks()
-    if MPI.COMM_WORLD.rank == 0:
-        tell([float(x) for x in found])
+    tell([float(x) for x in found])

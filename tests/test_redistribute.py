@@ -159,5 +159,4 @@ def test_bad_input_is_refused(case):
 if __name__ == "__main__":
     compared = {name: _compared(*case) for name, case in MESHES.items()}
     history = _history(COMM.size > 1)
-    if COMM.rank == 0:
-        parallel.report({"compared": compared, "history": history})
+    parallel.report({"compared": compared, "history": history})

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from histories import tips
-from mpi4py import MPI
 from parallel import check_the_same, report
 
 import rigidfx as rf
@@ -434,5 +433,4 @@ if __name__ == "__main__":
     found = _found()
     for case in BAD:
         test_bad_input_says_what_to_do(case)
-    if MPI.COMM_WORLD.rank == 0:
-        report(found)
+    report(found)

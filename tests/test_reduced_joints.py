@@ -9,7 +9,6 @@ import pytest
 from four_bars import MOTOR, bricard, four_bars
 from histories import tips
 from joints import apart
-from mpi4py import MPI
 from parallel import check_the_same, report
 from test_contact_pairs import boxes
 
@@ -216,9 +215,7 @@ def test_it_is_the_same_on_several_ranks(ranks):
 
 
 if __name__ == "__main__":
-    found = _found()
-    if MPI.COMM_WORLD.rank == 0:
-        report(found)
+    report(_found())
 
 
 def on_a_pad(*effects):

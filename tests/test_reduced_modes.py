@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 from parallel import check_the_same, report
 from test_reduced_joints import bars
 from test_reduced_statics import CASES, CLAMP, bar
@@ -88,6 +87,4 @@ def test_modes_are_the_same_on_two_ranks():
 
 
 if __name__ == "__main__":
-    numbers = _found()
-    if MPI.COMM_WORLD.rank == 0:
-        report(numbers)
+    report(_found())

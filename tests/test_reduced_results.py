@@ -144,6 +144,4 @@ def test_results_are_the_same_on_two_ranks():
 
 
 if __name__ == "__main__":
-    found = _found()
-    if MPI.COMM_WORLD.rank == 0:
-        report(found)
+    report(_found())

@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 from parallel import check_the_same, report
 from test_reduced_joints import BOTH, HINGE, bars
 from test_reduced_results import SOFT
@@ -157,6 +156,4 @@ def test_statics_are_the_same_on_two_ranks():
 
 
 if __name__ == "__main__":
-    found = _found()
-    if MPI.COMM_WORLD.rank == 0:
-        report(found)
+    report(_found())

@@ -301,8 +301,7 @@ def _script():
         held = [[bool(mine & body) for body in bodies] for bodies in found]
         ranks = COMM.allgather([h for of_case in held for h in of_case])
         shared[cell] = int((np.sum(ranks, axis=0) > 1).sum())
-    if COMM.rank == 0:
-        parallel.report({**results, "shared": shared})
+    parallel.report({**results, "shared": shared})
 
 
 if __name__ == "__main__":

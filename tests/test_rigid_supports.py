@@ -249,8 +249,7 @@ def main():
         except SceneError as error:
             message = str(error)
         found[name] = comm.gather(message)
-    if comm.rank == 0:
-        parallel.report(found)
+    parallel.report(found)
 
 
 if __name__ == "__main__":

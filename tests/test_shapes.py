@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 from parallel import report as tell
 from parallel import run as mpirun
 from scipy.linalg import eigh
@@ -442,6 +441,4 @@ def test_ranks(ranks):
 
 
 if __name__ == "__main__":
-    rows = found()
-    if MPI.COMM_WORLD.rank == 0:
-        tell(rows)
+    tell(found())

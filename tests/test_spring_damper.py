@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 import parallel
 import pytest
-from mpi4py import MPI
 from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, eigh
 from test_contact_pairs import boxes
@@ -448,6 +447,4 @@ def test_a_spring_of_a_held_face_has_its_force():
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
-    found = history()
-    if MPI.COMM_WORLD.rank == 0:
-        parallel.report(found)
+    parallel.report(history())

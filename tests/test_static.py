@@ -328,9 +328,7 @@ def test_ranks_find_the_same(ranks):
 
 
 if __name__ == "__main__":
-    found = on_ranks()
-    if MPI.COMM_WORLD.rank == 0:
-        tell(found)
+    tell(on_ranks())
 
 
 def test_a_rigid_part_takes_what_a_beam_lacks_by_it():

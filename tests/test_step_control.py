@@ -9,7 +9,6 @@ import numpy as np
 import parallel
 import pytest
 from histories import NEWTON, column, drift, tips
-from mpi4py import MPI
 from runs import prepared, step
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from test_contact_pairs import boxes
@@ -593,5 +592,4 @@ if __name__ == "__main__":
         last = run(pulled(), rf.StepControl(0.05, at, largest=0.3), 3.0)[-1]
         ledger = last.ledger
         out.append([last.step, ledger.rejected, last.t, *last.probes["tip"], ledger.time.spent])
-    if MPI.COMM_WORLD.rank == 0:
-        parallel.report([[float(x) for x in row] for row in out])
+    parallel.report([[float(x) for x in row] for row in out])

@@ -974,8 +974,7 @@ def _script():
     results["warned"] = COMM.gather(mine)
     if COMM.size > 1:
         results["refused"] = COMM.gather(_refusal())
-    if COMM.rank == 0:
-        parallel.report(results)
+    parallel.report(results)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ import numpy as np
 import parallel
 import pytest
 from histories import show
-from mpi4py import MPI
 
 import rigidfx as rf
 
@@ -122,5 +121,4 @@ if __name__ == "__main__":
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
         floating(middle=ratio(1e13), cells=(12, 2, 2))
-    if MPI.COMM_WORLD.rank == 0:
-        parallel.report([str(w.message) for w in heard if "In the step" in str(w.message)])
+    parallel.report([str(w.message) for w in heard if "In the step" in str(w.message)])

@@ -446,6 +446,4 @@ def test_several_ranks_wake_as_one(ranks):
 
 
 if __name__ == "__main__":
-    found = history()
-    if COMM.rank == 0:
-        parallel.report(found)
+    parallel.report(history())

@@ -77,5 +77,4 @@ if __name__ == "__main__":
         for result in carry_out(case, short=True)
         if not result.stable
     ]
-    if MPI.COMM_WORLD.rank == 0:
-        parallel.report(found)
+    parallel.report(found)
