@@ -35,7 +35,7 @@ def energy(q):
     return 0.5 * K * (q - 1.0) ** 2 + 0.25 * CUBIC * (q - 1.0) ** 4
 
 
-def blocks(name, *effects, law=energy, **options):
+def blocks(name, *effects, **options):
     """Two blocks, each of two cells, with a spring between them along x."""
     unit = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1, 2)], dtype=float)
     cells = np.array([[k, k + 1, k + 3, k + 4, k + 6, k + 7, k + 9, k + 10] for k in (0, 1)])
@@ -50,7 +50,7 @@ def blocks(name, *effects, law=energy, **options):
     domain = domain.with_facets("foot", lambda x: np.isclose(x[0], 0))
     domain = domain.with_facets("far", lambda x: np.isclose(x[0], 5))
     a, b, parts = ENDS[name]
-    spring = OwnSpring(a, b, law)  # noqa: F821 - of the page
+    spring = OwnSpring(a, b, energy)  # noqa: F821 - of the page
     return rf.Scene(domain, SOFT, [spring, *parts, *effects], **options)
 
 
@@ -70,20 +70,6 @@ def straining():
     *_, last = rf.static(blocks("rigid faces", *held, pull), 2)
     length = 1.0 + brentq(lambda x: K * x + CUBIC * x**3 - 5e3, 0.0, 1.0)
     return last.springs / energy(length)
-
-
-def failing():
-    """A run whose law fails on the last rank only."""
-    calls = []
-
-    def law(q):
-        calls.append(q)
-        if len(calls) > 40 and MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1:
-            raise ZeroDivisionError("no such energy")
-        return energy(q)
-
-    pull = rf.InitialVelocity((1.0, 0.0, 0.0))
-    list(rf.simulate(blocks("flexible", pull, law=law), 0.01, 0.3))
 
 
 if __name__ == "__main__":

@@ -281,7 +281,7 @@ def test_friction_alone_holds_a_block_on_a_slope(rigid):
 
     Beyond, each load step fails, runs away, and must not be taken for one at its rounding.
     """
-    block = rf.box((0, 0, 0), (1, 1, 0.5), (3, 3, 2))
+    block = rf.box((0, 0, 0), (1, 1, 0.5), (2, 2, 1))
     floor = rf.Plane((0, 0, 0), (0, 0, 1))
     mu, creep = 0.4, 1e-4
     grip = rf.Contact("z0", against=floor, friction=mu, creep=creep, title="floor")

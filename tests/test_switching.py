@@ -813,12 +813,6 @@ def _story(**options):
     return scene, rf.StrainRate(8e-3, 1.0, release=release, **options), 0.2, 16.0
 
 
-def _nothing():
-    """No cell qualifies."""
-    scene = bar(SPIN, cells=(8, 2, 2), probes={"at the end": (7.6, 0.6, 0.3)})
-    return scene, rf.StrainRate(1e-6, 1.0), 0.1, 2.2  # two windows
-
-
 def _one_end():
     """The only body lies on one rank; a smooth load releases it, and a condition."""
     scene = bar(
@@ -847,7 +841,6 @@ def _pushed():
 STORIES = {
     "story": partial(_story, wake="all"),
     "one end": _one_end,
-    "nothing": _nothing,
     "pushed": _pushed,
 }
 
@@ -935,7 +928,6 @@ def test_story_has_all_kinds_of_switches(on_ranks):
     assert lost <= ROUNDING
     assert closeness > 1e-4  # far more than histories differ
     assert min(row["unknowns"] for row in rows) == 6
-    assert not any(row["events"] for row in on_ranks[1]["nothing"])
     reasons = [event[2] for row in on_ranks[1]["one end"] for event in row["events"]]
     assert {"condition", "Gravity on 'all cells' changes"} < set(reasons)
 
