@@ -32,6 +32,7 @@ SOME = {
     "impact": ("--only", "wall"),
     "mechanisms": ("--only", "Bricard"),
     "reduced": ("--only", "plate"),
+    "solver_ablation": ("--rules", "secants"),
     "size": ("--levels", "reduced"),  # `reduced` runs the same plate beside its twin
 }
 # Long ones, whose steps, switches, contacts and files others have on two ranks.

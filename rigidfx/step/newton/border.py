@@ -220,14 +220,13 @@ class Border:
             )
         return factors
 
-    def solve(self, solve: Solve, r: PETSc.Vec, z: PETSc.Vec, kept: bool = False) -> None:
+    def solve(self, solve: Solve, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Solve with joints. Collective.
 
         Args:
             solve: Solves without them.
             r: Right-hand side, in the frame of the tangent.
             z: Solution, overwritten.
-            kept: Whether factors of the small system serve that this step has made already.
         """
         if self._rows is None:
             solve(r, z)
@@ -238,7 +237,7 @@ class Border:
         q = self._sum(np.asarray(self._ET @ self._z.array_r))
         if turned is not None:
             q = turned @ q
-        if self._factors is None or not kept:
+        if self._factors is None:
             self._factors = self._factor()
         f, multipliers = self._factors(q, self._rows.of_rows(r.array_r))
         if turned is not None:
@@ -293,7 +292,7 @@ class BorderedFactors:
 
     def apply(self, pc: PETSc.PC | None, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """PETSc's call. Collective."""
-        self._border.solve(self.inner.solve, r, z, kept=True)
+        self._border.solve(self.inner.solve, r, z)
 
     def destroy(self, pc: PETSc.PC | None = None) -> None:
         """PETSc's call: free the inner solver. Collective."""

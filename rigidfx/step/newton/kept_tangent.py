@@ -230,7 +230,7 @@ class KeptTangent:
         r.copy(self._right)
         if self._Q is not None:
             self._frames.turn(self._right.array, self._Q, back=True)
-        self._border.solve(self._solve, self._right, z, kept=True)
+        self._border.solve(self._solve, self._right, z)
         if self._factor != 1.0:
             z.scale(self._factor)
         self._secants.mend(z.array, self.learning)

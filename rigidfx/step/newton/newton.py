@@ -200,7 +200,7 @@ class Newton:
         # What keeps tangents, here or in the last division that was large enough for it.
         self._experience = self._chord
         self._keeping = False  # whether the present solve is by the chord method
-        self._offered, self._best = 0, 0  # first guesses of the last choice, and what it was
+        self._best = 0  # first guess that was taken last
         self.known = False
         self._tangents, self._failed = 0, False  # and whether the last iteration has failed
         self._ending, self._saved_norm = 0, 0.0  # reason to stop at a solution, and its ‖R‖ [N]
@@ -256,8 +256,6 @@ class Newton:
     def _solve_by_chord(self, chord: Chord, guesses: Sequence[Guess]) -> Solution:
         """Solve with a tangent that is kept."""
         own = self._snes.getKSP(), self.stop
-        if len(guesses) == self._offered and chord.serving:  # the better one costs two residuals
-            guesses = [guesses[self._best]]
         chord.begin(self.equilibrium.dt)
         self._snes.setKSP(chord.ksp)
         self.stop, self._keeping = chord.stop, True
@@ -314,12 +312,11 @@ class Newton:
                 self._chord.renew()
             elif self.conserving.doubtful:
                 self._chord.make()
-        elif self._bordered is None or not self.stop.steep:
+        else:
             self.equilibrium.tangent()
             if self._bordered is not None:
                 self._bordered.renew()
             self._tangents += 1
-            self.stop.renewed()
 
     def _iterate(self, guesses: Sequence[Guess]) -> int:
         if self._failed and not self._keeping and self._bordered is None:
@@ -332,7 +329,7 @@ class Newton:
             order = sorted(range(len(guesses)), key=lambda k: k == self._best)
             norms = [self._norm_at(guesses[k]) for k in order]
             last = int(np.argmin(np.nan_to_num(norms, nan=np.inf)))
-            self._offered, self._best = len(norms), order[last]
+            self._best = order[last]
             self.known = last == len(norms) - 1
             guesses = [guesses[self._best]]
         if not self.known:  # rounding is that of the guess, not of a failed iterate

@@ -5,10 +5,6 @@ that needs hardly any force (rest, free flight of a stiff body) this is below th
 strains, whose size is estimated. Then a residual that falls slowly and is close to rounding is a
 stall. A residual that grows is a stall only if it is itself rounding.
 
-With joints, whose border makes new tangents twice as dear, an iteration that reduces ‖R‖ by 1e-4 or
-more hands its tangent on to the next one, and a step with such ends at a tenth of the tolerance. In
-a machine of four bodies on a reduced plate these reduce ‖R‖ by 1e-5 each, at half of the cost.
-
 When an iteration with a kept tangent stops: at a tenth of Newton's tolerance, or at rounding.
 
 With a kept tangent the residual falls by one factor in each iteration. A factor near one need not
@@ -18,8 +14,6 @@ solutions stop there. The change of energy and momenta is measured in any case, 
 """
 
 from __future__ import annotations
-
-from itertools import pairwise
 
 import numpy as np
 from petsc4py import PETSc
@@ -38,9 +32,6 @@ ROUNDING = 2.0  # safety on an estimated, or met, level of rounding
 STALL = 0.2  # Newton has met rounding where it reduces the residual by less than this ...
 MARGIN = 100.0  # ... and the residual, if it has not grown, is within this factor of the estimate
 HIDDEN = 0.1  # of the tolerance: an older tangent, unlike a new one, does not square the error
-# Reduction of ‖R‖ by an iteration after which its tangent serves the next one: by three such
-# iterations a step ends.
-STEEP = float(np.cbrt(RELATIVE_TOLERANCE))
 MAX_ITERATIONS = 25
 NOT_FINITE = -4  # DIVERGED_FNORM_NAN, or DIVERGED_FUNCTION_NANORINF, as its name is in PETSc 3.25
 DIVERGENCE = 1e6  # growth of the residual at which Newton gives up ...
@@ -61,32 +52,12 @@ class StoppingTest:
     def __init__(self, rtol: float = RELATIVE_TOLERANCE, max_it: int = MAX_ITERATIONS) -> None:
         """Begin with no iterate and no rounding."""
         self.history: list[float] = []
-        self._renewed_at = -1  # iterate of the tangent; -1 if that is of an earlier solve
         self.rounding = self._noise = 0.0
         self.rtol, self.max_it = rtol, max_it
 
     def restart(self) -> None:
         """Forget the iterates; the rounding level stays until it is estimated anew."""
         self.history = []
-        self._renewed_at = -1
-
-    def renewed(self) -> None:
-        """Record a new tangent at the last iterate."""
-        self._renewed_at = len(self.history) - 1
-
-    @property
-    def steep(self) -> bool:
-        """Whether ‖R‖ fell so far in an iteration of this solve that its tangent may stay."""
-        return self._older() and self.history[-1] <= STEEP * self.history[-2]
-
-    def _older(self, than: int = -1) -> bool:
-        """Whether the tangent is of this solve, and of an iterate before one of `history`."""
-        return 0 <= self._renewed_at < len(self.history) + than
-
-    @property
-    def _goal(self) -> float:
-        """Reduction of ‖R‖ that ends the step, after the last iteration."""
-        return self.rtol * HIDDEN if self._older(-2) else self.rtol
 
     def expect_rounding(self, noise: float) -> None:
         """Set the size of the terms whose difference R is [N]."""
@@ -107,7 +78,7 @@ class StoppingTest:
             return int(Reason.DIVERGED_DTOL)
         if norm == 0.0:
             return int(Reason.CONVERGED_FNORM_ABS)
-        if iteration > 0 and norm <= self._goal * first:
+        if iteration > 0 and norm <= self.rtol * first:
             return int(Reason.CONVERGED_FNORM_RELATIVE)
         if iteration > 0 and self._at_rounding():
             return int(Reason.CONVERGED_FNORM_ABS)
@@ -125,21 +96,14 @@ class StoppingTest:
 
         To be below the estimated level is not enough: in a stiff body that level is far above the
         forces that move it as a whole, and momenta would drift. Either Newton no longer gets
-        anywhere, now or when it was there before, or the rest after its quadratic convergence is
-        negligible.
+        anywhere, or the rest after its quadratic convergence is negligible.
         """
         *earlier, last, norm = self.history
-        stalled, kept = norm > STALL * last, self._older(-2)
+        stalled = norm > STALL * last
         if norm > self.rounding:
-            return stalled and not kept and norm <= last and norm <= MARGIN * self.rounding
+            return stalled and norm <= last and norm <= MARGIN * self.rounding
         truncation = last * (last / earlier[-1]) ** 2 if earlier else last
-        negligible = not kept and truncation <= self.rtol * self.history[0]
-        return stalled or negligible or self._thrown_back()
-
-    def _thrown_back(self) -> bool:
-        """Whether Newton has been at rounding before, and its next iterate was no better."""
-        pairs = pairwise(self.history[1:-1])
-        return any(norm <= self.rounding and then > STALL * norm for norm, then in pairs)
+        return stalled or truncation <= self.rtol * self.history[0]
 
 
 def judged(reason: int) -> int:
@@ -168,10 +132,16 @@ class ChordTest(StoppingTest):
         """Begin with no tangent."""
         super().__init__(HIDDEN * rtol, max_it)
         self._floor = 0.0  # ‖R‖ at which a new tangent did no better, as a part of what R is of
+        self._renewed_at = -1  # iterate of the tangent; -1 if that is of an earlier solve
 
-    @property
-    def _goal(self) -> float:
-        return self.rtol
+    def restart(self) -> None:
+        """See `StoppingTest`; the tangent is of an earlier solve."""
+        super().restart()
+        self._renewed_at = -1
+
+    def renewed(self) -> None:
+        """Record a new tangent at the last iterate."""
+        self._renewed_at = len(self.history) - 1
 
     @property
     def target(self) -> float:

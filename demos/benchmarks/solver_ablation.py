@@ -1,0 +1,143 @@
+"""What each rule of the step's solver buys: iterations and new tangents of a step without it.
+
+Scenes are those of `reduced.py`, flexible and with their parts reduced, the tumbling L, a plate
+that bends far, links, steel that falls on its corner, and a bar that turns by 0.8 rad in a step. A
+tangent counts by its price in iterations (`rigidfx.step.newton.factors.price`), with four times as
+many entries in its factors as in itself. The cost of a step is iterations + price × tangents, alike
+on every machine. A rule's column has the cost without it over that with all of them.
+
+    ./fenicsx python3 demos/benchmarks/solver_ablation.py
+    ./fenicsx python3 demos/benchmarks/solver_ablation.py --only plate links --rules secants
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+from bench import Parser, conclude
+from bench.mechanism_scenes import hinged
+from common import say
+from reduced import arm, crank, drop, plate, spin
+
+import rigidfx as rf
+from meshes.tumbling_l import tumbling_l
+from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.newton import chord, kept_tangent, low_rank
+from rigidfx.step.newton.factors import entries_of, price
+from rigidfx.step.newton.stopping_test import ChordTest
+from rigidfx.step.system import system
+
+FILLED = 4.0  # entries of factors over those of a tangent
+STEPS = 60  # of each run
+STEEL = rf.StVenantKirchhoff(E=2.1e11, nu=0.3, rho=7800.0)
+Run = tuple[rf.Scene, Any, float]  # scene, Δt and end
+
+
+def by_case(make: Callable[[], Any], reduced: bool) -> Run:
+    """A case of `reduced.py`."""
+    case = make()
+    return case.scene(*(case.parts if reduced else ())), case.dt, case.t_end
+
+
+def tumbling() -> Run:
+    """The tumbling L under its pushes."""
+    size, ramp = np.array([256.0, 512.0, 768.0]) / 90, rf.Table([0, 2.5, 5], [0, 2.5, 0])
+    sides = {"top": 1, "side": -1}
+    pushes = [rf.Traction(k, tuple(s * size), time=ramp, until=5.0) for k, s in sides.items()]
+    soft = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
+    return rf.Scene(tumbling_l(2), soft, pushes), 0.1, 6.0
+
+
+def bent(load: float, *parts: rf.Reduced) -> Run:
+    """A steel plate that bends by a third of its length, or less with a reduced half."""
+    body = rf.box((0, 0, 0), (0.3, 0.1, 0.003), (30, 10, 1))
+    body = body.with_cells("half", lambda x: x[0] >= 0.15 - 1e-9)
+    effects = [rf.Fixed("x0"), rf.Traction("x1", (0, 0, load)), *parts]
+    return rf.Scene(body, STEEL, effects, element="enhanced"), 5e-4, 0.02
+
+
+def turning() -> Run:
+    """A steel bar that turns by 0.8 rad in a step."""
+    body = rf.box((0, 0, 0), (1, 0.1, 0.1), (16, 2, 2))
+    return rf.Scene(body, STEEL, [rf.InitialVelocity(angular=(0, 0, 100.0))]), 8e-3, 0.2
+
+
+def corner() -> Run:
+    """A steel block that falls on its corner."""
+    body = rf.box((0, 0, 1e-4), (0.1, 0.1, 0.1001), (8, 8, 8))
+    floor = rf.Plane((0, 0, 0), (0.02, 0.01, 1))
+    contact = rf.Contact("z0", against=floor, stiffness=1e12, title="floor")
+    effects = [contact, rf.InitialVelocity((0, 0, -1.0))]
+    return rf.Scene(body, STEEL, effects, element="enhanced"), 2e-6, 1.2e-4
+
+
+CASES = {"plate": partial(plate, 16), "spin": partial(spin, 38), "drop": partial(drop, 0.02)}
+CASES |= {"arm": partial(arm, 0.03), "crank": partial(crank, 0.03)}
+SCENES: dict[str, Callable[[], Run]] = {
+    **{name: partial(by_case, make, False) for name, make in CASES.items()},
+    **{f"{name}, reduced": partial(by_case, make, True) for name, make in CASES.items()},
+    "L": tumbling,
+    "bent": partial(bent, 3e6),
+    "bent, reduced": partial(bent, 1e6, rf.Reduced("half")),
+    "turning": turning,
+    "corner": corner,
+    "links": lambda: (hinged(3), 0.02, 1.0),
+}
+predict = system.predict
+RULES: dict[str, tuple[Any, str, Any]] = {  # where each is, and what stands there without it
+    "secants": (kept_tangent.Secants, "mend", lambda *_: None),
+    "secants, from iterates above rounding alone": (chord, "CLEAR", 0.0),
+    "six secants more": (kept_tangent, "MOST", 6),
+    "judged after four iterations, not two": (chord, "OWN", 2),
+    "guess with relative motion": (system, "predict", lambda *given: predict(*given)[-1:]),
+    "guess by mean motion alone": (system, "predict", lambda *given: predict(*given)[:1]),
+    "contacts followed by low rank": (low_rank.LowRank, "follow", lambda *_: False),
+    "rounding is remembered": (ChordTest, "_floor", property(lambda _: 0.0, lambda *_: None)),
+}
+assemble = Equilibrium.tangent
+
+
+def cost(make: Callable[[], Run], rule: tuple[Any, str, Any] | None, steps: int) -> dict[str, Any]:
+    """Iterations, tangents and cost of a step, without a rule if one is given."""
+    prices: list[float] = []
+
+    def tangent(equilibrium: Equilibrium) -> None:
+        assemble(equilibrium)
+        prices.append(price(equilibrium, FILLED * entries_of(equilibrium.tangent_matrix)))
+
+    with ExitStack() as stack:
+        stack.enter_context(warnings.catch_warnings())
+        warnings.simplefilter("ignore", rf.RigidfxWarning)
+        stack.enter_context(patch.object(Equilibrium, "tangent", tangent))
+        if rule is not None:
+            stack.enter_context(patch.object(*rule, create=True))
+        scene, dt, t_end = make()
+        reports = [r for r, _ in zip(rf.simulate(scene, dt, t_end), range(steps + 1), strict=False)]
+    n, iterations = len(reports) - 1, sum(report.iterations for report in reports)
+    found = {"unknowns": reports[-1].unknowns, "iterations": iterations / n}
+    return found | {"tangents": len(prices) / n, "cost": (iterations + sum(prices)) / n}
+
+
+if __name__ == "__main__":
+    parser = Parser(__file__, "What each rule of the solver buys.", "a bar, ten steps")
+    parser.add_argument("--only", nargs="+", default=[*SCENES], choices=[*SCENES])
+    parser.add_argument("--rules", nargs="*", default=[*RULES], choices=[*RULES])
+    options = parser.read()
+    steps, rows = 10 if options.short else STEPS, []
+    for name in ["spin", "spin, reduced"] if options.short else options.only:
+        row = {"scene": name, **cost(SCENES[name], None, steps)}
+        for rule in options.rules:
+            row[rule] = cost(SCENES[name], RULES[rule], steps)["cost"] / row["cost"]
+        rows.append(row)
+        say(", ".join(f"{k} {v if k == 'scene' else format(v, '.4g')}" for k, v in row.items()))
+    for rule in options.rules:
+        ratios = np.array([row[rule] for row in rows])
+        mean = float(np.exp(np.log(ratios).mean()))
+        say(f"{rule}: {mean:.3f} in the mean, {ratios.min():.3f} to {ratios.max():.3f}")
+    conclude(options.out, {"rows": rows})
