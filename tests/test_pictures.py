@@ -20,7 +20,7 @@ from rigidfx.plot import joints
 from rigidfx.plot.curves import figure_of
 from rigidfx.plot.panels import MOST, of_joints
 from rigidfx.plot.pictures import pictures
-from rigidfx.plot.renders import Photograph, images, key, pyvista, surface_of
+from rigidfx.plot.renders import Look, Photograph, images, key, pyvista, surface_of
 from rigidfx.plot.shapes import Shapes, factor_of, show
 
 pytest.importorskip("pyvista")
@@ -100,9 +100,8 @@ def test_strain_rates_have_a_logarithmic_scale():
         scale = figure.axes[-1]
         assert scale.get_yscale() == "log"
         np.testing.assert_allclose(scale.get_ylim(), ends, rtol=1e-6)
-    (image,) = images(
-        [photograph(1e-6, 1e-3, 1.0)], "strain_rate", (0, -1, 0), (0, 0, 1), False, 99
-    )
+    look = Look((0, -1, 0), (0, 0, 1), False)
+    (image,) = images([photograph(1e-6, 1e-3, 1.0)], "strain_rate", look, 99)
     middle = image[image.shape[0] // 2]
     colours = np.unique(middle[(middle != 255).any(axis=1)], axis=0)
     assert len(colours) >= 3, "a linear scale shows two of them alike"

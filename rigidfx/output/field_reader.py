@@ -15,9 +15,10 @@ import numpy.typing as npt
 from rigidfx.base.errors import OutputError, RigidfxError, SceneError
 from rigidfx.base.inputs import number, path_of, shown
 from rigidfx.flexible.stress import tensors
+from rigidfx.output.paraview import Body
 from rigidfx.output.vtkhdf import hdf
 
-__all__ = ["RecordedFields", "read_fields"]
+__all__ = ["RecordedFields", "grid_of", "read_fields"]
 
 Array = npt.NDArray[Any]
 Values = dict[str, Array]
@@ -185,13 +186,7 @@ class RecordedFields:
         Raises:
             SceneError: If there is no pyvista.
         """
-        try:
-            import pyvista
-        except ImportError:
-            raise SceneError("read_fields: a mesh needs pyvista (pip install pyvista).") from None
-        table = np.insert(self.cells, 0, self.cells.shape[1], axis=1).reshape(-1)
-        types = np.full(len(self.cells), self.vtk_type, np.uint8)
-        return pyvista.UnstructuredGrid(table, types, self.points)
+        return grid_of(self)
 
     def _nearest(self, t: float | None) -> int:
         if t is None:
@@ -216,6 +211,21 @@ def _whole(fields: Values) -> Values:
             six = values.shape[1] == 6
             out[name] = tensors(values) if six else values.reshape(-1, 3, 3)
     return out
+
+
+def grid_of(body: Body | RecordedFields) -> Any:
+    """A body without fields, an `UnstructuredGrid` of pyvista.
+
+    Raises:
+        SceneError: If there is no pyvista.
+    """
+    try:
+        import pyvista
+    except ImportError:
+        raise SceneError("read_fields: a mesh needs pyvista (pip install pyvista).") from None
+    table = np.insert(body.cells, 0, body.cells.shape[1], axis=1).reshape(-1)
+    types = np.full(len(body.cells), body.vtk_type, np.uint8)
+    return pyvista.UnstructuredGrid(table, types, body.points)
 
 
 def read_fields(path: str | Path) -> RecordedFields:

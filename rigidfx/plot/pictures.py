@@ -12,9 +12,7 @@ They are made from the recorder's files, so also while a run goes on and after o
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -38,6 +36,7 @@ from rigidfx.plot.curves import (
 from rigidfx.plot.panels import of_joints, of_probes
 from rigidfx.plot.renders import (
     VIEW,
+    Look,
     Photograph,
     check_camera,
     film,
@@ -58,6 +57,8 @@ __all__ = [
     "save",
     "spent",
 ]
+
+Camera = tuple[Sequence[float], Sequence[float]]
 
 FRAMES = 100  # times that a film shows at most, unless told otherwise
 ENERGIES = {"withheld": "withheld by rigidity", "frozen": "frozen vibration"}
@@ -163,7 +164,7 @@ def pictures(
         if not history.exists():
             raise OutputError(f"there is no {history}; a Recorder writes it")
         made.extend(_of_numbers(history, free_since, title))
-        made.extend(_of_shapes(place, int(shapes), int(frames), _Look(view, up, title, factor)))
+        made.extend(_of_shapes(place, int(shapes), int(frames), (view, up), title, factor))
 
     on_first_rank(comm, draw, f"pictures of '{folder}'")
     return list(comm.bcast(made))
@@ -199,31 +200,23 @@ def _of_numbers(history: Path, free_since: float | None, title: str) -> list[Pat
     return made
 
 
-@dataclass(frozen=True)
-class _Look:
-    """How shapes are looked at; see `pictures`."""
-
-    view: Sequence[float]
-    up: Sequence[float]
-    title: str
-    scale: Scale
-
-
-def _of_shapes(folder: Path, shapes: int, frames: int, look: _Look) -> list[Path]:
+def _of_shapes(
+    folder: Path, shapes: int, frames: int, camera: Camera, title: str, scale: Scale
+) -> list[Path]:
     """Draw the fields of a run; the files written, on this rank."""
     run, made = _Run(folder), []
-    factor = factor_of(look.scale, run.points, run.displacements(max(shapes, frames)))
-    as_asked: dict[str, Any] = {**vars(look), "edges": run.edges, "scale": factor}
+    factor = factor_of(scale, run.points, run.displacements(max(shapes, frames)))
+    look = Look(*camera, run.edges, title, factor)
     first = "rigid" if run.was_rigid() else "displacement"
     others = {"stress": "von_mises", "strain_rate": "strain_rate"}
     wanted = {"shapes": first} | {name: f for name, f in others.items() if run.has(f)}
     for name, field in wanted.items():
         made.append(folder / f"{name}.png")
         photographs = run.photographs(field, shapes, factor)
-        sheet(made[-1], photographs, field, columns=4, **as_asked)
+        sheet(made[-1], photographs, field, look, columns=4)
     if frames > 0:
         made.append(folder / "film.gif")
-        film(made[-1], run.photographs(first, frames, factor), first, **as_asked)
+        film(made[-1], run.photographs(first, frames, factor), first, look)
     return made
 
 

@@ -32,6 +32,7 @@ __all__ = [
     "LOGARITHMIC",
     "OF_CELLS",
     "VIEW",
+    "Look",
     "Photograph",
     "check_camera",
     "film",
@@ -80,6 +81,25 @@ class Photograph:
     surface: Any
     caption: str | None = None
     arrows: Arrows | None = None
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a body is looked at.
+
+    Attributes:
+        view: Direction from the body to the camera.
+        up: Direction that points upwards in the picture.
+        edges: Whether edges of cells are drawn.
+        title: Heading.
+        scale: Factor of displacements, which the picture tells.
+    """
+
+    view: Sequence[float]
+    up: Sequence[float]
+    edges: bool
+    title: str = ""
+    scale: float = 1.0
 
 
 def check_camera(owner: str, view: Sequence[float], up: Sequence[float]) -> None:
@@ -151,13 +171,8 @@ def sheet(
     path: str | Path,
     photographs: Sequence[Photograph],
     field: str,
-    *,
+    look: Look,
     columns: int,
-    view: Sequence[float],
-    up: Sequence[float],
-    title: str,
-    edges: bool,
-    scale: float = 1.0,
 ) -> None:
     """Draw photographs side by side.
 
@@ -165,16 +180,12 @@ def sheet(
         path: Picture to write.
         photographs: Photographs, in order.
         field: Field that colours it, one of `FIELDS`.
+        look: How they are looked at.
         columns: Photographs in a row.
-        view: Direction from the body to the camera.
-        up: Direction that points upwards in the picture.
-        title: Heading.
-        edges: Whether edges of cells are drawn.
-        scale: Factor of their displacements, to be told on the picture.
     """
     wide = min(columns, len(photographs))
     rows = -(-len(photographs) // wide)
-    figure, axes = figure_of(rows, wide, (SIDE * wide + 1.2, SIDE * rows + 0.4), title)
+    figure, axes = figure_of(rows, wide, (SIDE * wide + 1.2, SIDE * rows + 0.4), look.title)
     for ax in axes.flat:
         ax.axis("off")
         ax.set_box_aspect(1)
@@ -183,14 +194,14 @@ def sheet(
         ax.set_title(caption, loc="center", fontsize=12)
     key(figure, axes, field, photographs)
     if field != "shape":
-        tell_scale(figure, scale, photographs)
+        tell_scale(figure, look.scale, photographs)
     # Each is drawn in the pixels that there is room for: to draw more and to make them fewer took
     # most of the time of a sheet.
     figure.set_dpi(DPI)
     figure.draw_without_rendering()
     boxes = [ax.get_window_extent() for ax in axes.flat]
     side = int(min(box.width for box in boxes))
-    taken: Iterable[Any] = images(photographs, field, view, up, edges, side)
+    taken: Iterable[Any] = images(photographs, field, look, side)
     taken = bar_over(taken, f"drawing {Path(path).name}", len(photographs))
     for image, box in zip(taken, boxes, strict=False):
         figure.figimage(image, round(box.x0), round(box.y0), origin="upper")
@@ -227,22 +238,13 @@ def range_of(field: str, colours: Iterable[Array]) -> tuple[float, float]:
     return max(min(*least, top / 100), top * 10.0**-DECADES), top
 
 
-def images(
-    photographs: Sequence[Photograph],
-    field: str,
-    view: Sequence[float],
-    up: Sequence[float],
-    edges: bool,
-    pixels: int,
-) -> Iterator[Any]:
+def images(photographs: Sequence[Photograph], field: str, look: Look, pixels: int) -> Iterator[Any]:
     """The photographs as arrays of square pictures, shape (pixels, pixels, 3).
 
     Args:
         photographs: Photographs, in order.
         field: Field that colours them, one of `FIELDS`.
-        view: Direction from the body to the camera.
-        up: Direction that points upwards in the pictures.
-        edges: Whether edges of cells are drawn.
+        look: How they are looked at.
         pixels: Width and height.
     """
     bottom, top = _range(photographs, field)
@@ -253,7 +255,7 @@ def images(
     ends = [ends_of(p.arrows, largest, size) for p in photographs if p.arrows is not None]
     reach = np.concatenate([np.empty((0, 3)), *ends]) - middle
     radius = max(size, float(np.linalg.norm(reach, axis=1).max(initial=0.0)))
-    towards = np.asarray(view, float) / np.linalg.norm(view)
+    towards = np.asarray(look.view, float) / np.linalg.norm(look.view)
     # One window for all of them: to open one takes longer than to draw.
     plotter = pv.Plotter(off_screen=True, window_size=(pixels, pixels))
     plotter.set_background("white")
@@ -272,18 +274,18 @@ def images(
             clim=(bottom, top),
             log_scale=logarithmic,
             show_scalar_bar=False,
-            show_edges=edges,
+            show_edges=look.edges,
             edge_color="#30303060",
             ambient=0.35,
             diffuse=0.6,  # a light face towards the camera is not to vanish before the white
         )
-        if not edges:
+        if not look.edges:
             plotter.add_mesh(photograph.surface.extract_feature_edges(), color="#303030")
         if photograph.arrows is not None:
             add_arrows(plotter, photograph.arrows, largest, size)
         plotter.camera.focal_point = middle
         plotter.camera.position = middle + 4 * radius * towards
-        plotter.camera.up = up
+        plotter.camera.up = look.up
         plotter.camera.parallel_scale = 1.02 * radius
         plotter.reset_camera_clipping_range()
         yield np.array(plotter.screenshot(return_img=True))
@@ -324,39 +326,25 @@ FILM, PIXELS = (6.4, 5.0), 100  # inches, and pixels of each
 DURATION = 80  # ms, of a photograph
 
 
-def film(
-    path: str | Path,
-    photographs: Sequence[Photograph],
-    field: str,
-    *,
-    view: Sequence[float],
-    up: Sequence[float],
-    title: str,
-    edges: bool,
-    scale: float = 1.0,
-) -> None:
+def film(path: str | Path, photographs: Sequence[Photograph], field: str, look: Look) -> None:
     """Draw photographs one after another, as an animated GIF that starts anew at its end.
 
     Args:
         path: File to write.
         photographs: Photographs, in order.
         field: Field that colours it, one of `FIELDS`.
-        view: Direction from the body to the camera.
-        up: Direction that points upwards in the picture.
-        title: Heading.
-        edges: Whether edges of cells are drawn.
-        scale: By what their displacements are multiplied, to be told in the film.
+        look: How they are looked at.
     """
     from PIL import Image
 
-    canvas, ax = _frame(photographs, field, title, scale)
+    canvas, ax = _frame(photographs, field, look)
     empty = canvas.copy_from_bbox(canvas.figure.bbox)
     box = ax.get_window_extent()
     side = int(min(box.width, box.height))
     left = round(box.x0 + (box.width - side) / 2)
     over = round(FILM[1] * PIXELS - box.y1 + (box.height - side) / 2)  # rows are counted from above
     frames = []
-    taken = images(photographs, field, view, up, edges, side)
+    taken = images(photographs, field, look, side)
     what = f"drawing {Path(path).name}"
     for image, photograph in zip(bar_over(taken, what, len(photographs)), photographs, strict=True):
         canvas.restore_region(empty)
@@ -373,18 +361,16 @@ def film(
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=DURATION, loop=0)
 
 
-def _frame(
-    photographs: Sequence[Photograph], field: str, title: str, scale: float
-) -> tuple[Any, Any]:
+def _frame(photographs: Sequence[Photograph], field: str, look: Look) -> tuple[Any, Any]:
     """The canvas of a picture without a photograph, and the axes where one belongs."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    figure, axes = figure_of(1, 1, FILM, title)
+    figure, axes = figure_of(1, 1, FILM, look.title)
     figure.set_dpi(PIXELS)
     canvas, ax = FigureCanvasAgg(figure), axes[0, 0]
     ax.axis("off")
     key(figure, axes, field, photographs)
-    tell_scale(figure, scale, photographs)
+    tell_scale(figure, look.scale, photographs)
     ax.set_title(_time(photographs[0]), loc="center", fontsize=12)
     canvas.draw()  # which makes room for the time, too
     figure.set_layout_engine("none")

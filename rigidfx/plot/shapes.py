@@ -21,12 +21,14 @@ from rigidfx.base.instants import reached
 from rigidfx.base.types import Array
 from rigidfx.flexible.nodal_stress import NodalStress, material_groups
 from rigidfx.flexible.stress import tensors, von_mises
+from rigidfx.output.field_reader import grid_of
 from rigidfx.output.paraview import Body
 from rigidfx.plot.arrows import add_arrows, arrows_of, largest_of
 from rigidfx.plot.curves import on_first_rank
 from rigidfx.plot.renders import (
     FIELDS,
     VIEW,
+    Look,
     Photograph,
     check_camera,
     plain,
@@ -94,6 +96,14 @@ class _Shape:
     displacement: Array
     values: Array
     caption: str | None = None
+
+
+def _values(colour: str, report: Report, body: Body, u: Array, moving: Any) -> Array:
+    """Levels of cells over 2, or sizes of displacements or velocities, on rank 0. Collective."""
+    if colour == "rigid":
+        return body.on_cells(report.state.levels) / 2
+    field = u if colour == "displacement" else body.on_nodes(moving)
+    return np.asarray(np.linalg.norm(field, axis=1))
 
 
 class Shapes:
@@ -203,15 +213,10 @@ class Shapes:
         state.rebuild()
         moved, moving, _ = report.shown()
         u = self._body.on_nodes(moved)
-        if self._colour == "rigid":
-            values = self._body.on_cells(state.levels) / 2
-        elif self._stress is not None:
-            nodal = self._body.on_nodes_of_parts(self._stress.measure(state.u, report.strains()))
-            values = von_mises(tensors(nodal[:, :6]))
-        else:
-            field = u if self._colour == "displacement" else self._body.on_nodes(moving)
-            values = np.linalg.norm(field, axis=1)
-        return _Shape(report.t, u, values)
+        if self._stress is None:
+            return _Shape(report.t, u, _values(self._colour, report, self._body, u, moving))
+        nodal = self._body.on_nodes_of_parts(self._stress.measure(state.u, report.strains()))
+        return _Shape(report.t, u, von_mises(tensors(nodal[:, :6])))
 
     def draw(
         self,
@@ -246,30 +251,15 @@ class Shapes:
 
         def draw() -> None:
             body = self._body
-            table = np.insert(body.cells, 0, body.cells.shape[1], axis=1)
-            types = np.full(len(body.cells), body.vtk_type, np.uint8)
             by_time = {shape.t: shape for shape in [*self._shapes, *self._kept]}
             kept = [by_time[t] for t in sorted(by_time)]
             factor = factor_of(scale, body.points, (s.displacement for s in kept))
-            grid = pyvista().UnstructuredGrid(table.reshape(-1), types, body.points)
-            sheet(
-                path,
-                [
-                    Photograph(
-                        s.t,
-                        surface_of(grid, s.displacement, self._colour, s.values, factor),
-                        s.caption,
-                    )
-                    for s in kept
-                ],
-                self._colour,
-                columns=columns,
-                view=view,
-                up=up,
-                title=title,
-                edges=body.cells.shape[1] in (4, 8),
-                scale=factor,
-            )
+            grid, photographs = grid_of(body), []
+            for s in kept:
+                surface = surface_of(grid, s.displacement, self._colour, s.values, factor)
+                photographs.append(Photograph(s.t, surface, s.caption))
+            look = Look(view, up, body.cells.shape[1] in (4, 8), title, factor)
+            sheet(path, photographs, self._colour, look, columns)
 
         on_first_rank(self._comm, draw, f"Shapes: '{path}'")
 
@@ -303,17 +293,10 @@ def show(report: Report, colour: Magnitude = "displacement", scale: float = 1.0)
         raise SceneError("show: a window is for one rank; on several, take Shapes or pictures.")
     body, (moved, moving, _) = Body(space), report.shown()
     u = body.on_nodes(moved)
-    if colour == "rigid":
-        values = body.on_cells(report.state.levels) / 2
-    else:
-        values = np.linalg.norm(u if colour == "displacement" else body.on_nodes(moving), axis=1)
-    pv = pyvista()
-    table = np.insert(body.cells, 0, body.cells.shape[1], axis=1)
-    types = np.full(len(body.cells), body.vtk_type, np.uint8)
-    grid = pv.UnstructuredGrid(table.reshape(-1), types, body.points)
-    plotter, (title, unit) = pv.Plotter(), FIELDS[colour]
+    values = _values(colour, report, body, u, moving)
+    plotter, (title, unit) = pyvista().Plotter(), FIELDS[colour]
     plotter.add_mesh(
-        surface_of(grid, u, colour, values, factor),
+        surface_of(grid_of(body), u, colour, values, factor),
         scalars="colour",
         scalar_bar_args={"title": f"{plain(title)} [{unit}]" if title else "rigid: 1"},
     )

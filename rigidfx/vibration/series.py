@@ -11,9 +11,10 @@ from mpi4py import MPI
 from rigidfx.base.errors import OutputError, SceneError, agree
 from rigidfx.base.inputs import path_of, whole
 from rigidfx.base.types import Array
+from rigidfx.output.field_reader import grid_of
 from rigidfx.output.paraview import Body, Series
 from rigidfx.plot.curves import on_first_rank
-from rigidfx.plot.renders import Photograph, check_camera, pyvista, sheet, surface_of
+from rigidfx.plot.renders import Look, Photograph, check_camera, sheet, surface_of
 from rigidfx.plot.shapes import SHOWN
 
 __all__ = ["draw_modes", "write_modes"]
@@ -74,24 +75,13 @@ def draw_modes(
     fields = [body.on_nodes(shape) for shape in _scaled(modes)]
 
     def draw() -> None:
-        table = np.insert(body.cells, 0, body.cells.shape[1], axis=1)
-        types = np.full(len(body.cells), body.vtk_type, np.uint8)
-        grid = pyvista().UnstructuredGrid(table.reshape(-1), types, body.points)
-        photographs = []
+        grid, photographs = grid_of(body), []
         for k, (f, u) in enumerate(zip(modes.frequencies, fields, strict=True), start=1):
             size = np.linalg.norm(u, axis=1)
             surface = surface_of(grid, u, "shape", size / max(float(size.max()), 1e-300))
             photographs.append(Photograph(0.0, surface, f"mode {k}: {f:.5g} Hz"))
-        sheet(
-            path,
-            photographs,
-            "shape",
-            columns=columns,
-            view=view,
-            up=up,
-            title="",
-            edges=body.cells.shape[1] in (4, 8),
-        )
+        look = Look(view, up, body.cells.shape[1] in (4, 8))
+        sheet(path, photographs, "shape", look, columns)
 
     on_first_rank(modes.scene.comm, draw, f"Modes: '{path}'")
 
