@@ -112,7 +112,7 @@ def agree(
         RigidfxError: Of class `error`, on every rank alike.
     """
     mine = None if message is None else (message, trace)
-    for found in comm.allgather(mine):
+    for found in comm.allgather(mine) if comm.size > 1 else [mine]:
         if found is not None and found[1]:
             raise error(found[0]) from Trace(found[1])
         if found is not None:

@@ -68,6 +68,7 @@ class Expanded:
         self._mass = mass_operator(scene, self.rows, cells, np.ones(nodes.size, dtype=bool))
         with self._displaced(0 * state):
             self._K = self.rows.assembled(linear.tangent(cells))
+        self._force = linear.force(cells)
         self.internal = self.forces(0 * state)
         held = np.zeros(state.shape, dtype=bool) if held is None else held
         self.motions = self._rigid_motions(held)
@@ -128,7 +129,7 @@ class Expanded:
         """
         b = fem.Function(self._scene.space)
         with self._displaced(d):
-            add_vector(b.x.array, self._linear.force(self.cells if cells is None else cells))
+            add_vector(b.x.array, self._force if cells is None else self._linear.force(cells))
         b.x.scatter_reverse(la.InsertMode.add)
         return np.array(b.x.array.reshape(-1, 3)[self.nodes])
 

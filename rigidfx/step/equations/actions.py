@@ -179,6 +179,7 @@ class Actions:
     Attributes:
         loads: Dead loads of the present step; those on bodies are equal on all ranks.
         kinds: Names of the kinds of effects that act.
+        contacts: Contacts that act.
         stiffens: Whether any of them changes the tangent.
         elastic: Kinds of these that store energy, on which loads may rest.
         rounding: Size of a force that the machine precision is to be multiplied with [N].
@@ -226,14 +227,14 @@ class Actions:
         self._here = here
         own = [a for e, a in self._every if id(e) in here or not e.is_windowed]
         every = self._acting = [*own, *self.easing]
-        self._contacts: list[Any] = [action for action in every if action.presses]
+        self.contacts: list[Any] = [action for action in every if action.presses]
         self._calls = {name: self._own.calls(every, name) for name in METHODS}
         self._taking, self._storing = (
             list(zip(doing(every, name), self._calls[name], strict=True)) for name in STORES
         )
         if not self._calls["load"]:
             self.loads.scale(0.0)
-        self.jumping = Jumping(self._contacts, self._own, self._comm)
+        self.jumping = Jumping(self.contacts, self._own, self._comm)
         # What fades is for solvers no more than the stress of cells.
         self.stiffens = bool(doing(own, "stiffen"))
         resting = doing(doing(every, "stiffen"), "stored")
@@ -359,7 +360,7 @@ class Actions:
 
     def pressing(self) -> tuple[Ints, Array]:
         """Owned nodes that contacts press, and how: see `ContactForces`."""
-        each = [contact.pressing() for contact in self._contacts]
+        each = [contact.pressing() for contact in self.contacts]
         nodes = np.concatenate([np.empty(0, np.int64), *(own for own, _ in each)])
         return nodes, np.concatenate([np.empty((0, 3, 3)), *(how for _, how in each)])
 
@@ -376,15 +377,15 @@ class Actions:
         Raises:
             SceneError: On every rank, if the path of an obstacle fails on any.
         """
-        if not self._contacts:
+        if not self.contacts:
             return {}
 
         def closing() -> Array:  # asks users' paths, which may fail on some ranks
-            return np.array([a.closes_after(v, dt, at) for a in self._contacts])
+            return np.array([a.closes_after(v, dt, at) for a in self.contacts])
 
         times = together(self._comm, "A contact", closing)
         self._comm.Allreduce(MPI.IN_PLACE, times, op=MPI.MIN)
-        pairs = zip(self._contacts, times, strict=True)
+        pairs = zip(self.contacts, times, strict=True)
         return {action.title: float(time) for action, time in pairs}
 
     def destroy(self) -> None:

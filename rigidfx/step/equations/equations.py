@@ -381,7 +381,8 @@ class Equilibrium:
     @property
     def well_conditioned(self) -> bool:
         """Whether inertia is as large as any stiffness in the present step, but for some orders."""
-        return self.calm and self._rounding.fastest(self.dt) <= WELL_CONDITIONED
+        smooth = self.inertial and not self._actions.contacts
+        return smooth and self._rounding.fastest(self.dt) <= WELL_CONDITIONED
 
     def noise(self) -> float:
         """Size of the terms whose small difference the last residual is [N]. Collective."""

@@ -5,6 +5,10 @@ that needs hardly any force (rest, free flight of a stiff body) this is below th
 strains, whose size is estimated. Then a residual that falls slowly and is close to rounding is a
 stall. A residual that grows is a stall only if it is itself rounding.
 
+An iteration hands its tangent on if another one that reduces ‖R‖ by as much leaves a hundredth of
+the tolerance. With joints, whose border makes new tangents twice as dear, two others may.
+Iterations reduce ‖R‖ by 3e-8 in a struck plate of 21 shapes, by 1e-5 in a machine of four bodies.
+
 When an iteration with a kept tangent stops: at a tenth of Newton's tolerance, or at rounding.
 
 With a kept tangent the residual falls by one factor in each iteration. A factor near one need not
@@ -32,6 +36,9 @@ ROUNDING = 2.0  # safety on an estimated, or met, level of rounding
 STALL = 0.2  # Newton has met rounding where it reduces the residual by less than this ...
 MARGIN = 100.0  # ... and the residual, if it has not grown, is within this factor of the estimate
 HIDDEN = 0.1  # of the tolerance: an older tangent, unlike a new one, does not square the error
+# Of the tolerance, what older tangents are to leave: in a bar that turns by 40° a step one left 20
+# times as much as expected, in one of 250 steps.
+SURE = 1e-2
 MAX_ITERATIONS = 25
 NOT_FINITE = -4  # DIVERGED_FNORM_NAN, or DIVERGED_FUNCTION_NANORINF, as its name is in PETSc 3.25
 DIVERGENCE = 1e6  # growth of the residual at which Newton gives up ...
@@ -58,6 +65,13 @@ class StoppingTest:
     def restart(self) -> None:
         """Forget the iterates; the rounding level stays until it is estimated anew."""
         self.history = []
+
+    def serves(self, more: int) -> bool:
+        """Whether so many iterations end the step if ‖R‖ falls in each as it fell in the last."""
+        if len(self.history) < 2:
+            return False
+        first, (last, norm) = self.history[0], self.history[-2:]
+        return norm * (norm / last) ** more <= SURE * self.rtol * first
 
     def expect_rounding(self, noise: float) -> None:
         """Set the size of the terms whose difference R is [N]."""
