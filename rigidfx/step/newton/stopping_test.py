@@ -36,9 +36,6 @@ ROUNDING = 2.0  # safety on an estimated, or met, level of rounding
 STALL = 0.2  # Newton has met rounding where it reduces the residual by less than this ...
 MARGIN = 100.0  # ... and the residual, if it has not grown, is within this factor of the estimate
 HIDDEN = 0.1  # of the tolerance: an older tangent, unlike a new one, does not square the error
-# Of the tolerance, what older tangents are to leave: in a bar that turns by 40° a step one left 20
-# times as much as expected, in one of 250 steps.
-SURE = 1e-2
 MAX_ITERATIONS = 25
 NOT_FINITE = -4  # DIVERGED_FNORM_NAN, or DIVERGED_FUNCTION_NANORINF, as its name is in PETSc 3.25
 DIVERGENCE = 1e6  # growth of the residual at which Newton gives up ...
@@ -67,11 +64,14 @@ class StoppingTest:
         self.history = []
 
     def serves(self, more: int) -> bool:
-        """Whether so many iterations end the step if ‖R‖ falls in each as it fell in the last."""
+        """Whether so many iterations end the step if ‖R‖ falls in each as it fell in the last.
+
+        In a bar that turns by 40° a step one left 20 times as much, in one of 250 steps.
+        """
         if len(self.history) < 2:
             return False
         first, (last, norm) = self.history[0], self.history[-2:]
-        return norm * (norm / last) ** more <= SURE * self.rtol * first
+        return norm * (norm / last) ** more <= HIDDEN**2 * self.rtol * first
 
     def expect_rounding(self, noise: float) -> None:
         """Set the size of the terms whose difference R is [N]."""
