@@ -223,6 +223,16 @@ def test_a_breakpoint_is_met_with_even_steps_and_begun_anew():
     assert sum(abs(b / a - 1) > 1e-9 for a, b in pairwise(dt)) < 0.5 * len(dt)
 
 
+def test_rounding_tells_of_no_error_what_part_of_it_lasts():
+    """After a flight that errs by nothing a step might spend a thousand times the even part."""
+    floor = rf.Contact("z0", against=rf.Plane((0, 0, -9), (0, 0, 1)))
+    whole = RunError(bar(floor), 1, T, 0.02)
+    for _ in range(50):
+        whole.look(np.full((1, 3), 1e-13), np.full(1, 1e-9), np.zeros(1), 1.0, 0.02)
+        whole.accept(1e-16, 0.02)
+    assert whole.rates_to(np.array([0.01]), np.array([2.0]), 0.02)[0] < 1.01 * 0.01 / 2.0
+
+
 def test_a_body_at_rest_takes_the_longest_steps():
     """Until something happens, and no number is divided by nothing."""
     push = rf.Traction("x1", (0, 0, 200.0), since=6.0, until=6.2)
@@ -329,6 +339,30 @@ def test_a_blow_is_judged_by_the_mass_of_the_part_that_it_meets():
     t, ours = path(rf.StepControl(0.01, "corner", largest=0.05, smallest=2e-5))
     size = np.linalg.norm(u, axis=1).max()
     assert np.linalg.norm(ours - truth(t), axis=1).max() < 0.01 * size
+
+
+@pytest.mark.filterwarnings("ignore:Reduced .* deforms too far:rigidfx.RigidfxWarning")
+@pytest.mark.parametrize("reduced", [False, True])
+def test_what_falls_freely_hits_as_in_short_steps(reduced):
+    """A step that pressed at its end erred, and a body got the shapes that it resolves: 2 %."""
+    touch, rubber = float(np.sqrt(0.02 / 9.81)), rf.StVenantKirchhoff(E=1e7, nu=0.3, rho=1200.0)
+    effects = [
+        rf.Contact("z0", against=rf.Plane((0, 0, 0), (0, 0, 1)), title="floor"),
+        rf.Gravity((0, 0, -9.81)),
+        rf.StiffnessDamping(ratio=0.05, frequency=100.0),
+        *[rf.Reduced()] * reduced,
+    ]
+    block = rf.box((0, 0, 0.01), (0.06, 0.04, 0.04), (3, 2, 2))
+
+    def hit(dt):
+        reports = run(rf.Scene(block, rubber, effects), dt, touch + 1.2e-3)[1:]
+        peak = max(r.touches["floor"].force[2] for r in reports)
+        return np.array([peak, reports[-1].linear_momentum[2]]), times(reports)
+
+    truth, _ = hit({0.0: 1e-3, touch - 5.25e-6: 5e-6})
+    ours, t = hit(rf.StepControl(0.01, largest=3e-3, smallest=3e-6))
+    np.testing.assert_allclose(ours, truth, rtol=0.005)
+    assert np.count_nonzero(t < touch) < 25
 
 
 def test_what_is_struck_at_rest_has_no_error_before_it_moves():

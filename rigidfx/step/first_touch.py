@@ -1,13 +1,21 @@
-"""When a contact will close: the step before ends there.
+"""When a contact will close: the step before ends just short of that.
 
-Nothing in a step tells of an obstacle that it runs into at its end. So the first touch is foreseen,
-from the gaps at constant velocity, and ends a step as a breakpoint does, after which Δt by its
-error begins with short ones. That holds for a contact that has been open for some steps: where
-something rattles or rests, steps do not change.
+Nothing in a step tells of an obstacle that it runs into at its end. So the first touch is foreseen
+and ends a step as a breakpoint does, after which Δt by its error begins with short ones. Nothing
+presses in the step before: a body would get the shapes that its length resolves.
+
+At constant velocity the gaps close after τ, and after τ₋ at the start of the step before, of the
+length h. With a constant acceleration they close after
+
+    s = 2τ/(1 + √(1 + 2kτ)) ,    k = (1 - (2τ + h)/(2τ₋ - h))/h ,
+
+k the change of a gap's rate over this rate; or after 2τ if they turn before. That holds for a
+contact that has been open for some steps: where something rattles or rests, steps do not change.
 """
 
 from __future__ import annotations
 
+from math import inf, sqrt
 from typing import ClassVar
 
 from rigidfx.base.remembered import Remembered, same
@@ -23,13 +31,14 @@ LEAST = 1e-2  # of a step: shorter ones are not worth it, at its start or its en
 class FirstTouch:
     """Shortens steps that would run into an obstacle."""
 
-    remembered: ClassVar[Remembered] = same("_open")
+    remembered: ClassVar[Remembered] = same("_open", "_told")
 
     def __init__(self, stepper: Stepper) -> None:
         """Keep the stepper."""
         self._stepper = stepper
         self._any = bool(stepper.scene.named(Contact))
         self._open: dict[str, int] = {}  # steps that each contact has been open
+        self._told: dict[str, tuple[float, float]] = {}  # t and τ of the step before [s]
 
     def before(self, target: float) -> float:
         """End of the next step, or the first touch before it [s]. Collective.
@@ -41,11 +50,22 @@ class FirstTouch:
             return target
         t = self._stepper.state.t
         dt, first = target - t, target
-        for title, after in self._stepper.closing(dt).items():
-            self._open[title] = self._open.get(title, SETTLED) + 1 if after >= 0 else 0
-            if self._open[title] > SETTLED and LEAST * dt < after < (1 - LEAST) * dt:
-                first = min(first, t + after)
+        for title, closes in self._stepper.closing(dt).items():
+            self._open[title] = self._open.get(title, SETTLED) + 1 if closes >= 0 else 0
+            after = self._sharper(title, t, closes)
+            if self._open[title] > SETTLED and LEAST * dt < after < dt:
+                first = min(first, t + after * (1 - LEAST**3))  # nothing presses by rounding
         control = self._stepper.control
         if first < target and control is not None:
             control.expect(first)
         return first
+
+    def _sharper(self, title: str, t: float, after: float) -> float:
+        """Time until a contact closes, by that at constant velocity now and a step before [s]."""
+        t_before, before = self._told.get(title, (t, inf))
+        self._told[title] = t, after
+        h = t - t_before
+        if not (0 < after < inf and h / 2 < before < inf and h > 0):
+            return after
+        k = (1 - (2 * after + h) / (2 * before - h)) / h
+        return 2 * after / (1 + sqrt(max(1 + 2 * k * after, 0.0)))

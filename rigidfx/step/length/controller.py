@@ -30,11 +30,12 @@ the error of motion slower than ω_b,
     E_b ← E_b exp(-δ_b Δt) + p_b d ,    δ_b = ½ (α + β min(½ω_b, ω)²) ,
     E = min_b ( max_{a ≤ b} E_a + 2 A_b ) .
 
-p_b is the part of d/Δt that passes a chain of four exponential means, ω the
-frequency at which errors turn (`rigidfx.step.length.time_error`). α and β are the least damping of
-all cells (`rigidfx.scene.damped`). A_b is the amplitude of motion faster than ω_b: of displacements
-high-passed four times at ½ω_b, so that both parts together are complete. The last ω_b is infinite.
-With contacts it is the only one, since they turn fast motion into slow motion.
+p_b is the part of d/Δt that passes a chain of four exponential means; r takes the mean of late, and
+all of one step that spends evenly beside: rounding alone tells no part. ω is the frequency at which
+errors turn (`rigidfx.step.length.time_error`). α and β are the least damping of all cells
+(`rigidfx.scene.damped`). A_b is the amplitude of motion faster than ω_b: of displacements high-
+passed four times at ½ω_b, so that both parts together are complete. The last ω_b is infinite. With
+contacts it is the only one, since they turn fast motion into slow motion.
 
 Four means pass 1/(1 + ω²/ω_b²)². Divided by δ_b this is largest at ω_b = ω, where it is right for
 one vibration: 0.9 to 1 between octaves.
@@ -119,6 +120,8 @@ class RunError:
         self._next_sizes = np.maximum(faded, amplitudes)
         size = dt**2 * float(swinging.max(initial=0.0))
         self._next_low, self._next_parts = self._low, self._parts
+        if isnan(size):
+            self._next_parts = np.append(self._parts[:-1], 1.0)  # nothing is faster than that
         if size > 0:
             taken = -np.expm1(-self.cuts * dt)[:, None]
             self._next_low = low = np.empty_like(self._low)
@@ -160,19 +163,20 @@ class RunError:
         slower = np.maximum.accumulate(self._errors * np.exp(-self.rates * time))
         return float((slower + 2 * self._sizes).min())
 
-    def rates_to(self, limits: Array, times: Array) -> Array:
+    def rates_to(self, limits: Array, times: Array, dt: float) -> Array:
         """Errors per time by which E comes to limits [m/s].
 
         Args:
             limits: Shape (n,) [m].
             times: When, shape (n,) [s].
+            dt: Length of a step [s]: what it may spend of even limits tells no account's part.
         """
         gone = -np.expm1(-self.rates * times[:, None])  # of an error that is made now
         lasting = np.repeat(times[:, None], self.rates.size, axis=1)
         np.divide(gone, self.rates, out=lasting, where=self.rates > 0)
+        even = (limits * dt / times)[:, None]
         mean, added = self._shares
-        if added[0] > 0:
-            lasting *= np.maximum(mean / added, LEAST)
+        lasting *= np.maximum((mean + even) / (added + even), LEAST)
         bounds = limits[:, None] - 2 * self._sizes
         # Of each bound the account that is full first; of all bounds the one that allows most.
         each = (bounds[:, :, None] - (self._errors * (1 - gone))[:, None]) / lasting[:, None]
@@ -293,7 +297,7 @@ class Controller:
         left = self.error.left(max(self._t_end - self._t, 0.0))
         return left / (NUMBERS.share * self.displacement)
 
-    def allowed(self, t: float, dt: float = 0.0) -> float:
+    def allowed(self, t: float, dt: float) -> float:
         """Error per time that a step from t of the length dt [s] may spend, r of (2) [m/s]."""
         rest = max(self._t_end - t, NUMBERS.rest * self._t_end)
         spent = [(self.displacement, rest, self._t_end)]  # with what, in a time of a whole
@@ -302,7 +306,7 @@ class Controller:
             spent.append((self._foreseen, NUMBERS.spread * growing, NUMBERS.spread * growing))
         displacements, times, wholes = np.array(spent).T
         budgets = NUMBERS.share * self.tol * displacements
-        rates = self.error.rates_to(budgets, times)
+        rates = self.error.rates_to(budgets, times, dt)
         return float(np.maximum(rates, NUMBERS.poorest * budgets / wholes).max())
 
     def _growing(self, t: float) -> float:
@@ -360,7 +364,8 @@ class Controller:
         if not known:
             return
         self._last = error / dt**3
-        self._envelope = max(self._last, self._envelope * exp(-1 / NUMBERS.memory))
+        kept = 0.0 if young else exp(-1 / NUMBERS.memory)  # what began errs once, not for long
+        self._envelope = max(self._last, self._envelope * kept)
         factor = min(max(NUMBERS.safety * self._best(t, dt) / dt, NUMBERS.least), NUMBERS.most)
         self._lost = self._lost + 1 - 1 / factor if factor > 1 else 0.0
         price = NUMBERS.price * unknowns ** (1 / 3)

@@ -50,7 +50,7 @@ ROUNDING = 1e-12  # of a component's size, by which none has changed
 SMOOTH = 0.05  # of its change, by which the middle of a smooth load may be off its mean
 INSIDE = 1e-6  # of a step: so far from its ends loads are evaluated, where windows may begin or end
 AHEAD = 1e-4  # of a step, the length for which a path gives its velocity: not to see beyond its end
-CLOSE = 1e-5  # of a step, to which bisection finds its end
+CLOSE = 1e-6  # of a step, to which bisection finds its end
 STRETCH = 0.1  # of Δt, by which a step may be longer to end at a breakpoint
 
 
