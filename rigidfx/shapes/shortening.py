@@ -11,7 +11,7 @@ response to unit forces is g = K⁺ e,
 
     δ = -½ Σ q_k q_l C_kl,    C_kl = g·K'[φ_k] φ_l,
 
-which is found once for each shape, when δ begins to count.
+which is found once for each pair of shapes, when δ begins to count, by forces along φ_k + φ_l.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from mpi4py import MPI
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.types import Array
 from rigidfx.effects import Joint
+from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.scene.points import Point
@@ -178,10 +179,17 @@ class Shortening:
         out = np.zeros((len(known), m, m))
         out[:, :before, :before] = known
         g = np.einsum("ab,nbp->nap", about.Q, self._unit(about.responses)[body.data.nodes])
-        modes = shapes.whole.swapaxes(1, 2)
+        h = np.sqrt(SMALL_WAY) * self._scene.mean_cell_size  # strains by h φ are small
+
+        def bent(*some: int) -> Array:
+            even = about.part.even(h * shapes.whole[:, some].sum(axis=1))
+            return about.part.dot(g, even[:, :, None])[:, 0] / h**2
+
         for k in range(before, m):
-            images = about.part.stiffening(modes[:, :, k], modes[:, :, : k + 1])
-            out[:, k, : k + 1] = out[:, : k + 1, k] = about.part.dot(g, images)
+            out[:, k, k] = 2 * bent(k)
+            for j in range(k):
+                sides = out[:, j, j] + out[:, k, k]
+                out[:, j, k] = out[:, k, j] = bent(j, k) - 0.5 * sides
         self._terms[number] = out
         return out
 
