@@ -315,7 +315,7 @@ MOTIONS = {
 }
 
 
-RUNS = [("free", {}, 500), ("free", ANEW, 150)]
+RUNS = [("free", {}, 250), ("free", ANEW, 150)]
 RUNS += [(name, {}, 150) for name in MOTIONS if name != "free"]
 
 
