@@ -78,6 +78,10 @@ def _run(*effects, rigidify=None, dt=0.1, t_end=0.3, petsc_options=None, **optio
         pass
 
 
+def _static(steps, **options):
+    rf.static(_scene(rf.Fixed("x0"), rf.Gravity()), steps, **options)
+
+
 def _preloaded(domain, *loads):
     """Statics of a mesh that is held where x = 0."""
     domain = domain.with_facets("end", lambda x: np.abs(x[0]) < 1e-9)
@@ -414,6 +418,27 @@ _run(Rigid("a"), Rigid("b")) :: Rigid 'b' shares nodes with another body, Rigid 
 _run(Fixed("x0", "x"), Rigid()) :: Rigid 'all cells' has nodes held by the support on 'x0'. A body
 _scene(Rigid(), scheme=Trapezoidal()) :: Scene: Trapezoidal does not couple to rigid bodies; take
 _scene(Rigid(), Resultant("b", force=(1, 0, 0))) :: Resultant: 'b' is not the name of a Rigid body;
+  # Joints, springs between two points
+Motor("joint") :: give exactly one of torque, angle
+Motor("joint", torque=1.0, angle=0.0) :: got torque, angle
+JointSpring("joint", -1.0) :: stiffness must be ≥ 0
+Stop("joint", 1.0, 0.5, stiffness=1.0) :: low must be below high
+Stop("joint", stiffness=1.0) :: give low, high or both
+Stop("joint", 1.0, stiffness=0.0) :: stiffness must be a finite number > 0
+Universal("ground", "a", (0, 0, 0), (1, 0, 0), (1, 1, 0)) :: are at 45°
+Revolute("a", "a", (0, 0, 0), (0, 0, 1)) :: both sides are the same
+Revolute("a", "ground", (0, 0, 0), (0, 0, 0)) :: axis must have a direction
+Spherical(1.0, "ground", (0, 0, 0)) :: a must be 'ground', the name of a Rigid part
+Spherical("a", "ground", (0, 0)) :: at must be three finite numbers
+MeanFace("") :: where must be the name of a set of facets
+SpringDamper("a", "a", 1.0) :: both sides are the same
+SpringDamper("a", 3, 1.0) :: b must be 'ground', the name of a Rigid part or
+SpringDamper("a", "b") :: give a stiffness, a damping or both
+SpringDamper("a", "b", -1.0) :: stiffness must be ≥ 0, got -1.0
+SpringDamper("a", "b", 1.0, length=-1.0) :: length must be ≥ 0, got -1.0
+SpringDamper("a", "b", 1.0, pulls_only=2) :: pulls_only must be True or False
+SpringDamper("ground", "b", 1.0) :: give at_a, the place of its end on the gr
+SpringDamper("a", "b", 1.0, at_b=(0, 0)) :: at_b must be three finite numbers
   # Contacts
 _contact(against=Plane) :: against must be a Plane
 _contact(against="z1", friction=0.1, creep=1) :: friction is for obstacles, not for 'z1' yet
@@ -485,6 +510,24 @@ _budgeted(Accuracy(0.01), dt=0.0) :: dt must be
 _budgeted(Accuracy(0.01, smallest=0.5)) :: smallest ≤ dt
 _budgeted(Accuracy(0.01, never="nowhere")) :: Accuracy (never): there are no cells named 'nowhere'
 simulate(_scene(), 0.1, 1.0, accuracy=Accuracy(0.01, check=True)) :: the scene has none
+StepControl(0.05) :: StepControl: needs largest, the longest step in s
+StepControl(0.05, "tip", largest=None) :: StepControl: needs largest, the longest step in s
+static(None) :: static: scene must be a Scene
+_static(0) :: static: steps must be a whole number
+_static("2") :: static: steps must be a whole number
+_static([]) :: static: steps must be a whole number
+_static([2.0, 1.0]) :: static: steps must be a whole number
+_static([np.nan]) :: static: steps must be a whole number
+_static(True) :: static: steps must be a whole number
+_static(1, t_end=0.0) :: t_end must be
+static(_scene(Fixed("x0", "xy"), Gravity())) :: leave a rigid motion free, of the whole
+static(_scene(Fixed("x0"), InitialVelocity())) :: static: InitialVelocity has no meaning
+simulate(_scene(), 0.1, 0.1, start=3) :: simulate: a Report is expected
+periods(_scene(), 0) :: periods: count must be a whole number ≥ 1
+periods(_scene(), "3") :: periods: count must be a whole number ≥ 1
+periods(None) :: periods: scene must be a Scene, got NoneType
+modes(_scene(), 2, about=0.5) :: modes: a Report is expected, got float
+_scene().describe(periods=-1) :: describe: periods must be a whole number ≥ 0
 CauchyStress(None) :: CauchyStress: scene must be a Scene
 recovered_stress(None, _stress()) :: recovered_stress: report must be a Report, got NoneType
 _recovered_elsewhere() :: recovered_stress: stress is that of a scene on another mesh

@@ -364,14 +364,6 @@ def test_history_and_description_have_the_springs(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: rf.SpringDamper("A", "A", 1.0), "both sides are the same"),
-        (lambda: rf.SpringDamper("A", 3, 1.0), "b must be 'ground', the name of a Rigid part or"),
-        (lambda: rf.SpringDamper("A", "B"), "give a stiffness, a damping or both"),
-        (lambda: rf.SpringDamper("A", "B", -1.0), "stiffness must be ≥ 0, got -1.0"),
-        (lambda: rf.SpringDamper("A", "B", 1.0, length=-1.0), "length must be ≥ 0, got -1.0"),
-        (lambda: rf.SpringDamper("A", "B", 1.0, pulls_only=2), "pulls_only must be True or False"),
-        (lambda: rf.SpringDamper("ground", "B", 1.0), "give at_a, the place of its end on the gr"),
-        (lambda: rf.SpringDamper("A", "B", 1.0, at_b=(0, 0)), "at_b must be three finite numbers"),
         (lambda: rf.SpringDamper("A", "nobody", 1.0), "'nobody'"),
         (lambda: rf.SpringDamper("corner", "b", 1.0, at_a=A), "'corner' is the mean place of the"),
         (

@@ -242,23 +242,6 @@ def test_a_gap_closes_at_the_first_load():
         np.testing.assert_allclose(report.touches["floor"].force[2], k / 4 * weight, rtol=1e-8)
 
 
-def test_refused():
-    loads = rf.Fixed("x0"), rf.Gravity()
-    for steps in (0, 1.5, "2", [], [0.0, 1.0], [2.0, 1.0], [np.nan], True):
-        with pytest.raises(rf.SceneError, match="static: steps must be a whole number"):
-            rf.static(bar(*loads), steps)
-    with pytest.raises(rf.SceneError, match="static: scene must be a Scene"):
-        rf.static(None)
-    with pytest.raises(rf.SceneError, match="t_end must be"):
-        rf.static(bar(*loads), t_end=0.0)
-    with pytest.raises(rf.SceneError, match="leave a rigid motion free, of the whole"):
-        rf.static(bar(rf.Fixed("x0", "xy"), rf.Gravity()))
-    with pytest.raises(rf.SceneError, match="static: InitialVelocity has no meaning"):
-        rf.static(bar(*loads, rf.InitialVelocity()))
-    with pytest.raises(rf.SceneError, match="simulate: a Report is expected"):
-        rf.simulate(bar(*loads), 0.1, 0.1, start=3)
-
-
 def test_what_is_said():
     """A block that slides freely on a floor has no place; misspelt options have no effect."""
     floor = rf.Plane((0, 0, 0), (0, 0, 1))

@@ -570,13 +570,6 @@ def test_the_table_of_a_run_has_the_ledger(tmp_path):
 # Bad input ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("given", [(0.05,), (0.05, "tip"), (0.05, "tip", None)])
-def test_the_longest_step_is_to_be_given(given):
-    """What its absence means is said as all is."""
-    with pytest.raises(rf.SceneError, match="StepControl: needs largest, the longest step in s"):
-        rf.StepControl(*given[:2], **({"largest": None} if len(given) > 2 else {}))
-
-
 @pytest.mark.parametrize("given", ["StepControl", "Accuracy"])
 def test_accuracy_where_supports_lead_is_warned_of(given):
     """Nothing errs there: Δt was the longest, without a word."""

@@ -410,14 +410,6 @@ def test_release_of_one_body_by_a_condition():
     assert first[0.2] == first[0.8] != ()
 
 
-@short_windows
-def test_release_of_all_by_a_condition():
-    criterion = eager(ANY, 0.2, release=rf.Release(when=lambda r: r.t > 0.35), until=0.5)
-    reports = run(bar(), criterion)
-    assert times(reports, "release") == [0.4]
-    assert times(reports, "freeze") == [0.2]
-
-
 @pytest.mark.filterwarnings("ignore:.* acts with a jolt")
 @short_windows
 @pytest.mark.parametrize(
