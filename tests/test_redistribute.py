@@ -141,21 +141,6 @@ def test_the_motion_is_the_same(found, ranks):
     )
 
 
-WRONG = {
-    "no domain": (lambda: rf.redistribute("bar", ["head"]), "domain must be a Domain"),
-    "no name": (lambda: rf.redistribute(_hexahedra(), ["hat"]), "no cells named 'hat'"),
-    "facets": (lambda: rf.redistribute(_hexahedra(), ["top"]), "no cells named 'top'"),
-    "numbers": (lambda: rf.redistribute(_hexahedra(), [1]), "must be names of sets of cells"),
-}
-
-
-@pytest.mark.parametrize("case", WRONG)
-def test_bad_input_is_refused(case):
-    action, message = WRONG[case]
-    with pytest.raises(rf.SceneError, match=message):
-        action()
-
-
 if __name__ == "__main__":
     compared = {name: _compared(*case) for name, case in MESHES.items()}
     history = _history(COMM.size > 1)

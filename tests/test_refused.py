@@ -49,7 +49,10 @@ NAMESPACE = types.SimpleNamespace(virtual_work=1)
 def _box():
     domain = rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)).with_cells("all", lambda x: x[0] < 9)
     domain = domain.with_cells("a", lambda x: x[0] < 1.1).with_cells("b", lambda x: x[0] > 0.9)
-    return domain.with_facets("skin", lambda x: x[0] > -1)
+    domain = domain.with_facets("skin", lambda x: x[0] > -1)
+    domain = domain.with_vertices("edge", lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 0))
+    domain = domain.with_vertices("far edge", lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 1))
+    return domain.with_vertices("line", lambda x: np.isclose(x[1], 0) & np.isclose(x[2], 0))
 
 
 def _cells(where, name="c"):
@@ -136,8 +139,8 @@ def _surface(gmsh):
     gmsh.model.mesh.generate(2)
 
 
-def _moved(displacement, velocity=None, **window):
-    return rf.PrescribedMotion("x0", displacement=displacement, velocity=velocity, **window)
+def _moved(displacement, velocity=None, where="x0"):
+    return rf.PrescribedMotion(where, displacement=displacement, velocity=velocity)
 
 
 def _turned(**options):
@@ -295,6 +298,13 @@ read_geo("x.geo", [1]) :: read_geo: parameters must be a dict of names to number
 from_gmsh(lambda g: 1 / 0) :: from_gmsh: the function that builds the model failed with
 from_gmsh(_surface) :: The model has no physical group of volume cells (dimension 3)
 from_gmsh(lambda g: g.finalize()) :: has ended gmsh (finalize)
+read_inp(None) :: path must be the name
+read_inp("x.inp", scale=0) :: scale must be
+read_inp("x.inp", corners="yes") :: corners must be True or False
+redistribute("bar", ["head"]) :: domain must be a Domain
+redistribute(_box(), ["hat"]) :: no cells named 'hat'
+redistribute(_box(), ["x0"]) :: no cells named 'x0'
+redistribute(_box(), [1]) :: must be names of sets of cells
   # Scenes
 _scene(Gravity) :: Scene: <class 'rigidfx.effects.loads.dead_load.Gravity'> is not an
 _scene(_control()) :: is not an effect
@@ -416,6 +426,14 @@ Rigid(inertia=np.diag([1.0, 1.0, 3.0])) :: no body has the principal moments of 
 _scene(Rigid(), Rigid()) :: Rigid on 'all cells' and Rigid on 'all cells' hold the same ones.
 _run(Rigid("a"), Rigid("b")) :: Rigid 'b' shares nodes with another body, Rigid 'a', which
 _run(Fixed("x0", "x"), Rigid()) :: Rigid 'all cells' has nodes held by the support on 'x0'. A body
+_scene(Rigid("nowhere")) :: nowhere
+Rigid("a", inertia=[[1e-9, 1e-10, 0], [0, 1e-9, 0], [0, 0, 1e-9]]) :: symmetric
+Rigid("a", inertia=np.diag([1, 1, -1])) :: positive
+_run(Rigid("a"), Fixed("edge", since=3.0)) :: leave a layer of flexible cells
+_run(Rigid("a"), Fixed("x0"), Fixed("line", "y")) :: leave a layer of flexible cells
+_run(Rigid("a"), Fixed("edge"), _moved(_path, where="far edge")) :: one motion
+_run(Rigid("a", mass=9.0), Fixed("x0", since=3.0)) :: its mass or inertia is given, and at t = 3 s
+_run(Rigid("a"), Fixed("x0", since=3.0), Resultant("a", force=(1, 0, 0))) :: at t = 3 s a support cl
 _scene(Rigid(), scheme=Trapezoidal()) :: Scene: Trapezoidal does not couple to rigid bodies; take
 _scene(Rigid(), Resultant("b", force=(1, 0, 0))) :: Resultant: 'b' is not the name of a Rigid body;
   # Joints, springs between two points
@@ -528,6 +546,10 @@ periods(_scene(), "3") :: periods: count must be a whole number ≥ 1
 periods(None) :: periods: scene must be a Scene, got NoneType
 modes(_scene(), 2, about=0.5) :: modes: a Report is expected, got float
 _scene().describe(periods=-1) :: describe: periods must be a whole number ≥ 0
+Checkpoint("out", every=0.0) :: Checkpoint
+Checkpoint("out", steps=0) :: Checkpoint
+Checkpoint("out", time=-1.0) :: Checkpoint
+Checkpoint("out", steps=3, time=1.0) :: Checkpoint
 CauchyStress(None) :: CauchyStress: scene must be a Scene
 recovered_stress(None, _stress()) :: recovered_stress: report must be a Report, got NoneType
 _recovered_elsewhere() :: recovered_stress: stress is that of a scene on another mesh

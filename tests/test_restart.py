@@ -288,14 +288,6 @@ def test_a_signal_leaves_a_checkpoint(number, tmp_path):
     assert next(rf.resume(tmp_path, make())).step == 8
 
 
-@pytest.mark.parametrize(
-    "given", [{"every": 0.0}, {"steps": 0}, {"time": -1.0}, {"steps": 3, "time": 1.0}]
-)
-def test_intervals_that_cannot_be_used(given):
-    with pytest.raises(rf.SceneError, match="Checkpoint"):
-        rf.Checkpoint("out", **given)
-
-
 def test_a_set_of_as_many_other_facets_is_another_scene(tmp_path):
     def made(end):
         bar = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)).with_facets("held", lambda x: x[0] == end)

@@ -1,18 +1,12 @@
-"""Rigid bodies and supports, and what is refused: alone and, without hanging, on two ranks.
-
-Run as a script under mpirun, this file makes every refused scene and reports each rank's message.
-"""
+"""Rigid bodies and supports."""
 
 from __future__ import annotations
 
 import numpy as np
-import parallel
 import pytest
 from histories import EPS, NEWTON, between
-from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.base.errors import SceneError
 
 # Supports that begin on moving bodies: their impacts are the subject.
 pytestmark = pytest.mark.filterwarnings("ignore:.* acts with a jolt")
@@ -54,76 +48,8 @@ def start(scene):
     return first
 
 
-# What is refused -------------------------------------------------------------------------------
-
-
 def path(t):
     return (0.1 * t, 0.0, 0.0)
-
-
-def _two_motions():
-    d = domain().with_vertices("top", lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 1))
-    held = rf.PrescribedMotion("top", displacement=path)
-    return start(rf.Scene(d, MATERIAL, [rf.Rigid("left"), rf.Fixed("edge"), held]))
-
-
-def clamped(given, support):
-    """A body of given mass or inertia that a support clamps, whenever that may be."""
-    others = rf.Rigid("left", **given), support
-    return start(rf.Scene(domain(), MATERIAL, others))
-
-
-REFUSED = {
-    # name: (what is made, what its message says)
-    "one component": (lambda: start(bar(rf.Fixed("x0", "x"))), "kinematic chain"),
-    "a node in part": (
-        lambda: start(bar(rf.Fixed("x0"), rf.Fixed("line", "y"))),
-        "kinematic chain",
-    ),
-    "two points, later": (lambda: start(bar(rf.Fixed("edge", since=3.0))), "kinematic chain"),
-    "two motions": (_two_motions, "one motion"),
-    "a resultant, clamped": (
-        lambda: start(bar(rf.Fixed("x0", since=3.0), rf.Resultant("left", force=(1, 0, 0)))),
-        "Resultant: at t = 3 s a support clamps the body 'left'",
-    ),
-    "unknown set": (lambda: start(bar(rf.Rigid("nowhere"))), "nowhere"),
-    "unsymmetric inertia of a grain": (
-        lambda: rf.Rigid("left", inertia=[[1e-9, 1e-10, 0], [0, 1e-9, 0], [0, 0, 1e-9]]),
-        "symmetric",
-    ),
-    "indefinite inertia": (lambda: rf.Rigid("left", inertia=np.diag([1, 1, -1])), "positive"),
-    "given mass, clamped": (
-        lambda: clamped({"mass": 9.0}, rf.Fixed("x0", since=3.0)),
-        "'left': its mass or inertia is given, and at t = 3 s a support clamps it",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_refused(name):
-    """With a message that says what and, for bodies, which."""
-    make, words = REFUSED[name]
-    with pytest.raises(SceneError, match=words) as caught:
-        make()
-    if words == "kinematic chain":
-        assert "Rigid 'left'" in str(caught.value)
-        assert "leave a layer of flexible cells" in str(caught.value)
-
-
-@pytest.fixture(scope="module")
-def on_two_ranks():
-    """What the script below reports."""
-    return parallel.run(__file__, 2, timeout=600)
-
-
-@pytest.mark.parallel
-@pytest.mark.parametrize("name", REFUSED)
-def test_refused_on_two_ranks(on_two_ranks, name):
-    """By the same message on both, without hanging."""
-    a, b = on_two_ranks[name]
-    assert a is not None
-    assert a == b
-    assert REFUSED[name][1] in a
 
 
 # What is possible ------------------------------------------------------------------------------
@@ -236,24 +162,6 @@ def test_free_body_next_to_a_support():
         assert r.work_of_supports == 0.0
         assert r.energy - H == pytest.approx(work, rel=1e-10)
     assert reports[-1].bodies[0].centre[2] < 0.4
-
-
-def main():
-    """Messages of all refused scenes on each rank."""
-    comm = MPI.COMM_WORLD
-    found = {}
-    for name, (make, _) in REFUSED.items():
-        message = None
-        try:
-            make()
-        except SceneError as error:
-            message = str(error)
-        found[name] = comm.gather(message)
-    parallel.report(found)
-
-
-if __name__ == "__main__":
-    main()
 
 
 def swung(width, *planes):
