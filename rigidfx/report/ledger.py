@@ -32,6 +32,7 @@ from rigidfx.effects import NumericalDamping
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rotation import axial, cross
 from rigidfx.scene.damped import holding
+from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.stepper import Stepper
@@ -64,9 +65,7 @@ class Deformation:
         """Find the connected part of each node. Collective."""
         self._scene, self._parts = scene, scene.parts
         self._still = any(not support.moves for support in holding(scene))
-        dofmap = scene.space.dofmap.list
-        self._of_node = np.zeros(scene.space.tabulate_dof_coordinates().shape[0], dtype=np.int64)
-        self._of_node[dofmap] = self._parts.of_cell[: len(dofmap), None]
+        self._of_node = parts_of_nodes(scene)
         self._system: object = None
         self._bodies_alone = False
         self._of_body: Ints = np.empty(0, dtype=np.int64)

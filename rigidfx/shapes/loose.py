@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rigidfx.base.types import Array
+from rigidfx.scene.points import parts_of_nodes
 from rigidfx.shapes.orthonormal import columns
 from rigidfx.shapes.stiffness import Stiffness
 from rigidfx.step.system.rigid_motion import FREE, motions_of_parts
@@ -34,9 +35,7 @@ class Motions:
         """
         scene = stiffness.scene
         parts, n = scene.parts, scene.owned_nodes
-        of_node = np.zeros(scene.nodal_mass.size, dtype=np.int64)
-        of_node[scene.space.dofmap.list] = parts.of_cell[:, None]
-        self.part = part = of_node[:n]
+        self.part = part = parts_of_nodes(scene)[:n]
         self._sizes = np.linalg.norm(parts.upper - parts.lower, axis=1)
         every = np.zeros((n, 3, parts.count, 6))
         every[np.arange(n), :, part] = motions_of_parts(stiffness.places, part, parts)

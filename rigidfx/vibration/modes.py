@@ -14,13 +14,19 @@ from math import pi
 from pathlib import Path
 
 import numpy as np
+from mpi4py import MPI
 
-from rigidfx.base.errors import SceneError
+from rigidfx.base.errors import OutputError, SceneError, agree
 from rigidfx.base.inputs import path_of, whole
 from rigidfx.base.same_input import check_same
 from rigidfx.base.taken import seal
 from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
+from rigidfx.output.field_reader import grid_of
+from rigidfx.output.paraview import Body, Series
+from rigidfx.plot.curves import on_first_rank
+from rigidfx.plot.renders import Look, Photograph, check_camera, sheet, surface_of
+from rigidfx.plot.shapes import SHOWN
 from rigidfx.report.report import Report
 from rigidfx.report.start import check_about, check_scene
 from rigidfx.scene.scene import Scene
@@ -29,7 +35,6 @@ from rigidfx.scene.weights import inertial_masses
 from rigidfx.shapes.part import LACKING
 from rigidfx.step.linear.eigenpairs import clusters, lowest
 from rigidfx.vibration.problem import Problem
-from rigidfx.vibration.series import draw_modes, write_modes
 from rigidfx.vibration.spin import NEGLECTED
 
 __all__ = ["Modes", "modes", "periods", "periods_in_words"]
@@ -105,7 +110,22 @@ class Modes:
         Raises:
             OutputError: If it cannot be written.
         """
-        return write_modes(self, path_of("Modes.write", "folder", folder))
+        into: Path = self.scene.comm.bcast(path_of("Modes.write", "folder", folder))
+        body, path, problem = Body(self.scene.space), into / "modes.pvd", None
+        fields = [body.on_nodes(shape) for shape in self._scaled()]
+        if self.scene.comm.rank == 0:
+            try:
+                into.mkdir(parents=True, exist_ok=True)
+                series = Series(path, body)
+                for f, field in zip(self.frequencies, fields, strict=True):
+                    series.write(float(f), {"displacement": field}, {})
+            except OSError as error:
+                problem = (
+                    f"Modes.write: cannot write to the folder '{into}' "
+                    f"({error.strerror or error}). Name a folder that you may write to."
+                )
+        agree(self.scene.comm, problem, OutputError)
+        return path
 
     def draw(
         self,
@@ -127,7 +147,36 @@ class Modes:
             OutputError: If the picture cannot be drawn or written.
             SceneError: If there is no mode, or an argument cannot be used.
         """
-        draw_modes(self, path, columns, view, up)
+        path = path_of("Modes.draw", "path", path)
+        whole("Modes.draw", "columns", columns, least=1)
+        check_camera("Modes.draw", view, up)
+        if not len(self):
+            raise SceneError("Modes.draw: there is no mode to draw.")
+        body = Body(self.scene.space)
+        fields = [body.on_nodes(u) for u in self._scaled()]
+
+        def draw() -> None:
+            grid, photographs = grid_of(body), []
+            for k, (f, u) in enumerate(zip(self.frequencies, fields, strict=True), start=1):
+                size = np.linalg.norm(u, axis=1)
+                surface = surface_of(grid, u, "shape", size / max(float(size.max()), 1e-300))
+                photographs.append(Photograph(0.0, surface, f"mode {k}: {f:.5g} Hz"))
+            look = Look(view, up, body.cells.shape[1] in (4, 8))
+            sheet(path, photographs, "shape", look, columns)
+
+        on_first_rank(self.scene.comm, draw, f"Modes: '{path}'")
+
+    def _scaled(self) -> list[Array]:
+        """The shapes with their largest displacement a tenth of the whole's size. Collective."""
+        scene = self.scene
+        X, n = scene.space.tabulate_dof_coordinates(), scene.owned_nodes
+        ends = np.r_[X[:n].max(axis=0, initial=-np.inf), -X[:n].min(axis=0, initial=np.inf)]
+        scene.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+        size = float(np.linalg.norm(ends[:3] + ends[3:]))
+        largest = np.linalg.norm(self.shapes[:, :n], axis=2).max(axis=1, initial=0.0)
+        scene.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+        scale = SHOWN * size / np.maximum(largest, 1e-300)
+        return list(scale[:, None, None] * self.shapes)
 
 
 def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes:

@@ -28,6 +28,7 @@ from rigidfx.effects import (
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.report.report import Report
+from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.weights import inertial_masses
 from rigidfx.state import State
@@ -241,8 +242,7 @@ class Problem:
     def _rigid_motions(self) -> list[PETSc.Vec]:
         """Six of each connected part, or those of their combinations that joints leave free."""
         scene, p, out = self._scene, self._prolongation, []
-        of_node = np.zeros(scene.nodal_mass.size, dtype=np.int64)
-        of_node[scene.space.dofmap.list] = scene.parts.of_cell[:, None]
+        of_node = parts_of_nodes(scene)
         of_row = of_node[self._layout.rows.nodes]
         own = np.full(len(self._state.bodies), scene.parts.count)
         masses = (effect for effect in scene.named(PointMass) if effect.is_carried)

@@ -21,6 +21,7 @@ from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.ports import RANK
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.inertia import Centrifugal, StaticForces
+from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 
@@ -65,9 +66,8 @@ def spin_of(scene: Scene, state: State) -> Spin:
         state: The state.
     """
     n, count = scene.owned_nodes, scene.parts.count
-    part = np.zeros(scene.nodal_mass.size, dtype=np.int64)
-    part[scene.space.dofmap.list] = scene.parts.of_cell[:, None]
-    m, middle = scene.averaging_mass[:n], np.asarray(scene.centre_of_mass)
+    part, middle = parts_of_nodes(scene), np.asarray(scene.centre_of_mass)
+    m = scene.averaging_mass[:n]
     a = np.c_[np.ones(n), state.places - middle, state.velocities(np.arange(n))]
     sums = np.zeros((count, 7, 7))
     np.add.at(sums, part[:n], m[:, None, None] * a[:, :, None] * a[:, None])

@@ -31,6 +31,7 @@ from rigidfx.effects.joints.averages import Vector
 from rigidfx.effects.joints.elements import coordinate_of
 from rigidfx.effects.joints.pieces import Terms
 from rigidfx.mechanics.rigid_motions import rigid_motions
+from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.weights import inertial_masses
 from rigidfx.step.system.linked import elements_of
@@ -190,10 +191,8 @@ def following_energy(scene: Scene, held: Ints, jump: Array, u: Array) -> float:
         jump: By how much, shape (held,) [m/s].
         u: Displacement at all local dofs [m].
     """
-    n, parts, cells = scene.owned_nodes, scene.parts, scene.space.dofmap.list
-    of_node = np.zeros(len(scene.nodal_mass), dtype=np.int64)
-    of_node[cells] = parts.of_cell[: len(cells), None]
-    part = of_node[:n]
+    n, parts = scene.owned_nodes, scene.parts
+    part = parts_of_nodes(scene)[:n]
     x = scene.space.tabulate_dof_coordinates()[:n] + u.reshape(-1, 3)[:n]
     motions = motions_of_parts(x, part, parts)
     nodes = held // 3
