@@ -16,12 +16,11 @@ The rate of a path is that of the parabola through its values at start, middle a
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from rigidfx.base.matrices import dense
 from rigidfx.base.types import Array
@@ -38,9 +37,10 @@ from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.newton.parted import parted
 from rigidfx.step.system.supports import PrescribedDofs, ReducedMass
 
-__all__ = ["MeanConstraints", "gained_across", "path_rates"]
+__all__ = ["Added", "AddedForces", "MeanConstraints", "gained_across"]
 
-Ints = npt.NDArray[np.signedinteger]
+# Finds additions to multipliers of joints [N], and forces of these on vectors, shape (vectors, 3).
+Added = Callable[[], tuple[Array, Array]]
 
 
 class JointForces:
@@ -69,9 +69,7 @@ class JointForces:
         held = np.isin(linkage.averages.rows, reduced.p.prescribed // 3).any()
         self.on_supports: bool = comm.allreduce(bool(held), op=MPI.LOR)
 
-    def find(
-        self, v0: Array, v1: Array, increments: Increments, dt: float
-    ) -> Callable[[], tuple[Array, Array]]:
+    def find(self, v0: Array, v1: Array, increments: Increments, dt: float) -> Added:
         """λ* - λ of the step that has been solved, as a function that finds it once. Collective.
 
         Args:
@@ -100,12 +98,6 @@ class JointForces:
 
         return added
 
-    def on_nodes(self, on_vectors: Array, f: PETSc.Vec) -> Array:
-        """Forces on vectors as those on the division's rows, f overwritten."""
-        f.set(0.0)
-        self._linkage.resist(Forces.none(f), on_vectors)
-        return np.asarray(f.array_r)
-
     def _turned(self, increments: Increments) -> Array:
         """The inverse mass in the middle of the step, as bodies have turned."""
         if not len(self._R):
@@ -119,49 +111,56 @@ class JointForces:
         return np.asarray(Q @ self._C @ Q.T)
 
 
-class MeanConstraints:
-    """λ* - λ of the supports and joints of a division; `destroy` frees its mass and vectors."""
+class AddedForces(ABC):
+    """λ* - λ of the supports and joints of a division; `destroy` frees its vectors."""
 
-    def __init__(
-        self, equations: Equilibrium, mass: Mass, prescribed: PrescribedDofs, bodies: Bodies
-    ) -> None:
+    def __init__(self, equations: Equilibrium, prescribed: PrescribedDofs) -> None:
         """Keep the equations of steps. Collective.
 
         Args:
             equations: The equations.
-            mass: The mass of nodes.
             prescribed: Dofs that supports hold.
-            bodies: The bodies as they are now.
         """
         self._equations, self._prescribed = equations, prescribed
-        p, joints = equations.prolongation, equations.constraints
-        self._reduced, rows = ReducedMass(p, mass, bodies), p.layout.rows
-        self._joints: JointForces | None = None
-        if joints is not None:
-            self._joints = JointForces(joints.linkage, joints.ports, self._reduced, bodies)
+        joints, p = equations.constraints, equations.prolongation
+        self._linkage, rows = None if joints is None else joints.linkage, p.layout.rows
         self._held = rows.dofs[p.prescribed]
-        self._last: Array = np.empty(0)
-        self._w, self._momenta = rows.vector(), rows.vector()
+        self._last: Array = np.empty(0)  # rates of paths at the end of a step [m/s]
+        self._f, self._w = rows.vector(), rows.vector()
 
-    def find(self, state: State) -> tuple[Array, Callable[[], tuple[Array, Array]] | None]:
-        """λ* - λ of the step that has been solved: see `ResolvedConstraints.find`. Collective."""
-        equations, p = self._equations, self._equations.prolongation
-        dt, d, v0 = equations.dt, equations.d.array_r, equations.trial.v0.array_r
-        at, v1 = p.prescribed, 2 / dt * d - v0
-        more: Array = np.zeros(at.size)
-        if self._prescribed.moves:
-            first, self._last = path_rates(self._prescribed, state, dt, self._held, d[at])
-            self._w.set(0.0)
-            self._w.array[at] = (v1 - v0)[at] - (self._last - first)
-            self._reduced.followed(self._w, self._momenta)
-            more = -self._momenta.array_r[at] / dt
-            v1 = v1 - self._w.array_r
-        if self._joints is None:
-            return more, None
-        added = self._joints.find(v0, v1, p.increments, dt)
-        if self._joints.on_supports:
-            more = more + self._joints.on_nodes(added()[1], self._w)[at]
-        return more, added
+    @abstractmethod
+    def find(self, state: State) -> tuple[Array, Added | None]:
+        """λ* - λ of the step that has been solved. Collective.
+
+        Args:
+            state: The state at its start.
+
+        Returns:
+            Forces on held rows [N], and those of joints; None without joints.
+        """
+
+    def _gained(self, state: State) -> Array:
+        """Change of rates of paths in a step that has been solved [m/s]. Collective.
+
+        Args:
+            state: The state at its start, with rates at the end of the step before.
+        """
+        equations, at = self._equations, self._equations.prolongation.prescribed
+        dt, d = equations.dt, equations.d.array_r[at]
+        times = state.t, state.t + 0.5 * dt
+        middle = self._prescribed.increments(*times, state.u.x.array, watched=False)
+        first, self._last = end_rates(np.zeros(d.size), d, middle, dt)
+        if state.path_rates is not None:
+            known = state.path_rates[self._held]
+            first = np.where(np.isnan(known), first, known)
+        return np.asarray(self._last - first)
+
+    def _on_nodes(self, on_vectors: Array) -> Array:
+        """Forces on vectors as those on the rows."""
+        self._f.set(0.0)
+        if self._linkage is not None:
+            self._linkage.resist(Forces.none(self._f), on_vectors)
+        return self._f.array_r.copy()
 
     def accept(self, state: State) -> None:
         """Keep the rates of paths at the end of the step."""
@@ -170,29 +169,53 @@ class MeanConstraints:
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        for item in (self._reduced, self._w, self._momenta):
-            item.destroy()
+        self._f.destroy()
+        self._w.destroy()
 
 
-def path_rates(
-    prescribed: PrescribedDofs, state: State, dt: float, held: Ints, d: Array
-) -> tuple[Array, Array]:
-    """Rates of paths at both ends of a step that has been solved [m/s]. Collective.
+class MeanConstraints(AddedForces):
+    """λ* - λ by the mass alone; `destroy` frees it."""
 
-    Args:
-        prescribed: Dofs that supports hold.
-        state: The state at its start, with rates at the end of the step before.
-        dt: Its length [s].
-        held: The dofs.
-        d: Their increments [m].
-    """
-    u = state.u.x.array
-    middle = prescribed.increments(state.t, state.t + 0.5 * dt, u, watched=False)
-    first, last = end_rates(np.zeros(d.size), d, middle, dt)
-    if state.path_rates is not None:
-        known = state.path_rates[held]
-        first = np.where(np.isnan(known), first, known)
-    return first, last
+    def __init__(
+        self, equations: Equilibrium, mass: Mass, prescribed: PrescribedDofs, bodies: Bodies
+    ) -> None:
+        """Reduce the mass. Collective.
+
+        Args:
+            equations: The equations.
+            mass: The mass of nodes.
+            prescribed: Dofs that supports hold.
+            bodies: The bodies as they are now.
+        """
+        super().__init__(equations, prescribed)
+        self._reduced = ReducedMass(equations.prolongation, mass, bodies)
+        self._joints: JointForces | None = None
+        if (joints := equations.constraints) is not None:
+            self._joints = JointForces(joints.linkage, joints.ports, self._reduced, bodies)
+
+    def find(self, state: State) -> tuple[Array, Added | None]:
+        """See `AddedForces`."""
+        equations, p = self._equations, self._equations.prolongation
+        dt, d, v0 = equations.dt, equations.d.array_r, equations.trial.v0.array_r
+        at, v1 = p.prescribed, 2 / dt * d - v0
+        more: Array = np.zeros(at.size)
+        if self._prescribed.moves:
+            self._w.set(0.0)
+            self._w.array[at] = (v1 - v0)[at] - self._gained(state)
+            self._reduced.followed(self._w, self._f)
+            more = -self._f.array_r[at] / dt
+            v1 = v1 - self._w.array_r
+        if self._joints is None:
+            return more, None
+        added = self._joints.find(v0, v1, p.increments, dt)
+        if self._joints.on_supports:
+            more = more + self._on_nodes(added()[1])[at]
+        return more, added
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        self._reduced.destroy()
+        super().destroy()
 
 
 def gained_across(linkage: Linkage, start: Array, end: Array, given: Array) -> Array:

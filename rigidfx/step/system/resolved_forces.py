@@ -28,22 +28,19 @@ matter on other numbers of ranks, and in resumed runs.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.types import Array
 from rigidfx.coupling.mass import Mass
-from rigidfx.effects.motion import Forces
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear.linear_solver import configure
 from rigidfx.step.newton.border import BorderedFactors
 from rigidfx.step.newton.factors import entries_of
-from rigidfx.step.system.constraint_forces import gained_across, path_rates
+from rigidfx.step.system.constraint_forces import Added, AddedForces, gained_across
 from rigidfx.step.system.supports import PrescribedDofs
 
 __all__ = ["ResolvedConstraints"]
@@ -104,13 +101,13 @@ class PresentTangent:
         self._free()
 
 
-class ResolvedConstraints:
-    """λ* - λ of the supports and joints of a division."""
+class ResolvedConstraints(AddedForces):
+    """λ* - λ by the tangent of a step."""
 
     def __init__(
         self, equations: Equilibrium, mass: Mass, prescribed: PrescribedDofs, scene: Scene
     ) -> None:
-        """Keep the equations of steps. Collective.
+        """Make a solver. Collective.
 
         Args:
             equations: The equations.
@@ -118,40 +115,25 @@ class ResolvedConstraints:
             prescribed: Dofs that supports hold.
             scene: The problem.
         """
-        self._equations, self._prescribed = equations, prescribed
-        self._tangent = PresentTangent(equations)
-        self._linkage = None if equations.constraints is None else equations.constraints.linkage
-        self._mass, self._cell = mass, scene.mean_cell_size
-        p = equations.prolongation
-        self._comm, rows = p.comm, p.layout.rows
-        self._held = rows.dofs[p.prescribed]
-        self._last: Array = np.empty(0)
+        super().__init__(equations, prescribed)
+        self._tangent, p = PresentTangent(equations), equations.prolongation
+        self._mass, self._cell, self._comm = mass, scene.mean_cell_size, p.comm
         self._strains = self._any(sum(own.size for own in p.layout.flexible.values()))
         self._holds = self._any(p.prescribed.size)
-        self._f, self._w = rows.vector(), rows.vector()
         self._r, self._z = equations.unknowns(), equations.unknowns()
 
     def _any(self, count: int) -> bool:
         return bool(self._comm.allreduce(count) > 0)
 
-    def find(self, state: State) -> tuple[Array, Callable[[], tuple[Array, Array]] | None]:
-        """λ* - λ of the step that has been solved. Collective.
-
-        Args:
-            state: The state at its start.
-
-        Returns:
-            Forces on held rows [N], and a function to additions to the multipliers of joints [N]
-            and to the forces of these on vectors, shape (vectors, 3) [N]; None without joints.
-        """
+    def find(self, state: State) -> tuple[Array, Added | None]:
+        """See `AddedForces`."""
         equations, dt = self._equations, self._equations.dt
         p, d, v0 = equations.prolongation, equations.d.array_r, equations.trial.v0.array_r.copy()
         at, v1 = p.prescribed, 2 / dt * d - v0
         across = np.zeros(d.size)
         across[at] = v1[at] - v0[at]
         if self._prescribed.moves:
-            first, self._last = path_rates(self._prescribed, state, dt, self._held, d[at])
-            across[at] -= self._last - first
+            across[at] -= self._gained(state)
         v1 -= across
         if p.attached.size:
             v0[p.attached] = p.rates(p.increments.start)
@@ -175,11 +157,6 @@ class ResolvedConstraints:
         if self._holds:
             held += self._on_nodes(on_vectors)[at]
         return held, lambda: (more, on_vectors)
-
-    def accept(self, state: State) -> None:
-        """Keep the rates of paths at the end of the step."""
-        if self._prescribed.moves:
-            state.follow_paths(self._held, self._last)
 
     def _off(self, v0: Array, v1: Array) -> Array:
         """Change of velocities across rows of joints in the step, without compliance [m/s]."""
@@ -223,14 +200,8 @@ class ResolvedConstraints:
         of_bodies, multipliers = self._equations.response(self._z, held, self._w)
         return of_bodies, self._w.array_r.copy(), multipliers
 
-    def _on_nodes(self, on_vectors: Array) -> Array:
-        """Forces on vectors as those on the rows."""
-        self._f.set(0.0)
-        if self._linkage is not None:
-            self._linkage.resist(Forces.none(self._f), on_vectors)
-        return self._f.array_r.copy()
-
     def destroy(self) -> None:
         """Free the solver and the vectors. Collective."""
-        for item in (self._tangent, self._f, self._w, self._r, self._z):
+        for item in (self._tangent, self._r, self._z):
             item.destroy()
+        super().destroy()

@@ -6,7 +6,7 @@ nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar
@@ -39,7 +39,7 @@ from rigidfx.step.equations.shape_damping import ShapeDamping
 from rigidfx.step.newton.first_guess import predict
 from rigidfx.step.newton.newton import Newton
 from rigidfx.step.newton.solution import Solution
-from rigidfx.step.system.constraint_forces import MeanConstraints
+from rigidfx.step.system.constraint_forces import Added, AddedForces, MeanConstraints
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.equations import Equations, Kind
 from rigidfx.step.system.held_bodies import HeldBodies
@@ -146,7 +146,7 @@ class System(Equations):
         self._v0: Any = rows.vector() if steps else None  # of statics there is none
         self._mean = self._mean_constraints(state.bodies) if steps else None
 
-    def _mean_constraints(self, bodies: Bodies) -> MeanConstraints | ResolvedConstraints | None:
+    def _mean_constraints(self, bodies: Bodies) -> AddedForces | None:
         """Bind what takes the alternating part out of forces of constraints. Collective."""
         known = self.equilibrium, self.mass, self.prescribed
         constrained = self.prescribed.active or self.linkage is not None
@@ -260,7 +260,7 @@ class System(Equations):
         d, moved = self.equilibrium.d.array_r, p.displacement(bodies)
         self._state.advance(t, dofs, d, v, bodies, dofs[p.attached], moved)
 
-    def told(self, added: Callable[[], tuple[Array, Array]] | None = None) -> Links:
+    def told(self, added: Added | None = None) -> Links:
         """Forces and motions of joints, and of springs between two points, by their titles."""
         if self.linkage is None:
             return JointReports(), {}
