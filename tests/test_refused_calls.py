@@ -164,6 +164,8 @@ _run(dt={0: 0.1, "a": 1}) :: a time of dt must be
 _run(dt={0: 0.1, 0.1: 0.1, "0.1": 0.2}) :: a time of dt
 _run(dt={-1: 0.1, 0: 0.1}) :: begins with the
 _run(t_end=-0.1) :: t_end must be a finite number > 0
+_run(dt=1.0, t_end=1e-11) :: would have no step: times
+_run(dt=0.1, t_end=1e-300) :: would have no step: times
 _run(dt=1e-16, t_end=1.0) :: cannot be resolved
 _run(dt={0: 100.0, 86400.0: 1e-11}, t_end=86401.0) :: cannot be resolved
 _run(rigidify=0.001) :: rigidify must be a StrainRate
