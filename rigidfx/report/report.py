@@ -186,7 +186,8 @@ class Report(Work, Measures):
             Energies, momenta and bodies of the report are those after these events.
         closeness: Least |ε/tol - 1| of all cells at the end of a window, ε their strain rate:
             how close the decision was. NaN if no window ended in the step.
-        probes: Displacement of each probe, shape (3,) [m]: that of `state` and the error motion.
+        probes: Displacement of each probe, shape (3,) [m]: that of `state` and the error motion,
+            and how bending shortens bodies with shapes: see `rigidfx.shapes.shortening`.
         velocities: Velocity of each probe, shape (3,) [m/s]: that of `state` and of the error
             motion; in a rigid part that of the part.
         error_motion: The error motion e at each probe, shape (3,) [m]: the estimated difference
@@ -399,8 +400,8 @@ class Report(Work, Measures):
         """Displacement and velocity with the error motion, and that alone. Collective.
 
         Returns:
-            u + e [m] and its rate [m/s], up to date inside bodies, and e [m]; None for e where a
-            run shows none.
+            u + δ + e [m] and its rate [m/s], with δ of `Shortening`, up to date inside bodies, and
+            e [m]; None for e where a run shows none.
 
         Raises:
             SceneError: If the run has gone on.

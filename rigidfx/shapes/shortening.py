@@ -38,6 +38,7 @@ from rigidfx.shapes.responses import Responses
 __all__ = ["About", "Shortening"]
 
 
+Key = tuple[float, ...]
 ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))  # of q, over the length of a body
 
 
@@ -72,9 +73,9 @@ class Shortening:
             about: The expansion of a body with shapes. Collective.
         """
         self._scene, self._points, self._about = scene, points, about
-        self._looked: dict[int, float] = {}  # Σ |q| of each body at the last look [m], by number
-        self._counting: frozenset[int] = frozenset()  # bodies whose δ is shown
-        self._terms: dict[int, Array] = {}  # C of each, shape (3 · probes, m, m) [1/m]
+        self._looked: dict[Key, float] = {}  # Σ |q| of each body at the last look [m]
+        self._counting: frozenset[Key] = frozenset()  # bodies whose δ is shown
+        self._terms: dict[Key, Array] = {}  # C of each, shape (3 · probes, m, m) [1/m]
         self._units: dict[int, Array] = {}  # g by responses, shape (owned nodes, 3, 3 · probes)
 
     def at_probes(self, bodies: Bodies) -> dict[str, tuple[Array, Array]]:
@@ -126,19 +127,19 @@ class Shortening:
 
     def _counts(self, body: Body) -> bool:
         """Whether δ of a body is above `LACKING`/10 before it bends twice as far. Collective."""
-        number, size = body.data.number, float(np.abs(body.motion.q).sum())
-        known = number in self._counting
-        if known or size <= max(2 * self._looked.get(number, 0.0), ROUNDING * body.data.length):
+        key, size = _key(body), float(np.abs(body.motion.q).sum())
+        known = key in self._counting
+        if known or size <= max(2 * self._looked.get(key, 0.0), ROUNDING * body.data.length):
             return known
-        self._looked[number], about = size, self._about(body)
+        self._looked[key], about = size, self._about(body)
         if self._hangs(body, about.responses):
-            self._looked[number] = np.inf
+            self._looked[key] = np.inf
             return False
         d = _deformed(body, body.motion.q)
         (own,) = self._response(body, about, about.part.even(d)[:, :, None])
         if 10 * 2 * self._largest(own) > LACKING * self._largest(d):
-            self._counting |= {number}
-        return number in self._counting
+            self._counting |= {key}
+        return key in self._counting
 
     def _hangs(self, body: Body, responses: Responses) -> bool:
         """Whether joints alone hold a body, so that K does not know where. Collective."""
@@ -170,9 +171,9 @@ class Shortening:
 
     def _of_probes(self, body: Body, about: About) -> Array:
         """C of a body; rows of shapes that have grown are added. Collective."""
-        number, m, shapes = body.data.number, body.data.deforms_by, body.data.shapes
+        key, m, shapes = _key(body), body.data.deforms_by, body.data.shapes
         assert shapes is not None
-        known = self._terms.get(number, np.zeros((3 * len(self._points), 0, 0)))
+        known = self._terms.get(key, np.zeros((3 * len(self._points), 0, 0)))
         before = known.shape[1]
         if before == m:
             return known
@@ -190,7 +191,7 @@ class Shortening:
             for j in range(k):
                 sides = out[:, j, j] + out[:, k, k]
                 out[:, j, k] = out[:, k, j] = bent(j, k) - 0.5 * sides
-        self._terms[number] = out
+        self._terms[key] = out
         return out
 
     def _unit(self, responses: Responses) -> Array:
@@ -202,6 +203,11 @@ class Shortening:
                     F[point.nodes, axis, p, axis] = point.weights
             self._units[id(responses)] = responses.solve(F.reshape(len(F), 3, -1))
         return self._units[id(responses)]
+
+
+def _key(body: Body) -> Key:
+    """A body of one frozen shape: its number, which it keeps as it gains cells, and its origin."""
+    return body.data.number, *body.data.origin.tolist()
 
 
 def _deformed(body: Body, q: Array) -> Array:
