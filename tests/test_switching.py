@@ -797,12 +797,12 @@ def _story(**options):
             rf.Traction("x1", (0.0, 6.0, 4.0), until=1.0),
             rf.Traction("x0", (3.0, -2.0, 4.0), until=1.0),
             rf.NumericalDamping(0.5),
-            rf.Gravity((0, 0, -1.0), since=15.0),
+            rf.Gravity((0, 0, -1.0), since=11.6),
         ],
         probes={"on the body": (1.2, 0.3, 0.6), "at the end": (11.6, 0.6, 0.3)},
     )
-    release = rf.Release(at=13.0, where="far")
-    return scene, rf.StrainRate(8e-3, 1.0, release=release, **options), 0.2, 16.0
+    release = rf.Release(at=10.6, where="far")
+    return scene, rf.StrainRate(8e-3, 1.0, release=release, **options), 0.2, 12.4
 
 
 def _one_end():
