@@ -74,7 +74,7 @@ def test_equilibria_contain_it():
 
 
 def test_terms_are_found_once_where_they_count_and_a_probe_is(monkeypatch):
-    """A pair of shapes has one; small motions are only looked at as they double."""
+    """A pair of shapes has one; small motions are looked at a few times."""
     made, own = [], Expanded.even
     monkeypatch.setattr(Expanded, "even", lambda *given: made.append(0) or own(*given))
 

@@ -60,7 +60,7 @@ class About:
 class Shortening:
     """δ of the bodies of a run, at probes and as a field."""
 
-    remembered: ClassVar[Remembered] = same("_looked", "_counting")
+    remembered: ClassVar[Remembered] = same("_small", "_counting")
 
     def __init__(
         self, scene: Scene, points: Mapping[str, Point], about: Callable[[Body], About]
@@ -73,7 +73,7 @@ class Shortening:
             about: The expansion of a body with shapes. Collective.
         """
         self._scene, self._points, self._about = scene, points, about
-        self._looked: dict[Key, float] = {}  # Σ |q| of each body at the last look [m]
+        self._small: dict[Key, float] = {}  # Σ |q| of each body up to which δ counts for little [m]
         self._counting: frozenset[Key] = frozenset()  # bodies whose δ is shown
         self._terms: dict[Key, Array] = {}  # C of each, shape (3 · probes, m, m) [1/m]
         self._units: dict[int, Array] = {}  # g by responses, shape (owned nodes, 3, 3 · probes)
@@ -126,18 +126,23 @@ class Shortening:
         return [] if bodies.of.shapes is None else [body for body in bodies if self._counts(body)]
 
     def _counts(self, body: Body) -> bool:
-        """Whether δ of a body is above `LACKING`/10 before it bends twice as far. Collective."""
+        """Whether δ of a body is above `LACKING`/10 before it bends twice as far. Collective.
+
+        Of a part p of that, which grows as the body bends, it is looked at again at p^-½ times |q|:
+        that leaves as much for shapes that shorten more.
+        """
         key, size = _key(body), float(np.abs(body.motion.q).sum())
         known = key in self._counting
-        if known or size <= max(2 * self._looked.get(key, 0.0), ROUNDING * body.data.length):
+        if known or size <= self._small.get(key, ROUNDING * body.data.length):
             return known
-        self._looked[key], about = size, self._about(body)
+        self._small[key], about = np.inf, self._about(body)
         if self._hangs(body, about.responses):
-            self._looked[key] = np.inf
             return False
         d = _deformed(body, body.motion.q)
         (own,) = self._response(body, about, about.part.even(d)[:, :, None])
-        if 10 * 2 * self._largest(own) > LACKING * self._largest(d):
+        part = 10 * self._largest(own) / (LACKING * self._largest(d))
+        self._small[key] = size / min(max(part, ROUNDING) ** 0.5, 0.5)
+        if 2 * part > 1:
             self._counting |= {key}
         return key in self._counting
 
