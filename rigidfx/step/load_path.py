@@ -3,13 +3,6 @@
 A load step is cut where Newton's method fails, where it turns cells inside out, and where it jumps:
 where its increment is several times that of the step before and does not shrink as the step does.
 Such a jump, or a failure that no cut mends, is a limit load.
-
-How loose parts come to rest in a load step: under a drag that follows them and fades.
-
-Contacts or loads alone hold a chain, a pendulum or a block on a floor, and the tangent of statics
-is singular where they do not yet. The drag of `StepDrag` makes it regular. Each solve draws the
-parts to the last solution, and the next one has a third of the drag. It ends where the drag is
-nothing against the loads. Where a solve fails the drag is taken three times as large.
 """
 
 from __future__ import annotations
@@ -69,6 +62,12 @@ class SettlingControl:
 
 class Settling:
     """The drag of a load path, and its course.
+
+    Contacts or loads alone hold a chain, a pendulum or a block on a floor, and the tangent of
+    statics is singular where they do not yet. The drag of `StepDrag` makes it regular. Each solve
+    draws the parts to the last solution, and the next one has a third of the drag. It ends where
+    the drag is nothing against the loads. Where a solve fails the drag is taken three times as
+    large.
 
     Attributes:
         effect: The drag, to be bound with the effects that act.

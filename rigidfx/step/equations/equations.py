@@ -8,8 +8,6 @@ the origin loses no digits; with d = d(y) = u₁ - u₀ and v₁ = 2 d/Δt - v�
 all in newtons; the prolongation d(y) carries supports and bodies, see `prolongation` and
 `increments`. d and f have rows for the active nodes only. `newton` solves R(y) = 0. Multipliers of
 joints come last in both, see `constraints`.
-
-The data of one trial of a step, which its equations do not change.
 """
 
 from __future__ import annotations

@@ -20,25 +20,6 @@ each no less than `poorest` of its value with E = 0. Without the second term a m
 would have to keep a part of its still small displacement. E is damped
 (`rigidfx.step.length.run_error`). U' is the displacement after the longest step, or after 4 s, with
 the present velocity and acceleration; it is at most 4 U, and at most U times its former growth.
-
-The error of displacements after many steps, from the errors of single steps.
-
-An error is a motion. It decays as its vibration does, and the error of a vibration of amplitude A
-is 2 A at most, when the phase is opposite. So the errors d of steps are split by octaves: E_b is
-the error of motion slower than ω_b,
-
-    E_b ← E_b exp(-δ_b Δt) + p_b d ,    δ_b = ½ (α + β min(½ω_b, ω)²) ,
-    E = min_b ( max_{a ≤ b} E_a + 2 A_b ) .
-
-p_b is the part of d/Δt that passes a chain of four exponential means; r takes the mean of late, and
-all of one step that spends evenly beside: rounding alone tells no part. ω is the frequency at which
-errors turn (`rigidfx.step.length.time_error`). α and β are the least damping of all cells
-(`rigidfx.scene.damped`). A_b is the amplitude of motion faster than ω_b: of displacements high-
-passed four times at ½ω_b, so that both parts together are complete. The last ω_b is infinite. With
-contacts it is the only one, since they turn fast motion into slow motion.
-
-Four means pass 1/(1 + ω²/ω_b²)². Divided by δ_b this is largest at ω_b = ω, where it is right for
-one vibration: 0.9 to 1 between octaves.
 """
 
 from __future__ import annotations
@@ -67,6 +48,23 @@ LEAST = 1e-3  # of d, that the mean part of any account is at least
 
 class RunError:
     """Adds up the errors of steps.
+
+    An error is a motion. It decays as its vibration does, and the error of a vibration of amplitude
+    A is 2 A at most, when the phase is opposite. So the errors d of steps are split by octaves: E_b
+    is the error of motion slower than ω_b,
+
+        E_b ← E_b exp(-δ_b Δt) + p_b d ,    δ_b = ½ (α + β min(½ω_b, ω)²) ,
+        E = min_b ( max_{a ≤ b} E_a + 2 A_b ) .
+
+    p_b is the part of d/Δt that passes a chain of four exponential means; r takes the mean of late,
+    and all of one step that spends evenly beside: rounding alone tells no part. ω is the frequency
+    at which errors turn (`rigidfx.step.length.time_error`). α and β are the least damping of all
+    cells (`rigidfx.scene.damped`). A_b is the amplitude of motion faster than ω_b: of displacements
+    high-passed four times at ½ω_b, so that both parts together are complete. The last ω_b is
+    infinite. With contacts it is the only one, since they turn fast motion into slow motion.
+
+    Four means pass 1/(1 + ω²/ω_b²)². Divided by δ_b this is largest at ω_b = ω, where it is right
+    for one vibration: 0.9 to 1 between octaves.
 
     Attributes:
         cuts: ω_b [1/s].

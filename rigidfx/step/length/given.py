@@ -4,20 +4,6 @@ A load of time alone has some components. One of place and time is evaluated at 
 acts on, or at a thousand that stand for them, spread evenly by their places; by each rank at all of
 these, so that ranks decide alike with nothing sent. Nodes count by their weights, as their forces
 do: a jump at a few of many nodes changes the motion by as little.
-
-Steps that are shortened because the load at their middle differs from its mean.
-
-A step evaluates loads at its middle. The jerk of the motion shows this error for smooth loads, but
-not for a load that jumps or begins after the middle. So loads that are functions of the user's are
-evaluated at five times before a step. If Simpson's means of five and three samples differ by more
-than `tol` of the change of the load so far, or if the mean differs from the value at the middle by
-more than 1/20 of it, bisection finds the longest step without such a difference. A step ends just
-after a jump, and Δt starts anew there.
-
-Time windows, kinks of a `Table` and `breakpoints` are known without this. A sine of two steps a
-period may be zero at all middles and in all means, and is missed.
-
-Instants at which steps have to end, and steps of equal length up to the next one.
 """
 
 from __future__ import annotations
@@ -259,7 +245,18 @@ class Onset(NamedTuple):
 
 
 class Onsets:
-    """Finds such times among the loads of a scene that are functions of the user's."""
+    """Finds such times among the loads of a scene that are functions of the user's.
+
+    A step evaluates loads at its middle. The jerk of the motion shows this error for smooth loads,
+    but not for a load that jumps or begins after the middle. So loads that are functions of the
+    user's are evaluated at five times before a step. If Simpson's means of five and three samples
+    differ by more than `tol` of the change of the load so far, or if the mean differs from the
+    value at the middle by more than 1/20 of it, bisection finds the longest step without such a
+    difference. A step ends just after a jump, and Δt starts anew there.
+
+    Time windows, kinks of a `Table` and `breakpoints` are known without this. A sine of two steps a
+    period may be zero at all middles and in all means, and is missed.
+    """
 
     remembered: ClassVar[Remembered] = same() | {"_loads": PART}
 

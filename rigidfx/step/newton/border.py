@@ -18,15 +18,6 @@ displacements of the ports, q, the forces on them, f, and the multipliers (`smal
 Incomplete factors contain no joints. With a kept tangent, ports, Y and C rotate with their nodes
 and bodies, and H, D and D₁ are those of the first iterate of a step. If each iteration has a new
 tangent, they are those of the last iterate, and rows converge as by Newton's method.
-
-The small system of joints, factored: displacements and forces of ports, and multipliers.
-
-With C the compliance at the ports, H the curvature of the rows, D and D₁ their derivatives on the
-test and on the trial side, and R the compliance of the rows,
-
-    q + C f = q₀,    f = H q + Dᵀ μ,    D₁ q + R μ = s.
-
-Small systems are arrays, without f; larger ones are sparse, with f, as C H is full.
 """
 
 from __future__ import annotations
@@ -55,6 +46,13 @@ Factors = Callable[[Array, Array], tuple[Array, Array]]
 
 def small_system(C: Matrix, H: Matrix, D: Matrix, D1: Matrix, R: Array) -> Factors | None:
     """A function that finds f and μ of q₀ and s; None where the system is singular.
+
+    With C the compliance at the ports, H the curvature of the rows, D and D₁ their derivatives on
+    the test and on the trial side, and R the compliance of the rows,
+
+        q + C f = q₀,    f = H q + Dᵀ μ,    D₁ q + R μ = s.
+
+    Small systems are arrays, without f; larger ones are sparse, with f, as C H is full.
 
     Args:
         C: Shape (ports, ports).

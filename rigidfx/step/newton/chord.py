@@ -4,23 +4,6 @@ Parts of metal need factors, since waves pass many cells in the time steps of th
 new factors cost more than some iterations with kept ones. In soft parts inertia dominates, and
 GMRES with kept incomplete factors suffices, with a coarse grid in large systems in which waves get
 far.
-
-How many entries the factors of a matrix will have, before anything is factored.
-
-With the rows of a sparse matrix in the order of Cuthill and McKee, reversed (A. George and J. W. H.
-Liu, Computer Solution of Large Sparse Positive Definite Systems, Prentice-Hall 1981), factors have
-entries only between the first entry of a row and the diagonal. These are few in small structures,
-and in long and thin ones of any size.
-
-When a kept tangent is renewed.
-
-An iteration with a kept tangent reduces the residual by its contraction θ (E. Hairer and G. Wanner,
-Solving Ordinary Differential Equations II, IV.8; P. Deuflhard, Newton Methods for Nonlinear
-Problems, 2.1). The first iterations with a tangent in a step tell nothing of it: a correction along
-a straight line stretches parts that turn or bend, and the next ones take that back. So a tangent is
-judged after its first `OWN` iterations, by the mean θ of the last two. It is renewed if the
-residual has grown, or if the remaining iterations, log(target/‖R‖)/log θ, exceed the limit of
-iterations. Newton's method takes over where that does not help.
 """
 
 from __future__ import annotations
@@ -85,6 +68,14 @@ OF_SOLVERS = "ksp_", "pc_", "mat_", "sub_", "mg_", "snes_lag_", "snes_ksp_ew"
 def worn(history: Sequence[float], since: int, target: float, limit: int) -> bool:
     """Whether a tangent does not fit the last iterate of a step.
 
+    An iteration with a kept tangent reduces the residual by its contraction θ (E. Hairer and G.
+    Wanner, Solving Ordinary Differential Equations II, IV.8; P. Deuflhard, Newton Methods for
+    Nonlinear Problems, 2.1). The first iterations with a tangent in a step tell nothing of it: a
+    correction along a straight line stretches parts that turn or bend, and the next ones take that
+    back. So a tangent is judged after its first `OWN` iterations, by the mean θ of the last two. It
+    is renewed if the residual has grown, or if the remaining iterations, log(target/‖R‖)/log θ,
+    exceed the limit of iterations. Newton's method takes over where that does not help.
+
     Args:
         history: ‖R‖ at each iterate of the step [N].
         since: Iterate since which the tangent is the same.
@@ -103,6 +94,11 @@ def worn(history: Sequence[float], since: int, target: float, limit: int) -> boo
 
 def fill(A: PETSc.Mat) -> float:
     """Entries of factors relative to the matrix' own, at most; infinite on several ranks.
+
+    With the rows of a sparse matrix in the order of Cuthill and McKee, reversed (A. George and J.
+    W. H. Liu, Computer Solution of Large Sparse Positive Definite Systems, Prentice-Hall 1981),
+    factors have entries only between the first entry of a row and the diagonal. These are few in
+    small structures, and in long and thin ones of any size.
 
     Args:
         A: A matrix whose pattern of entries is symmetric, and complete. Rows alike count as one.

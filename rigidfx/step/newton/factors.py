@@ -3,22 +3,6 @@
 Small systems have LU by PETSc itself where inertia makes pivots needless; others Cholesky's factors
 of the symmetric part on one rank, until a tangent has been found to be too far from that; all
 others LU by MUMPS.
-
-Solve with the symmetric part of a tangent, by Cholesky's factors.
-
-The forces of a step act at its middle, its strains are measured at its end. So the skew part of a
-tangent grows with the rotation and strain in half a step, and is small in vibrations. Newton's
-iteration with a kept tangent removes the error by the missing skew part. Cholesky's factors have
-half of the entries of LU, which halves the time of a solve and of a new tangent. They do not exist
-if the matrix is not definite, as near buckling.
-
-Cost of a new tangent, in iterations with the factors of a kept one.
-
-The unit is the time of an iteration, without its solve, for each entry of the tangent: 1.8 ns.
-Costs come from counts that all numbers of ranks have alike, not from a clock, so runs repeat
-exactly. In parts of steel of 10⁴ to 2·10⁴ unknowns an entry of Cholesky's factors took 12 to 14 in
-factoring and .63 to .8 in a solve, an entry of a tangent 13 in assembly, for which cells bring 2.4.
-Beside a body each of these is multiplied by the body's coordinates, four and three for each shape.
 """
 
 from __future__ import annotations
@@ -45,6 +29,13 @@ UNKNOWN = PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN  # PETSc compares them: th
 @dataclass(frozen=True)
 class Prices:
     """Costs of entries.
+
+    The unit is the time of an iteration, without its solve, for each entry of the tangent: 1.8 ns.
+    Costs come from counts that all numbers of ranks have alike, not from a clock, so runs repeat
+    exactly. In parts of steel of 10⁴ to 2·10⁴ unknowns an entry of Cholesky's factors took 12 to 14
+    in factoring and .63 to .8 in a solve, an entry of a tangent 13 in assembly, for which cells
+    bring 2.4. Beside a body each of these is multiplied by the body's coordinates, four and three
+    for each shape.
 
     Attributes:
         assembling: To assemble an entry of a cell.
@@ -87,6 +78,12 @@ def entries_of(A: PETSc.Mat) -> float:
 
 class Cholesky:
     """Factors of the symmetric part of one matrix; `destroy` frees them.
+
+    The forces of a step act at its middle, its strains are measured at its end. So the skew part of
+    a tangent grows with the rotation and strain in half a step, and is small in vibrations.
+    Newton's iteration with a kept tangent removes the error by the missing skew part. Cholesky's
+    factors have half of the entries of LU, which halves the time of a solve and of a new tangent.
+    They do not exist if the matrix is not definite, as near buckling.
 
     Options of PETSc's are understood under the prefix `rigidfx_cholesky_`, or another.
 

@@ -9,17 +9,6 @@ same in its own frame. So corrections are
 with the rotations R of nodes and bodies at the start of the step (`frames`), and R₀ those of the
 step in which A₀ was assembled. Newton's method then converges linearly, the faster the better the
 tangent fits. For a steadily turning body the fit is exact.
-
-Knowledge of the true tangent in the iterates of a kept one: secants, after D. G. Anderson.
-
-From one iterate to the next a correction s moves the unknowns, and the residual changes by J s. So
-the correction that the kept tangent gives, z = A₀⁻¹ r, changes by A₀⁻¹ J s: the known pairs correct
-z (D. G. Anderson, J. ACM 12 (1965) 547-560, of type II),
-
-    J⁻¹ r ≈ z + Σ c (s − Δz) ,    c by the least squares of z − Σ c Δz .
-
-Parts that bend stay near the shape of a step before. So pairs are kept over steps, in the frame of
-the tangent, until there is a new one.
 """
 
 from __future__ import annotations
@@ -46,6 +35,15 @@ INDEPENDENT = 1e-4  # square of the part in which pairs have to differ
 
 class Secants:
     """Mends the corrections of a kept tangent.
+
+    From one iterate to the next a correction s moves the unknowns, and the residual changes by J s.
+    So the correction that the kept tangent gives, z = A₀⁻¹ r, changes by A₀⁻¹ J s: the known pairs
+    correct z (D. G. Anderson, J. ACM 12 (1965) 547-560, of type II),
+
+        J⁻¹ r ≈ z + Σ c (s − Δz) ,    c by the least squares of z − Σ c Δz .
+
+    Parts that bend stay near the shape of a step before. So pairs are kept over steps, in the frame
+    of the tangent, until there is a new one.
 
     Attributes:
         known: How many pairs are kept.

@@ -2,20 +2,6 @@
 
 Where a Krylov solver gives up, the step is solved again by a factorisation, and so are all later
 ones of this division. Where factors without pivots fail, it is solved again with pivots.
-
-Exceptions of Python functions that PETSc calls, in place of PETSc's error about it.
-
-Python raises a Ctrl-C mostly in a function that SNES has called. PETSc replaces any exception of
-such a function by an error of its own (number -1), with the exception as its cause.
-
-Whether an iterate that is accurate enough as a solution also keeps energy and momenta.
-
-Newton's method often ends a step far below its tolerance. Iterations with a kept tangent end just
-below it. In long steps that remainder may change energy and momenta: they drifted by 2e-10 in 300
-steps of a bar of steel whose Δt changed from step to step. So the change by a solution is measured.
-If it is too large, the iteration continues while each iteration halves it. If a new tangent does
-not halve it either, it is rounding. The size of that rounding is kept, also through new divisions,
-and later steps need not be better. An iterate with a larger change than the one before is undone.
 """
 
 from __future__ import annotations
@@ -61,6 +47,14 @@ GROWN = 2.0  # a residual that has grown by that belongs to no solution any more
 
 class Conserving:
     """Follows the iterates of a step from the first one that is good enough as a solution.
+
+    Newton's method often ends a step far below its tolerance. Iterations with a kept tangent end
+    just below it. In long steps that remainder may change energy and momenta: they drifted by 2e-10
+    in 300 steps of a bar of steel whose Δt changed from step to step. So the change by a solution
+    is measured. If it is too large, the iteration continues while each iteration halves it. If a
+    new tangent does not halve it either, it is rounding. The size of that rounding is kept, also
+    through new divisions, and later steps need not be better. An iterate with a larger change than
+    the one before is undone.
 
     Attributes:
         rounding: Rounding of each quantity, as far as it has been met, relative.
@@ -131,6 +125,9 @@ class Conserving:
 @contextmanager
 def errors_of_callbacks() -> Iterator[None]:
     """Around a call of PETSc that calls back.
+
+    Python raises a Ctrl-C mostly in a function that SNES has called. PETSc replaces any exception
+    of such a function by an error of its own (number -1), with the exception as its cause.
 
     Raises:
         BaseException: The exception of a function called by PETSc.

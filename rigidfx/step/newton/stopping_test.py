@@ -8,13 +8,6 @@ stall. A residual that grows is a stall only if it is itself rounding.
 An iteration hands its tangent on if another one that reduces ‖R‖ by as much leaves a hundredth of
 the tolerance. With joints, whose border makes new tangents twice as dear, two others may.
 Iterations reduce ‖R‖ by 3e-8 in a struck plate of 21 shapes, by 1e-5 in a machine of four bodies.
-
-When an iteration with a kept tangent stops: at a tenth of Newton's tolerance, or at rounding.
-
-With a kept tangent the residual falls by one factor in each iteration. A factor near one need not
-be a stall, since the tangent may not fit. Only if a tangent of the same step does no better, the
-rest is rounding. Its size, relative to the terms that R is the difference of, is kept, and later
-solutions stop there. The change of energy and momenta is measured in any case, see `conserving`.
 """
 
 from __future__ import annotations
@@ -140,7 +133,14 @@ def reason_name(reason: int) -> str:
 
 
 class ChordTest(StoppingTest):
-    """The stopping test of solves with tangents that are kept."""
+    """The stopping test of solves with tangents that are kept.
+
+    With a kept tangent the residual falls by one factor in each iteration. A factor near one need
+    not be a stall, since the tangent may not fit. Only if a tangent of the same step does no
+    better, the rest is rounding. Its size, relative to the terms that R is the difference of, is
+    kept, and later solutions stop there. The change of energy and momenta is measured in any case,
+    see `conserving`.
+    """
 
     def __init__(self, rtol: float = RELATIVE_TOLERANCE, max_it: int = MAX_ITERATIONS) -> None:
         """Begin with no tangent."""

@@ -10,13 +10,6 @@ that of the factors,
 
 where A P is known, so that its product costs a fifth of one with A. PETSc's PCMG of type kaskade is
 the same with another product with A.
-
-Aggregates of nodes that lie together, and the rigid motions of each as columns of a matrix.
-
-Smoothing leaves errors that hardly strain over some cells. A coarse problem has to represent them,
-here by motions in which each aggregate moves like a rigid body (R. A. Nicolaides,
-doi:10.1137/0724027, takes constants). Aggregates are the leaves of a k-d tree of this rank's nodes,
-boxes with about equal numbers of nodes; each rigid body is an aggregate.
 """
 
 from __future__ import annotations
@@ -46,7 +39,13 @@ EMPTY = 1e-12  # squared norm of a motion that nothing takes part in, relative t
 
 
 class Aggregates:
-    """The aggregates of a layout."""
+    """The aggregates of a layout.
+
+    Smoothing leaves errors that hardly strain over some cells. A coarse problem has to represent
+    them, here by motions in which each aggregate moves like a rigid body (R. A. Nicolaides,
+    doi:10.1137/0724027, takes constants). Aggregates are the leaves of a k-d tree of this rank's
+    nodes, boxes with about equal numbers of nodes; each rigid body is an aggregate.
+    """
 
     def __init__(self, prolongation: Prolongation) -> None:
         """Divide the nodes. Collective.

@@ -19,11 +19,6 @@ beyond. A step between such velocities has the multipliers
 of the cells' forces by v₁ at the end and -v₀ at the start, in which a rigid rotation strains
 nothing. Dampers of ratio ζ add an error of 2 ζ² ωΔt of inertial forces. Stiffnesses of contacts and
 of springs are in A only.
-
-The tangent at the end of a step, which kept ones come near to only.
-
-Numbers that are reported must not depend on when a solver renews its own tangent: that is another
-matter on other numbers of ranks, and in resumed runs.
 """
 
 from __future__ import annotations
@@ -51,7 +46,11 @@ STRAIN = float(np.cbrt(np.finfo(np.float64).eps))
 
 
 class PresentTangent:
-    """Responses to forces at the end of a step; `destroy` frees the solver."""
+    """Responses to forces at the end of a step; `destroy` frees the solver.
+
+    Numbers that are reported must not depend on when a solver renews its own tangent: that is
+    another matter on other numbers of ranks, and in resumed runs.
+    """
 
     def __init__(self, equilibrium: Equilibrium) -> None:
         """Create the solver. Collective.

@@ -5,14 +5,6 @@ own centre. Parts that share nodes only are hinged to each other, those that sha
 The conditions on the motions, to vanish at prescribed dofs and springs and to agree at hinges, are
 B y = 0; the eigenvalues of BᵀB tell whether y = 0 is the only solution, and if not, which motion is
 free.
-
-Conditions of joints on small rigid motions of the connected parts of a mesh.
-
-The kinetic energy with which the parts on some supports would follow a jump of their velocity.
-
-The velocities that supports give to their nodes at an instant are fitted by a rigid motion of each
-connected part, the slowest one where several fit, and that is given to all mass of the part. The
-energy of the held nodes alone depends on the size of the cells, and hides the blow that is to come.
 """
 
 from __future__ import annotations
@@ -184,6 +176,11 @@ def _add_hinges(scene: Scene, gram: Array, parts: ConnectedParts) -> None:
 
 def following_energy(scene: Scene, held: Ints, jump: Array, u: Array) -> float:
     """The kinetic energy of the fitted rigid motion [J]. Collective.
+
+    The velocities that supports give to their nodes at an instant are fitted by a rigid motion of
+    each connected part, the slowest one where several fit, and that is given to all mass of the
+    part. The energy of the held nodes alone depends on the size of the cells, and hides the blow
+    that is to come.
 
     Args:
         scene: The problem.

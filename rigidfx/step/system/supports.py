@@ -3,8 +3,6 @@
 A support that begins on a moving node, or a prescribed motion that jumps in velocity, is an
 impact: the update of the velocity would otherwise ring for ever. The velocity is projected, in the
 metric of the mass, on those that the support allows; energy and impulse of the impact are reported.
-
-The mass of the unknowns of a division, and velocities by momenta.
 """
 
 from __future__ import annotations

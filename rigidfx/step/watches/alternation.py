@@ -7,17 +7,6 @@ increments d of successive steps correlate by
 
 Where a period is shorter than 1.6 Δt, r is below -0.6, and the deflection under a load that begins
 at once is twice the static one, then nothing, then twice, for ever. All balances hold.
-
-Whether rounding in stiff parts has ended Newton's iteration before soft parts were in balance.
-
-Newton's test uses one norm. In a scene of very different stiffnesses this norm is the rounding of
-the stiffest forces, and may be as large as all other forces. The iteration ends there, and soft
-parts keep the error of their last iterate. Relative to its own stiffness and inertia each unknown
-shows this error. With parts in a ratio of stiffness of 1e10, 1e12 and 1e14 it is 5e-10, 3e-8 and
-6e-4 of a step's increment, and displacements had errors of 2e-9, 2e-9 and 5e-5
-(`tests/test_unresolved.py`). For the motion of a stiff part as a whole, floating between soft ones,
-`stiff_parts` shows it: at 1e12 it is 1e-6 to 5e-6 of an increment, and displacements have errors of
-4e-8 to 3e-6 with Δt = 0.05 s, and of 1e-2 with 0.2 s.
 """
 
 from __future__ import annotations
@@ -42,7 +31,17 @@ NEGLIGIBLE = 1e-10  # of a cell's size: what rounding in displacements may be
 
 
 class Unresolved(WarnsOnce):
-    """Looks at the rest of each accepted solution; warns once."""
+    """Looks at the rest of each accepted solution; warns once.
+
+    Newton's test uses one norm. In a scene of very different stiffnesses this norm is the rounding
+    of the stiffest forces, and may be as large as all other forces. The iteration ends there, and
+    soft parts keep the error of their last iterate. Relative to its own stiffness and inertia each
+    unknown shows this error. With parts in a ratio of stiffness of 1e10, 1e12 and 1e14 it is 5e-10,
+    3e-8 and 6e-4 of a step's increment, and displacements had errors of 2e-9, 2e-9 and 5e-5
+    (`tests/test_unresolved.py`). For the motion of a stiff part as a whole, floating between soft
+    ones, `stiff_parts` shows it: at 1e12 it is 1e-6 to 5e-6 of an increment, and displacements have
+    errors of 4e-8 to 3e-6 with Δt = 0.05 s, and of 1e-2 with 0.2 s.
+    """
 
     remembered: ClassVar[Remembered] = WarnsOnce.remembered | same("_moved")
 

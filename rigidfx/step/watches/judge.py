@@ -4,8 +4,6 @@ An attempt is looked at in a fixed order, and the first objection ends it: a new
 a shorter step. Memories change when one is accepted; a solver keeps the factors that it has made
 for one that is not.
 
-Why a step has no solution: how Newton's method fails, and loads beyond the material.
-
 Observers of attempts that become steps.
 
 All of it is in one list of the stepper, and takes notice in one call: an attempt that is not
