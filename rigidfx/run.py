@@ -26,9 +26,9 @@ from rigidfx.report.resolved_forces import ResolvedForces
 from rigidfx.scene.timeline import Timeline
 from rigidfx.shapes.shortening import Shortening
 from rigidfx.step.first_touch import FirstTouch
-from rigidfx.step.step_result import StepResult
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import Impact
+from rigidfx.step.system.system import StepResult
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.switch.growth import Growth
 from rigidfx.switch.switch import Switch

@@ -20,9 +20,9 @@ from rigidfx.scene.scene import Scene
 from rigidfx.shapes.shortening import Shortening
 from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures
-from rigidfx.step.step_result import StepResult
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import Impact
+from rigidfx.step.system.system import StepResult
 from rigidfx.withheld.recovery import Recovery
 
 __all__ = ["amended", "held_at_start", "report_of"]

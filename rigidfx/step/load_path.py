@@ -24,9 +24,9 @@ from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures
 from rigidfx.step.newton.first_guess import Guess
 from rigidfx.step.newton.solution import Solution
-from rigidfx.step.step_result import StepResult
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.statics import StaticSystem
+from rigidfx.step.system.system import StepResult
 from rigidfx.step.watches.alternation import NEGLIGIBLE
 from rigidfx.step.watches.judge import INVERTED, course, overload, remedy
 

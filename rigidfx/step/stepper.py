@@ -22,11 +22,10 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures, Momenta
 from rigidfx.step.length.time_control import TimeControl
-from rigidfx.step.step_result import StepResult, result_of
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.rigid_motion import following_energy
 from rigidfx.step.system.supports import Impact, PrescribedDofs, impose_velocity
-from rigidfx.step.system.system import System
+from rigidfx.step.system.system import StepResult, System, Work
 from rigidfx.step.watches.alternation import Alternation, Unresolved
 from rigidfx.step.watches.compression import Compression
 from rigidfx.step.watches.judge import Attempt, Judge, Measuring, Watch
@@ -242,7 +241,7 @@ class Stepper:
         """Let the state, and all else that remembers, take an attempt over. Collective."""
         for watch in self.watches:  # before u₀ becomes u₁
             watch.accept(attempt)
-        return result_of(attempt, self.system.accept(self.state, attempt.dt, attempt.end))
+        return _result(attempt, self.system.accept(self.state, attempt.dt, attempt.end))
 
     def end(self) -> None:
         """Judge the motion of a run that is over. Collective."""
@@ -258,7 +257,7 @@ class Stepper:
             self.indicator.measure(attempt.dt)
         kept = self.state.snapshot()
         try:
-            yield result_of(attempt, self.system.foresee(self.state, attempt.dt, attempt.end))
+            yield _result(attempt, self.system.foresee(self.state, attempt.dt, attempt.end))
         finally:
             self.state.restore(kept)
 
@@ -318,3 +317,7 @@ class Stepper:
             self.system.destroy()
             self._bound = False
         self._dealing.destroy()
+
+
+def _result(attempt: Attempt, work: Work) -> StepResult:
+    return StepResult(**vars(work), dt=attempt.dt, solution=attempt.solution, cuts=attempt.cuts)

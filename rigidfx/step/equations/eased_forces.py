@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 from rigidfx.base.types import Array
@@ -43,11 +42,7 @@ class EasedForces(Action):
         """
         self._stress, self._eased, self._u0, self._dofs = stress, eased, u0, rows.dofs
         self._shapes = stress.shapes(eased)
-        form = stress.bind(self._own(flexible), self._shapes)
-        G = rows.matrix(form)
-        fem_petsc.assemble_matrix(G, form)
-        G.assemble()
-        self._G = without_zeros(G)
+        self._G = without_zeros(rows.assembled(stress.bind(self._own(flexible), self._shapes)))
         # Places from the middle of all, as G loses what they have in common.
         self._x, self._f, self._still = (rows.vector() for _ in range(3))
         count = rows.comm.allreduce(rows.nodes.size)

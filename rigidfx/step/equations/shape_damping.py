@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
 
 from rigidfx.base.types import Array
 from rigidfx.coupling.rows import Rows, product
@@ -98,9 +97,7 @@ def _projected(scene: Scene, rows: Rows, form: Any, fields: Array) -> Array:
         form: The form.
         fields: Shape (m, 3 · nodes).
     """
-    A = rows.matrix(form)
-    fem_petsc.assemble_matrix(A, form)
-    A.assemble()
+    A = rows.assembled(form)
     out = fields @ product(A.matMult, fields.T, rows.comm)
     A.destroy()
     return np.asarray(scene.sum(out))

@@ -119,7 +119,8 @@ class RunError:
         size = dt**2 * float(swinging.max(initial=0.0))
         self._next_low, self._next_parts = self._low, self._parts
         if isnan(size):
-            self._next_parts = np.append(self._parts[:-1], 1.0)  # nothing is faster than that
+            self._next_parts = self._parts.copy()
+            self._next_parts[-1] = 1.0  # nothing is faster than that
         if size > 0:
             taken = -np.expm1(-self.cuts * dt)[:, None]
             self._next_low = low = np.empty_like(self._low)

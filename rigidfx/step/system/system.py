@@ -47,7 +47,7 @@ from rigidfx.step.system.resolved_forces import ResolvedConstraints
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 from rigidfx.step.watches.jumps import Jumps
 
-__all__ = ["System", "Work"]
+__all__ = ["StepResult", "System", "Work"]
 
 Links = tuple[JointReports, Mapping[str, SpringDamperReport]]
 
@@ -78,6 +78,21 @@ class Work:
     touches: Mapping[str, Touch]
     joints: JointReports
     spring_dampers: Mapping[str, SpringDamperReport]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepResult(Work):
+    """Result of one accepted step, or of a load step.
+
+    Attributes:
+        dt: Its length [s].
+        solution: How its equations were solved.
+        cuts: How often it was cut before it converged.
+    """
+
+    dt: float
+    solution: Solution
+    cuts: int
 
 
 class System(Equations):
