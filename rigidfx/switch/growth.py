@@ -77,6 +77,7 @@ class Growth(Watch):
 
     remembered: ClassVar[Remembered] = same(
         "_ratio",
+        "_asked",
         "_since",
         "_energies",
         "_largest",
@@ -123,6 +124,7 @@ class Growth(Watch):
         self._vectors: Array = np.zeros((scene.owned_nodes, 3, 0))  # modes, and what has grown
         self._withheld: Array = np.zeros((scene.owned_nodes, 3))  # ρ⊥ as last seen, at the start
         self._ratio, self._since = np.inf, 0
+        self._asked = np.inf  # size of the forces of that ratio
         self._reached = 0.0  # largest displacement of bodies at the end of a step [m]
         self._foreseen = 0.0  # largest static response that has become a shape [m]
         self._lacks, self._bends = 0.0, 0.0  # largest 2 |e|, and error of shapes by ν, so far [m]
@@ -223,7 +225,8 @@ class Growth(Watch):
             rho[at] = found.outside(data, rho[at])
             F[data.nodes] = rho[at] @ Q
         size, known = parts.size(rho), self._since + 1 < self.control.every and not self._added
-        quiet = known and size * self._ratio < self.control.gate
+        grown = max(1.0, size / self._asked)  # other forces: so may the ratio have
+        quiet = known and size * self._ratio * grown < self.control.gate
         self._withheld = F
         if limits is None or not size > 0 or not bodies:
             return Looked()
@@ -340,7 +343,7 @@ class Growth(Watch):
             omega[data.cells] = min(self._frequency(data, e), 2 / dt)
         rates = self._part(e[:, :, 0], omega, cells, limits)
         most = comm.allreduce(float(rates.max(initial=0.0)), op=MPI.MAX)
-        self._ratio, self._swing, self._since = most / size, np.inf, 0
+        self._ratio, self._asked, self._swing, self._since = most / size, size, np.inf, 0
         if not most > 1:
             return self._left(most, limits)
         above = np.array([rates[data.cells].max(initial=0.0) for data in growing.values()])
