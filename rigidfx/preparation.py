@@ -12,10 +12,7 @@ from rigidfx.base.errors import together
 from rigidfx.base.uncaught import on_all_ranks
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.policy import Policy
-from rigidfx.effects import Contact
-from rigidfx.error.ending import Promise
-from rigidfx.error.error_motion import ErrorMotion
-from rigidfx.error.looks import Looks
+from rigidfx.effects import Contact, Rigid
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.rigid_body import Body
@@ -51,7 +48,6 @@ def prepare(
     bring_back: Callable[[State, Switch], None] | None = None,
     *,
     idle: Rigidity | None = None,
-    corrected: bool = True,
 ) -> tuple[Run, Impact | None]:
     """Prepare a run up to its first step; its stepper is to be closed. Collective.
 
@@ -63,7 +59,6 @@ def prepare(
         start: Where the run begins; as the scene says if None.
         bring_back: Has the state and the division of a checkpoint in place of a start; collective.
         idle: See `Run`.
-        corrected: See `Run`.
 
     Returns:
         The run, and the velocity that supports have imposed at the start, if they have.
@@ -90,25 +85,26 @@ def prepare(
             impact = switch.begin()
         else:
             bring_back(state, switch)
-        policy = recovery = error = looks = growth = None
+        policy = recovery = growth = None
         if rigidify is not None:
             policy = Policy(scene, rigidify, timeline)
-            measures = partial(_measure, scene, rigidify, forces)
-            if rigidify.grow:
-                growth = _growing(stepper, switch, policy, measures(), timeline.dt, rigidify)
-            elif rigidify.wake == "local":
-                promise = Promise(rigidify.allowed, policy.rule.length)
+            if rigidify.wake == "local":
                 pieces = policy.named.in_pieces
-                error, looks, borne = _followed(stepper, pieces, measures, probes, promise)
-                held = HeldParts(stepper, pieces) if switch.clamps else None
-                stepper.watches += [] if held is None else [held]
-                recovery = Recovery(stepper, borne, held, error.moved)
-        ledgers = None if looks is None and control is None else Ledgers(stepper)
+                borne = BodyForces(stepper, pieces)
+                measure = _measure(scene, rigidify, forces)
+                growth = Growth(stepper, borne, measure, timeline.dt)
+                switch.shape_found(growth.shaped)
+                stepper.watches += [borne, growth]
+                if scene.named(Rigid):
+                    held = HeldParts(stepper, pieces) if switch.clamps else None
+                    stepper.watches += [] if held is None else [held]
+                    recovery = Recovery(stepper, borne, held)
+        ledgers = None if control is None else Ledgers(stepper)
         stack.pop_all()
     touch, contacts = FirstTouch(stepper), ResolvedForces(scene) if scene.named(Contact) else None
     shortening = Shortening(scene, probes.points, partial(_about, switch, state, growth))
-    known = policy, probes, shortening, recovery, touch, contacts, ledgers, error, looks
-    return Run(timeline, stepper, switch, *known, idle, growth, corrected), impact
+    known = policy, probes, shortening, recovery, touch, contacts, ledgers
+    return Run(timeline, stepper, switch, *known, idle, growth), impact
 
 
 def _about(switch: Switch, state: State, growth: Growth | None, body: Body) -> About:
@@ -121,44 +117,3 @@ def _measure(scene: Scene, criterion: Criterion, forces: InternalForces) -> Indi
     """The indicator of a criterion. Collective."""
     owner = f"{criterion.owner}: its indicator"
     return together(scene.comm, owner, partial(criterion.indicator, scene, forces))
-
-
-def _growing(
-    stepper: Stepper,
-    switch: Switch,
-    policy: Policy,
-    indicator: Indicator,
-    dt: float,
-    criterion: Criterion,
-) -> Growth:
-    """The shapes of bodies that are found. Collective."""
-    forces = BodyForces(stepper, policy.named.in_pieces)
-    growth = Growth(stepper, forces, indicator, dt, float(criterion.kappa))
-    stepper.watches += [forces, growth]
-    switch.shape_found(growth.shaped)
-    return growth
-
-
-def _followed(
-    stepper: Stepper,
-    in_pieces: frozenset[str],
-    measures: Callable[[], Indicator],
-    probes: Probes,
-    promise: Promise,
-) -> tuple[ErrorMotion, Looks, BodyForces]:
-    """The error motion, the look that asks it which cells wake, and the source of ρ. Collective.
-
-    The stepper's watches have them.
-
-    Args:
-        stepper: Solves the steps.
-        in_pieces: Parts named rigid whose cells are not connected through facets.
-        measures: Makes a measure of cells.
-        probes: Points that are reported.
-        promise: Bounds of e.
-    """
-    forces = BodyForces(stepper, in_pieces)
-    error = ErrorMotion(stepper, forces, probes.points, measures(), promise)
-    looks = Looks(stepper, forces, error, measures())
-    stepper.watches += [forces, error, looks]
-    return error, looks, forces

@@ -10,13 +10,9 @@ import numpy as np
 from rigidfx.base.remembered import PART, Remembered
 from rigidfx.base.types import Bools
 from rigidfx.base.uncaught import on_all_ranks
-from rigidfx.decide.criteria.judging import Lacking, Observation
+from rigidfx.decide.criteria.judging import Observation
 from rigidfx.decide.decision import Decision
 from rigidfx.decide.policy import Policy
-from rigidfx.error.error_motion import ErrorMotion
-from rigidfx.error.letting_down import let_down
-from rigidfx.error.looks import Looks
-from rigidfx.mechanics.eased import Eased
 from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.of_step import report_of
@@ -27,7 +23,6 @@ from rigidfx.scene.timeline import Timeline
 from rigidfx.shapes.shortening import Shortening
 from rigidfx.step.first_touch import FirstTouch
 from rigidfx.step.stepper import Stepper
-from rigidfx.step.system.supports import Impact
 from rigidfx.step.system.system import StepResult
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.switch.growth import Growth
@@ -48,14 +43,11 @@ class Run:
         policy: Decides on rigid and flexible cells; None if nothing does.
         probes: Points that are reported.
         shortening: Displacements of second order of bodies with shapes.
-        recovery: Forces that would strain rigid parts; None if forces wake none.
+        recovery: Strains of parts named rigid; None if they are not asked for.
         touch: Foresees the first touch of a contact.
         resolved: Averages forces of contacts over the time that the mesh resolves; None without.
         ledgers: Spent accuracy; None if nothing estimates it.
-        error: The motion by which the run is off its flexible twin; None if it is not followed.
         growth: Gives bodies that were found shapes; None if they stay rigid.
-        corrected: Whether the error motion is added to displacements that are shown.
-        looks: Tells, by e, which cells wake; None if forces wake none.
         idle: Error of the motion by rigid parts where nothing may become rigid, if that is told.
     """
 
@@ -69,25 +61,12 @@ class Run:
     touch: FirstTouch
     resolved: ResolvedForces | None
     ledgers: Ledgers | None
-    error: ErrorMotion | None
-    looks: Looks | None
     idle: Rigidity | None
     growth: Growth | None
-    corrected: bool
 
     remembered: ClassVar[Remembered] = dict.fromkeys(
         ("stepper", "policy", "shortening", "touch", "resolved", "ledgers", "growth"), PART
     )
-
-    @property
-    def added(self) -> ErrorMotion | None:
-        """The error motion, where it is added to the results shown."""
-        return self.error if self.corrected else None
-
-    @property
-    def lacking(self) -> Lacking | None:
-        """What the motion lacks beside that of the flexible twin; None if it is not followed."""
-        return self.error if self.growth is None else self.growth
 
     def target(self) -> float:
         """Time at which the next step is to end [s]."""
@@ -104,18 +83,15 @@ class Run:
         Returns:
             The outcome of the step, with its events.
         """
-        stepper, policy, looks = self.stepper, self.policy, self.looks
+        stepper, policy = self.stepper, self.policy
         attempt = stepper.attempt(target)
         while self.switch.grow(attempt.dt):
             attempt = stepper.attempt(attempt.end, again=True)
         if policy is None:
             return stepper.accept(attempt), []
         attempt, outgrown = self._grown(attempt, policy)
-        seen = Observation(stepper, attempt.dt, motion=self.lacking)
-        strained = None if looks is None else looks.look(attempt, policy.rule.limits)
+        seen = Observation(stepper, attempt.dt)
         decision = policy.struck(seen, stepper.touches)
-        if decision is None and strained is not None:
-            decision = policy.woken(seen, strained)
         if decision is None and outgrown is not None:
             decision = policy.outgrown(seen, outgrown)
         events = self._switched(policy, decision, seen)
@@ -123,9 +99,8 @@ class Run:
             events = self._asked(policy, attempt, number)
         if events:
             attempt = stepper.attempt(attempt.end, again=True)
-            for look in (looks, self.growth):
-                if look is not None:
-                    look.look(attempt)
+            if self.growth is not None:
+                self.growth.look(attempt)
         return stepper.accept(attempt), events
 
     def _grown(self, attempt: Attempt, policy: Policy) -> tuple[Attempt, Bools | None]:
@@ -147,9 +122,7 @@ class Run:
         """Apply releases on a user's conditions before the step is solved again. Collective."""
         stepper = self.stepper
         with stepper.foreseen(attempt) as result:
-            report = report_of(
-                number, stepper, self.probes, result, None, self.shortening, error=self.added
-            )
+            report = report_of(number, stepper, self.probes, result, None, self.shortening)
             bodies = stepper.state.bodies.of.records
             _, cells = policy.releases.asked(report.t, report, bodies, before=True)
         seen = Observation(stepper, attempt.dt)
@@ -170,7 +143,7 @@ class Run:
                 whole = kind in (None, GeneratorExit)
                 (self.recovery.remember if whole else self.recovery.forget)()
             self.stepper.close()
-            for item in (self.recovery, self.error, self.switch.shaping, self.growth):
+            for item in (self.recovery, self.switch.shaping, self.growth):
                 if item is not None:
                     item.destroy()
 
@@ -180,8 +153,6 @@ class Run:
         if policy is None:
             return []
         seen = Observation(self.stepper, target - state.t)
-        if self.error is not None and (failure := self.error.failed()):
-            return self._switched(policy, policy.without_error(seen, failure), seen)
         return self._switched(policy, policy.ahead(seen, (state.t + target) / 2), seen)
 
     def after(self, report: Report) -> tuple[list[Event], float]:
@@ -189,24 +160,13 @@ class Run:
         policy = self.policy
         if policy is None:
             return [], np.nan
-        shared = None if self.looks is None else self.looks.shared(report.dt)
-        seen = Observation(self.stepper, report.dt, shared, self.lacking)
+        seen = Observation(self.stepper, report.dt, self.growth)
         policy.observe(seen)
         decision = policy.after(seen, report)
         if decision is not None and self.recovery is not None:
             self.recovery.remember()
         closeness = np.nan if decision is None else decision.closeness
         return self._switched(policy, decision, seen), closeness
-
-    def follow_effects(self, dt: float) -> Impact | None:
-        """See `Switch`: the twin has impacts of its own. Collective."""
-        if self.error is None or not self.switch.due:
-            return self.switch.follow_effects(dt)
-        before = self.error.before_switch()
-        impact = self.switch.follow_effects(dt)
-        if impact is not None:
-            self.error.switched(before, impact=True)
-        return impact
 
     def accounted(self, report: Report) -> Report:
         """A report with its ledger, if there is one, ν, and resolved forces. Collective."""
@@ -216,12 +176,10 @@ class Run:
             report = replace(report, nu=nu)
         if self.ledgers is None:
             return report
-        withheld = np.nan if self.looks is None else self.looks.withheld
         periods, rigidity = (0.0, self.idle) if self.policy is None else self.policy.spent(report.t)
         if self.stepper.control is not None and rigidity is not None:
             self.stepper.control.allow(rigidity.rest)
-        let_go = 0.0 if self.error is None else self.error.ending.let_go
-        ledger = self.ledgers.follow(report, withheld, periods, rigidity, let_go)
+        ledger = self.ledgers.follow(report, periods, rigidity)
         return replace(report, ledger=ledger)
 
     def _switched(
@@ -229,20 +187,6 @@ class Run:
     ) -> list[Event]:
         if decision is None:
             return []
-        before = None if self.error is None else self.error.before_switch()
-        event = self.switch.apply(decision, self._let_down(decision))
+        event = self.switch.apply(decision)
         policy.applied(decision, seen, event is not None)
-        if self.error is not None and before is not None and event is not None:
-            self.error.switched(before)
         return [] if event is None else [event]
-
-    def _let_down(self, decision: Decision) -> Eased | None:
-        """Stresses that released cells are to bear on. Collective."""
-        if self.error is None or not decision.easing > 0:
-            return None
-        stepper = self.stepper
-        none = np.empty(0, np.int32)
-        was = (b.cells for b in stepper.state.bodies.of.records if b.name not in decision.apart)
-        stays = (body.cells for body in decision.bodies)
-        leaving = np.setdiff1d(np.concatenate([none, *was]), np.concatenate([none, *stays]))
-        return let_down(self.error, stepper, leaving, decision.easing)

@@ -69,7 +69,7 @@ def simulate(
     *,
     rigidify: Criterion | None = None,
     accuracy: Accuracy | None = None,
-    corrected: bool = True,
+    corrected: bool | None = None,
     start: Report | Start | None = None,
     progress: bool | None = None,
     verbose: bool | None = None,
@@ -87,9 +87,7 @@ def simulate(
         rigidify: When parts become rigid and flexible again; no part does if None.
         accuracy: Permitted error of the motion: chooses Δt, of which dt is the largest, and rigid
             parts; in place of rigidify.
-        corrected: Whether displacements, velocities, stresses and strains of probes, in files and
-            in pictures contain the error motion, which is known with `Accuracy` and with a
-            `StrainRate` of wake="local". `report.state`, energies, momenta and reactions do not.
+        corrected: Without effect, for one release: there is one motion.
         start: Where the run begins, at rest or with the scene's `InitialVelocity`: the last report
             of `static`, say, of this scene or of another one on the same domain.
         progress: Whether rank 0 shows a progress bar on standard error; where that is a terminal
@@ -120,7 +118,7 @@ def simulate(
     given = {"dt": dt, "t_end": t_end, "rigidify": rigidify, "accuracy": accuracy}
     others = {"petsc_options": petsc_options, "checkpoint": checkpoint}
     check_same(scene.comm, "simulate", given | others)
-    for name, value in (("progress", progress), ("verbose", verbose), ("corrected", corrected)):
+    for name, value in (("progress", progress), ("verbose", verbose)):
         if value is not None and not isinstance(value, (bool, np.bool_)):
             raise SceneError(f"simulate: {name} must be True, False or None, got {show(value)}.")
     if not isinstance(checkpoint, Checkpoint | None):
@@ -128,7 +126,13 @@ def simulate(
     start = start_of(scene, start)
     if scene.comm.allreduce(monitor is not None, op=MPI.LOR) and monitor is None:
         monitor = _unheard
-    call = {**given, "corrected": bool(corrected), "petsc_options": petsc_options}
+    former = [] if corrected is None else ["simulate: corrected"]
+    for own in (rigidify, accuracy):
+        if isinstance(own, (Criterion, Accuracy)):
+            former += [f"{type(own).__name__}: {name}" for name in own.former]
+    for name in former:
+        warn(scene.comm, f"{name} has no effect, as bodies get shapes. Leave it out.")
+    call = {**given, "petsc_options": petsc_options}
     return _begun(scene, call, (progress, verbose), monitor, start, checkpoint)
 
 
@@ -248,8 +252,7 @@ def _begun(
         began = perf_counter()
         back = None if kept is None else partial(bring_back, kept)
         idle = None if accuracy is None else accuracy.idle
-        shows: dict[str, Any] = {"idle": idle, "corrected": call["corrected"]}
-        run, impact = prepare(scene, timeline, criterion, control, start, back, **shows)
+        run, impact = prepare(scene, timeline, criterion, control, start, back, idle=idle)
         left = None if checkpoint is None else checkpoint.folder
         looks, writers = _looks(run), Writers(scene.comm, left, before)
         if kept is not None:
@@ -324,7 +327,7 @@ def _reports(
     ):
         bar.update(state.t)
         if not first:
-            known = run.shortening, run.recovery, run.added
+            known = run.shortening, run.recovery
             report = report_of(0, stepper, run.probes, None, impact, *known)
             report = replace(report, **held_at_start(scene, *switch.held), _writers=writers)
             report = run.accounted(report)
@@ -341,13 +344,13 @@ def _reports(
             target, start = run.target(), perf_counter()
             with solver.at_work():
                 events = run.ahead(target)
-                impact = run.follow_effects(target - state.t)
+                impact = run.switch.follow_effects(target - state.t)
                 target = run.touch.before(target)
                 try:
                     result, woken = run.advance(target, step)
                 except StepError as error:
                     raise balance.explained(error) from None
-                known = run.shortening, run.recovery, run.added
+                known = run.shortening, run.recovery
                 report = report_of(step, stepper, run.probes, result, impact, *known)
                 now, closeness = run.after(report)
                 report = amended(report, stepper, [*events, *woken, *now], closeness)

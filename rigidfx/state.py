@@ -1,7 +1,7 @@
 """The only mutable physics: displacement, velocity, rigid bodies, time.
 
-This module alone writes them: a step by `advance`, a switch by `group`, `take_out`, `move` and
-`ease`, a support that begins by `kick`, a static preload by `place`.
+This module alone writes them: a step by `advance`, a switch by `group`, `take_out` and
+`move`, a support that begins by `kick`, a static preload by `place`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.effects import InitialVelocity, Preload
 from rigidfx.effects.initial import agree_with_support, given_velocity
 from rigidfx.mechanics.bodies import BODIES, Bodies
-from rigidfx.mechanics.eased import EASED, Eased
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.scene.scene import Scene
 
@@ -56,7 +55,6 @@ class State:
         v: Velocity [m/s].
         bodies: Rigid bodies that move freely.
         clamped: Owned cells of each named part that a support moves, by the part's number.
-        eased: Stresses that releases have let down, and that have not faded yet.
         notes: Memory of effects from step to step, by their identity.
         path_rates: Rates of supports' paths at the end of the last step, of each owned dof [m/s],
             NaN where none is known; None before a step with a support that moves.
@@ -70,7 +68,6 @@ class State:
         "u": FIELD,
         "v": FIELD,
         "bodies": BODIES,
-        "eased": EASED,
         "notes": ByObject(),
         "path_rates": ON_DOFS,
     }
@@ -82,7 +79,6 @@ class State:
         self.v = fem.Function(scene.space, name="velocity")
         self.bodies = Bodies.of_each(())
         self.clamped: Mapping[int, Indices] = {}
-        self.eased: tuple[Eased, ...] = ()
         self.X: Array = read_only(scene.space.tabulate_dof_coordinates())
         self.notes: dict[int, Any] = {}
         self.path_rates: Array | None = None
@@ -321,13 +317,6 @@ class State:
             u[body.data.nodes] = body.displacement
         self.u.x.scatter_forward()
         return gone
-
-    def ease(self, eased: Eased | None) -> None:
-        """Begin to let a release down, if it is to be; drop what has faded or is rigid now."""
-        own = [np.empty(0, np.int32), *(body.cells for body in self.bodies.of.records)]
-        rigid = np.concatenate(own)
-        left = (before.without(rigid) for before in self.eased if not before.over(self.t))
-        self.eased = (*left, *(() if eased is None else (eased,)))
 
     def follow(self, following: tuple[Indices, ...]) -> None:
         """Say for each body which of its nodes have its velocity: see `DofLayout.following`."""

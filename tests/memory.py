@@ -24,8 +24,8 @@ APART = {
     *("_field", "_cell_field", "_square"),  # refilled before they are read
     *("WholeMass._matrix", "WholeMass._without"),  # made when it is asked for
     *("_last", "Whereabouts._first", "held", "_seen"),  # reports, the preload, bodies by identity
-    *("ErrorMotion._strains", "SharedStrains._start", "SharedStrains._indicator"),  # of a last look
-    "Modal._still",  # of the last step in which it was asked for
+    *("Growth._strains", "Growth._reached"),  # of a last look
+    *("Growth._found", "Growth._linear"),  # made when they are asked for
 }
 
 

@@ -22,7 +22,7 @@ from rigidfx.switch.spun_joints import SpinLimits
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
 
-KAPPA, WINDOW = 3.0, 10  # steps
+WINDOW = 10  # steps
 LOSS = rf.NumericalDamping(0.1)
 
 
@@ -32,7 +32,7 @@ def pulse(t):
 
 def run(scene, dt, steps, tol=None):
     """Reports, the largest error of the energy, relative, and the largest gap of a joint [m]."""
-    rule = None if tol is None else rf.StrainRate(tol, WINDOW * dt, kappa=KAPPA, grow=True)
+    rule = None if tol is None else rf.StrainRate(tol, WINDOW * dt)
     reports, open_by = [], 0.0
     for found in rf.simulate(scene, dt, steps * dt, rigidify=rule):
         reports.append(found)

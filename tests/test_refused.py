@@ -496,13 +496,9 @@ _run(dt=1e-300, t_end=3e-300) :: simulate: dt = 1e-300 s is no step to compute w
 _run(t_end=0.0) :: simulate: t_end must be a finite number > 0, got 0.0.
 _run(petsc_options={"ksp_type": "fast"}) :: cannot solve with the options -rigidfx_ksp_type fast:
 _run(petsc_options={"snes_rtol": -1.0}) :: option -rigidfx_snes_rtol -1.0 cannot be honoured: a
-_rate(wake="local", kappa=0.0) :: StrainRate: kappa must be ≥ 1, got 0.0.
 _rate(wake="never") :: StrainRate: wake must be 'all', 'local' or 'none', got 'never'.
 _rate(since=2.0, until=1.0) :: StrainRate: needs since < until, got 2.0 … 1.0.
 _rate(tolerances={"a": Relative(0.1)}) :: of 'a' must be a finite number, got Relative(part=0.1)
-_rate(wake="none", grow=True) :: with wake='none'
-_rate(wake="all", grow=True) :: wake='local' only
-_rate(grow="yes") :: grow must be True or False, got 'yes'
 _rate(wake="local", load_change=0.2) :: with wake='local' none does. Take wake='all', or leave it
 _run(rigidify=_rate(never=["x0"])) :: StrainRate (never): there are no cells named 'x0'
 _run(rigidify=_watched(_fails(False, -1.0))) :: Release: its condition failed with KeyError
@@ -512,7 +508,6 @@ Relative(0) :: Relative: part must be
 Relative(1.0) :: Relative: part must be
 Accuracy(0.0) :: Accuracy: budget
 Accuracy(1.0) :: Accuracy: budget
-Accuracy(0.01, grow=1.5) :: Accuracy: grow must be True or False, got 1.5
 Accuracy(0.01, at=()) :: Accuracy: at
 Accuracy(0.01, of=0.0) :: Accuracy: of
 Accuracy(0.01, smallest=-1.0) :: Accuracy: smallest

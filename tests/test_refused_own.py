@@ -16,7 +16,7 @@ import refusals
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.decide.criteria.criterion import ErrorRule, Tolerances
+from rigidfx.decide.criteria.criterion import RateRule, Tolerances
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.effects.action import Action
 from rigidfx.effects.base import Effect
@@ -109,7 +109,7 @@ class Asking(Criterion):
 
     def rule(self, scene, timeline, memory):
         tolerances = Tolerances(scene, memory, 1e-3, {})
-        return self._failing("rule", ErrorRule(timeline, memory, tolerances, self.window, 2.0))
+        return self._failing("rule", RateRule(memory, tolerances, self.window))
 
     def indicator(self, scene, forces):
         return self._failing("indicator", StrainRates(scene, forces, "rms"))

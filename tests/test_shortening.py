@@ -107,7 +107,7 @@ def test_parts_on_joints_are_shown_where_these_hold_them():
 
 def test_bodies_that_are_found_show_it(tmp_path):
     """A restart goes on as the run."""
-    grow = rf.StrainRate(2e-3, DT, patience=1, grow=True)
+    grow = rf.StrainRate(2e-3, DT, patience=1)
     u, _, last, _ = followed(bar(2e3), rigidify=grow)
     twin, *_ = followed(bar(2e3))
     assert last.rigid.of.shapes is not None

@@ -63,8 +63,8 @@ def run(scene, criterion, t_end=1.0, dt=DT):
 
 
 def eager(tol, window, **options):
-    """A criterion by which what is quiet in a window freezes, whatever its switches cost."""
-    return rf.StrainRate(tol, window, patience=1, **options)
+    """A criterion by which what is quiet in a window freezes, to bodies of six unknowns."""
+    return rf.StrainRate(tol, window, **{"patience": 1, "wake": "none"} | options)
 
 
 def events(reports):
@@ -222,7 +222,8 @@ def test_centrifugal_strain_comes_back(wake):
             S[r.events[-1].kind] = stress(r.state)
             measured[r.events[-1].kind] = r
     freeze, release = switches
-    assert [freeze.unknowns_after, release.unknowns_before] == [6, 6]
+    # With six unknowns, or with the modes that Δt resolves besides.
+    assert freeze.unknowns_after == release.unknowns_before == (6 if wake == "all" else 12)
     assert release.t - freeze.t > 2 * np.pi / 0.5
     (change,) = release.changes
     back = measured["release"].strain
@@ -291,8 +292,7 @@ def test_rest_freezes_eager(mass, tol, beside):
 
 
 @MASSES
-@pytest.mark.parametrize("wake", ["local", "none"])
-def test_a_condition_may_have_its_step_solved_again(mass, wake):
+def test_a_condition_may_have_its_step_solved_again(mass):
     """Fig. 2: as if the release had been planned where that step began. It is asked of its end."""
     asked = []
 
@@ -304,7 +304,7 @@ def test_a_condition_may_have_its_step_solved_again(mass, wake):
     ends = {}
     for release in (rf.Release(when=farther, repeat=True), rf.Release(at=0.7)):
         scene = bar(SPIN, mass=mass, probes={"tip": (8, 0.5, 0.5)})
-        criterion = eager(ANY, DT, release=release, until=0.5, wake=wake)
+        criterion = eager(ANY, DT, release=release, until=0.5)
         *reports, last = run(scene, criterion, 1.2)
         ends[release.repeat] = last.state.u.x.array.copy(), last.energy
         assert times([*reports, last], "release") == [0.7]
@@ -474,7 +474,7 @@ def first_differences(factor, t_end, dt, window, fraction):
 def test_smooth_load_releases_when_it_has_changed_enough(factor, fraction):
     """Seen before the step, so that this is computed with the flexible cells already."""
     scene = bar(SPIN, rf.Gravity((0, 0, -0.1), time=factor))
-    criterion = eager(ANY, 0.2, load_change=fraction)  # of the paper's rule
+    criterion = eager(ANY, 0.2, load_change=fraction, wake="all")  # of the paper's rule
     reports = run(scene, criterion, t_end=2.0)
     freezes, releases = first_differences(factor, 2.0, DT, 0.2, fraction)
     print(releases)
@@ -744,15 +744,15 @@ def test_window_that_is_shorter_than_the_period():
 def test_window_auto():
     """It waits until it has seen some periods of the motion, and of the loads."""
     dt = PERIOD / 20
-    (freeze,) = events(run(swinging(), rf.StrainRate(ANY, "auto"), 6 * PERIOD, dt))
+    (freeze,) = events(run(swinging(), eager(ANY, "auto"), 6 * PERIOD, dt))
     assert CYCLES * PERIOD * 0.95 <= freeze.t <= (CYCLES + 1) * PERIOD
     slow = 2.5 * PERIOD
     load = rf.Gravity((0, 0, -0.1), time=lambda t: np.sin(2 * np.pi * t / slow))
-    (freeze,) = events(run(swinging(load), rf.StrainRate(ANY, "auto"), 6 * slow, dt))
+    (freeze,) = events(run(swinging(load), eager(ANY, "auto"), 6 * slow, dt))
     assert CYCLES * slow * 0.95 <= freeze.t <= (CYCLES + 1) * slow
 
 
-@pytest.mark.parametrize("wake", ["all", "local"])
+@pytest.mark.parametrize("wake", ["all", "none"])
 def test_window_auto_forgets_a_load_that_has_come_to_stay(wake):
     """In a record it might be the beginning of a slow oscillation, and nothing would freeze."""
     load = rf.Gravity((0, 0, -0.1), time=lambda t: min(t / PERIOD, 1.0))

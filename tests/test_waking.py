@@ -19,6 +19,7 @@ from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.errors import StepError
 from rigidfx.decide.clusters import CellGraph
 from rigidfx.decide.paying import round_enclosed
+from rigidfx.decide.policy import OUTGROWN
 from rigidfx.flexible.nodal_stress import NodalStress
 from rigidfx.step.watches.judge import Judge
 from rigidfx.withheld.parts import Parts
@@ -115,7 +116,7 @@ def test_what_is_at_rest_is_rigid_until_it_is_struck(tol):
     assert [event.kind for event in events] == ["freeze", "release"]
     assert events[0].t == pytest.approx(9 * DT)  # seven steps for the price of its switches
     assert events[1].t == pytest.approx(20 * DT)
-    assert events[1].reason.startswith("checked")
+    assert events[1].reason == OUTGROWN
     assert rigid[10:20].all()
 
 
@@ -133,17 +134,18 @@ def test_a_stiff_head_that_rang_for_a_moment_stays_rigid():
 
 
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
-def test_a_load_that_begins_as_a_part_freezes_wakes_it_in_the_step(mass):
+def test_a_load_that_begins_as_a_part_freezes_moves_it_in_the_step(mass):
+    """By shapes, to which it comes in the same step, and later by cells that wake."""
     push = rf.Traction("x1", (100.0, 30.0, 0.0), since=9 * DT)
     scene = bar(push, mass=mass)
     tips, *_ = run(scene, 30 * DT)
     found, *_, events = run(
         scene, 30 * DT, rf.StrainRate(1e-9, 3 * DT, wake="local", until=10 * DT)
     )
-    assert [event.kind for event in events] == ["freeze", "release"]
-    assert [event.t for event in events] == pytest.approx([9 * DT] * 2)
-    assert events[1].reason.startswith("checked")
-    assert error(found, tips) <= 1e-9
+    assert events[0].kind == "freeze"
+    assert events[0].t == pytest.approx(9 * DT)
+    assert {event.reason for event in events[1:]} == {OUTGROWN}
+    assert error(found, tips) <= 5e-4
 
 
 @chatter
@@ -170,24 +172,18 @@ def test_the_papers_rule_releases_it_at_each_change_of_the_load():
 )
 @chatter
 def test_a_blow_wakes_what_it_strains(kind, options):
-    """Before it strains what stays rigid by more than twice κ tol, momenta and energy kept."""
+    """Or bodies get shapes that follow it; momenta and energy are kept."""
     scene = on_a_block(STRIKES[kind], **options)
     tips, rates, _, _ = run(scene, 1.4)
     tol = 0.05 * rates.max()
     found, _, rigid, events = run(scene, 1.4, local(tol))
-    (first, *_) = (event for event in events if event.woken.size)
-    assert first.kind == "release"
-    before = rigid[round(0.9 / DT)]
-    assert before.any()
-    loud = (rates[round(1.0 / DT) :, before] > 3 * tol).any(axis=1)
-    assert 1.0 - 1e-9 <= first.t <= 1.0 + DT * np.argmax(loud) + 1e-9
-    blow = slice(round(1.0 / DT), round(1.2 / DT))
-    assert not (rigid[blow] & (rates[blow] > 6 * tol)).any()
+    assert rigid[round(0.9 / DT)].any()
+    assert all(1.0 - 1e-9 <= event.t <= 1.2 for event in events if event.woken.size)
     for event in events:
         assert event.linear_momentum_error <= 1e-10
         assert abs(event.energy_lost) <= 1e-10
     asleep = run(scene, 1.4, rf.StrainRate(tol, WINDOW * DT, wake="none"))
-    assert error(found, tips) <= 0.3 * error(asleep[0], tips)
+    assert error(found, tips) <= 0.1 * error(asleep[0], tips)
 
 
 def test_a_wave_wakes_the_half_that_it_runs_into():
@@ -203,37 +199,20 @@ def test_a_wave_wakes_the_half_that_it_runs_into():
     assert error(asleep[0], tips) >= 0.1
 
 
-@chatter
-def test_growth_of_a_body_does_not_wake_it():
-    """What strains new cells as a body grows would tear them."""
-    push = rf.NodalForce("x1", (0, 0, 40.0), time=blow)
-    scene = bar(rf.Fixed("x0"), push, rf.MassDamping(3.0), rf.KelvinVoigt(2e4), block=SOFT)
-    _, rates, _, _ = run(scene, 6.0)
-    *_, events = run(scene, 6.0, local(0.02 * rates.max()))
-    grown = [
-        event.t
-        for event in events
-        for change in event.changes
-        if 0 < change.cells_before < change.cells_after
-    ]
-    assert grown
-    woken = np.array([event.t for event in events if event.woken.size])
-    assert not any((np.abs(woken - t) < 1.5 * DT).any() for t in grown)
-
-
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 @chatter
-def test_momenta_and_energy_are_kept_at_each_wake(mass):
+def test_momenta_and_energy_are_kept_at_each_release(mass):
     """To 1e-12 of what there is, from the largest so far: a support takes none of them."""
     scene = bar(rf.InitialVelocity(linear=(1.0, 0, 0)), *PUSHES, block=SOFT, mass=mass)
     largest, found = np.zeros(3), []
     tol = 0.05 * run(scene, 1.6)[1].max()
-    for report in rf.simulate(scene, DT, 1.6, rigidify=local(tol), progress=False):
+    rule = local(tol, release=rf.Release(at=1.3))  # of a body that vibrates by its shapes
+    for report in rf.simulate(scene, DT, 1.6, rigidify=rule, progress=False):
         now = report.energy, report.momentum_scale, np.linalg.norm(report.angular_momentum)
         largest = np.maximum(largest, now)
         for event in report.events:
             errors = event.energy_lost, event.linear_momentum_error, event.angular_momentum_error
-            found += [np.abs(errors) / largest] if event.woken.size else []
+            found += [np.abs(errors) / largest] if event.kind == "release" else []
     assert len(found) >= 1
     assert np.max(found) <= 1e-12
 
@@ -280,13 +259,12 @@ def test_stresses_at_nodes_and_probes_are_those_of_the_twin(options):
     nodal, inside = NodalStress(scene), scene.space.tabulate_dof_coordinates()[:, 0] > 4 + 1e-9
 
     def stresses(rule):
-        """At probes and nodes, as shown and of the freeze; what is said to be recovered."""
+        """At probes and nodes."""
         for report in rf.simulate(scene, DT, 4.0, rigidify=rule, progress=False):
             if report.step in range(100, 201, 20):
                 report.state.rebuild()
                 shown = nodal.measure(report.state.u, report.recovered())[1, inside, :6]
-                kept = nodal.measure(report.state.u)[1, inside, :6]
-                yield report.stresses, shown, kept
+                yield report.stresses, shown
 
     def apart(a, b):
         """Mean difference, relative to the mean size of the latter."""
@@ -296,31 +274,11 @@ def test_stresses_at_nodes_and_probes_are_those_of_the_twin(options):
 
     _, tol = gentle()
     found, twin = list(stresses(local(tol))), list(stresses(NOTHING))
-    for name, carried in (("stalk", False), ("root", True), ("block", True)):
-        assert all(at[name].recovered == carried for at, *_ in found)
-        assert not any(at[name].recovered for at, *_ in twin)
-        at, exact = ([s[name].stress for s, *_ in run] for run in (found, twin))
-        assert apart(at, exact) <= 0.05
-    shown, kept, exact = ([s[k] for s in run] for run, k in ((found, 1), (found, 2), (twin, 1)))
-    assert apart(shown, exact) <= 0.05
-    assert 0.1 <= apart(kept, exact) <= 0.9  # there is a part that is frozen, and one that is not
-
-
-def test_series_and_table_mark_what_is_recovered(tmp_path):
-    scene = on_a_block(probes=POINTS)
-    _, tol = gentle()
-    frozen = []
-    with rf.Recorder(scene, tmp_path, every=50) as recorder:
-        for report in rf.simulate(scene, DT, 1.0, rigidify=local(tol), progress=False):
-            recorder.write(report)
-            frozen += [report.step for event in report.events if event.kind == "freeze"]
-    first, last = ((tmp_path / "fields" / f"fields_{k:06d}.vtu").read_bytes() for k in (0, 1))
-    assert b'Name="recovered"' in first
-    assert b'Name="recovered"' in last
-    table = rf.read_history(tmp_path)
-    assert table["recovered_block"].tolist() == [float(k > frozen[0]) for k in range(51)]
-    assert not table["recovered_stalk"].any()
-    assert table["stress_block_xx"][-1] == report.stresses["block"].stress[0, 0]
+    for name in ("stalk", "root", "block"):
+        at, exact = ([s[name].stress for s, _ in run] for run in (found, twin))
+        assert apart(at, exact) <= 0.01
+    shown, exact = ([s for _, s in run] for run in (found, twin))
+    assert apart(shown, exact) <= 0.01
 
 
 @chatter
@@ -348,16 +306,15 @@ def test_what_would_be_enclosed_and_is_not_quiet_stays_flexible_with_a_ring():
     def out(criterion, loud):
         return round_enclosed(CellGraph(scene), [every], far > 0.5, loud, criterion.enclosing)
 
-    assert np.array_equal(out(local(1.0), loud), far < 1.5)  # half of κ is 1.5
+    assert np.array_equal(out(local(1.0), loud), far < 1.5)
     assert not out(local(1.0), 0.9 * loud).any()
-    assert not out(local(1.0, kappa=4), loud).any()
 
 
 @pytest.mark.parametrize(("where", "windows"), [(2.0, 1), (7.0, 3)])
 def test_small_parts_wait_longer_than_large_ones(where, windows):
     box = rf.box((0, 0, 0), (8, 1, 1), (16, 2, 2))
     box = box.with_cells("end", lambda x: x[0] >= where - 1e-9)
-    swings = rf.InitialVelocity(function=lambda x: np.stack([0 * x[0], 0 * x[0], 0.1 * x[0]]))
+    swings = rf.InitialVelocity(function=lambda x: np.stack([0 * x[0], 0 * x[0], 1e-3 * x[0]]))
     scene = rf.Scene(box, SOFT, [rf.Fixed("x0"), swings])
     rule = rf.StrainRate(0.0, WINDOW * DT, tolerances={"end": 1e9}, wake="local")
     events = [
@@ -417,7 +374,7 @@ def test_what_is_at_rest_has_no_period():
     scene = bar(rf.Rigid("block"))
     *_, rigid, events = run(scene, 20 * DT, rf.StrainRate(1e-6, "auto", wake="local"))
     assert [e.kind for e in events] == ["freeze"]
-    assert rigid[-1].all()
+    assert rigid[-1].mean() == 15 / 16  # but for cells between it and the part that is named
 
 
 # Several ranks ---------------------------------------------------------------------------------

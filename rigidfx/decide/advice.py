@@ -64,14 +64,6 @@ class Advice:
             "window. The motion is computed as before; bodies that exist stay."
         )
 
-    def of_dropped(self, failure: str) -> None:
-        """Warn that the error motion has failed, so that bodies are released."""
-        self._say(
-            f"the error motion failed ({failure}), so all bodies are released and e begins anew "
-            "from zero: what they have withheld is not in u + e. Cells freeze as they qualify. If "
-            "that happens often, keep flexible what moves most (never)."
-        )
-
     def _say(self, message: str) -> None:
         kind = message.split(",")[0]
         if kind not in self._said:

@@ -55,9 +55,8 @@ class Decision:
         closeness: How close the nearest decision was: the least |ε/tol - 1| of any cell, ε its
             strain rate; NaN if no window ends.
         loads_changed: Whether a change of a load or a support is the reason.
-        woken: Owned cells that e strains too fast; None if the reason is another one.
+        woken: Owned cells that withheld forces strain; None if the reason is another one.
         loads_at: Time of the loads with which later ones are compared [s]; None if it stays.
-        easing: Time in which the withheld stress of released cells fades [s]; zero for none.
     """
 
     kind: Literal["freeze", "release"]
@@ -70,7 +69,6 @@ class Decision:
     loads_changed: bool = False
     woken: Indices | None = None
     loads_at: float | None = None
-    easing: float = 0.0
 
 
 def qualify(worst: Array, tol: Array, observed: Bools, comm: MPI.Intracomm) -> tuple[Bools, float]:

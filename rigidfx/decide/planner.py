@@ -142,12 +142,6 @@ class Planner:
                 nodes[body.nodes] = True
         return self._graph.touching(self._graph.nodes_with_ghosts(nodes))
 
-    def whole_bodies(self, seen: Observation, cells: Bools) -> Bools:
-        """All owned cells of the bodies that some of these cells are in. Collective."""
-        numbers = self.numbers(seen)
-        mine = np.unique(numbers[cells & self.free(seen)])
-        return np.isin(numbers, np.concatenate(self._graph.comm.allgather(mine)))
-
     def unchanged(self, reason: str, seen: Observation, next_number: int) -> Decision:
         """A freeze that adds nothing: all bodies stay as they are.
 

@@ -10,9 +10,8 @@ damping or of the output release nothing. A policy changes nothing but its own m
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from math import ceil, isfinite, pi
 from typing import ClassVar
 
 import numpy as np
@@ -20,7 +19,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import together
 from rigidfx.base.remembered import PART, Remembered
-from rigidfx.base.types import Array, Bools
+from rigidfx.base.types import Bools
 from rigidfx.decide.advice import Advice
 from rigidfx.decide.clusters import NONE, CellGraph
 from rigidfx.decide.criteria.judging import (
@@ -28,7 +27,6 @@ from rigidfx.decide.criteria.judging import (
     Criterion,
     Observation,
     judged_cells,
-    part_of_window,
 )
 from rigidfx.decide.decision import Decision, qualify
 from rigidfx.decide.memory.memory import BackOff, ContactChanges, LoadChanges, Memory, Window
@@ -37,48 +35,16 @@ from rigidfx.decide.paying import Paying
 from rigidfx.decide.planner import NamedParts, Planner
 from rigidfx.decide.releases import PLANNED, Releases
 from rigidfx.effects import Contact, Touch
-from rigidfx.error.strained import Strained
 from rigidfx.report.ledger import Rigidity
 from rigidfx.report.report import Report
 from rigidfx.scene.points import linked, met
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
-__all__ = ["CHECKED", "FAILED", "STEEPEST", "Easing", "Policy"]
+__all__ = ["ASKED", "OUTGROWN", "Policy"]
 
-CHECKED = "checked: forces would strain them"  # the step is solved again
 ASKED = "checked: a condition"
-FAILED = "the error motion failed"
 OUTGROWN = "forces strain them otherwise than their shapes can"
-# A stress that fades as ½ (1 + cos πt/T) lets cells strain by ε at a rate of up to π/2 ε/T.
-STEEPEST = pi / 2
-# What cells would spring by is known to less than this part of it.
-KNOWN = 1e-3
-
-
-@dataclass(frozen=True)
-class Easing:
-    """Chooses the time T in which a stress fades, so slowly that it wakes no cells.
-
-    Attributes:
-        part: Least T as a part of a window; with zero no stress is kept.
-    """
-
-    part: float
-
-    def span(self, window: float, dt: float, spring: float) -> float:
-        """T [s]; zero if no stress is kept.
-
-        Args:
-            window: Length of a window [s].
-            dt: Length of the step [s].
-            spring: Strain rate of a sudden release in this step, over the rate that wakes cells.
-        """
-        if not self.part > 0 or not isfinite(window):
-            return 0.0
-        # In whole steps, so that what it is known by makes no difference.
-        steps = ceil(STEEPEST * spring * (1 - KNOWN))
-        return min(window, max(self.part * window, steps * dt))
 
 
 class Policy:
@@ -113,9 +79,7 @@ class Policy:
         for name in criterion.never:
             self._never[judged_cells(scene, name, f"{criterion.owner} (never)")] = True
         self.releases = Releases(scene, criterion.releases, timeline)
-        self.named = NamedParts(scene, self._graph, alone=criterion.grow)
-        self._easing = Easing(part_of_window(criterion.owner, criterion.easing))
-        self._springs: Array | None = None  # of the present bodies, at the last look
+        self.named = NamedParts(scene, self._graph, alone=criterion.wake == "local")
         self._planner = Planner(self._graph, self.named, criterion.least_cells(scene))
         change = CHANGE if criterion.load_change is None else criterion.load_change
         self.memory = Memory(
@@ -163,11 +127,6 @@ class Policy:
         decision = self._release(seen, f"{changed} changes", self._every)
         return replace(decision, loads_changed=True, loads_at=middle)
 
-    def without_error(self, seen: Observation, failure: str) -> Decision:
-        """The release of all bodies where e has failed, with a warning. Collective."""
-        self._advice.of_dropped(failure)
-        return self._release(seen, FAILED, self._every)
-
     def struck(
         self, seen: Observation, touches: Callable[[], Mapping[str, Touch]]
     ) -> Decision | None:
@@ -178,7 +137,7 @@ class Policy:
             touches: Tells effects of contacts in it.
 
         Returns:
-            The release; None if none closes or changes, if e is shown, or nothing can be released.
+            The release; None if none closes or changes, or nothing can be released.
         """
         if not self._met or not seen.bodies:
             return None
@@ -187,17 +146,12 @@ class Policy:
         cells: Bools = self._every
         local = self._criterion.wake != "all"
         if local:
-            hidden: Bools = np.ones(self._groups.size, dtype=bool)
-            if seen.motion is not None:
-                hidden = seen.motion.hidden()
             where = np.any([self._met[title] for title in changed], axis=0)
-            cells = self._with_linked(where & hidden)
+            cells = self._with_linked(where)
         if not self._any(self._planner.free(seen) & cells):
             return None
-        reason = f"the contact '{changed[0]}' changes"
-        if local:
-            return self._let_down(seen, reason, cells, self.rule.limits().window)
-        return replace(self._release(seen, reason, cells), loads_changed=True)
+        decision = self._release(seen, f"the contact '{changed[0]}' changes", cells)
+        return decision if local else replace(decision, loads_changed=True)
 
     def _with_linked(self, parts: Bools) -> Bools:
         """Owned cells of connected parts, and of those that joints link with them."""
@@ -229,22 +183,6 @@ class Policy:
             return self._release(seen, ", ".join(reasons), cells)
         return self._window_decides(seen) if self.memory.window.over else None
 
-    def woken(self, seen: Observation, strained: Strained) -> Decision | None:
-        """Decide which cells of bodies wake in a step; None if none does. Collective.
-
-        Args:
-            seen: The state before it.
-            strained: Strains of the error motion in cells of bodies.
-        """
-        above = self.rule.waking(strained, self._planner.free(seen))
-        self._springs = strained.spring
-        if not self._any(above):
-            return None
-        leaving = self._graph.touching(self._graph.largest_at_nodes(above.astype(np.float64)) > 0)
-        leaving |= self._planner.whole_bodies(seen, leaving & (strained.spring > 1))
-        decision = self._let_down(seen, CHECKED, leaving, strained.window)
-        return replace(decision, woken=np.flatnonzero(above).astype(np.int32))
-
     def outgrown(self, seen: Observation, cells: Bools) -> Decision:
         """The release of cells of bodies that shapes do not follow, and their ring. Collective.
 
@@ -256,14 +194,6 @@ class Policy:
         leaving = self._graph.touching(self._graph.largest_at_nodes(above.astype(np.float64)) > 0)
         decision = self._release(seen, OUTGROWN, leaving)
         return replace(decision, woken=np.flatnonzero(above).astype(np.int32))
-
-    def _let_down(self, seen: Observation, reason: str, cells: Bools, window: float) -> Decision:
-        """Release owned cells so that they do not spring: within a window [s]. Collective."""
-        leaving, known = self._planner.free(seen) & cells, self._springs
-        here = 0.0 if known is None else float(known[leaving].max(initial=0.0))
-        spring = self._graph.comm.allreduce(here, op=MPI.MAX)
-        easing = self._easing.span(window, seen.dt, spring)
-        return replace(self._release(seen, reason, cells), easing=easing)
 
     def _window_ends(self, seen: Observation) -> bool:
         """Whether the window has its length. Collective."""
@@ -341,7 +271,6 @@ class Policy:
         if decision.qualified is not None:
             memory.back_off.window_ended(decision.qualified, t - memory.window.start)
         if changed:
-            self._springs = None
             memory.contacts.remember()
             rigid = self._planner.numbers(seen) != NONE
             memory.window.whole &= rigid | ~memory.back_off.rigid

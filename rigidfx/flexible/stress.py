@@ -99,20 +99,17 @@ class Enhancements:
 
 
 class Added(NamedTuple):
-    """A small motion of a shape, whose strains and stresses some cells have besides their own.
+    """A small motion of a shape, which make all of a cell's strain, as in parts with shapes.
 
     Attributes:
         shape: Displacement that makes the shape [m].
         motion: The motion in the frame of the shape, ghosts included [m].
-        cells: Which owned cells have it.
-        alone: Whether shape and motion make all of a cell's strain, as in parts with shapes; u only
-            says how the cell is turned then.
+        cells: Which owned cells have it; u only says how they are turned.
     """
 
     shape: fem.Function
     motion: fem.Function
     cells: Bools
-    alone: bool = False
 
 
 class Recovered(NamedTuple):
@@ -197,24 +194,22 @@ class PointStress:
             ends = (self._displaced(cells[linear], side)[:, :, :12] for side in (1.0, -1.0))
             out[linear, :, :12] += np.subtract(*ends) / 2
         if added is not None and besides.any():
-            kept = 0.0 if added.alone else out[besides, :, :12]
-            out[besides, :, :12] = kept + self._besides(cells[besides], added)
+            out[besides, :, :12] = self._shaped(cells[besides], added)
         return out
 
-    def _besides(self, cells: Indices, added: Added) -> Array:
-        """Addition of a motion of a shape to stress and strain, linear and turned with cells.
+    def _shaped(self, cells: Indices, added: Added) -> Array:
+        """Stress and strain of a shape and of a small motion of it, linear and turned with cells.
 
-        With those of the shape, and without the turning of these by the motion, if it is `alone`.
         Strains are those in the axes of the undeformed body, the same in any frame.
         """
         nodes = np.unique(self._nodes[cells])
         u, shape, motion = (f.x.array.reshape(-1, 3) for f in (self.u, added.shape, added.motion))
         kept, own, ends = u[nodes], self._nodes[cells], []
         before = (self._X + shape)[own]
-        for side in (1.0, -1.0, 0.0) if added.alone else (1.0, -1.0):
+        for side in (1.0, -1.0, 0.0):
             u[nodes] = shape[nodes] + side * motion[nodes]
             values = self._evaluated(cells)[:, :, :12]
-            if added.alone and side:
+            if side:
                 values = _turned(values, _rotations((self._X + u)[own], before))
             ends.append(values)
         u[nodes] = kept

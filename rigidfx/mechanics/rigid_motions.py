@@ -1,14 +1,17 @@
-"""The rigid motions of places of a body: which are free, and which rows determine them."""
+"""The rigid motions of places of a body: which are free, and which fits best or is determined."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 from mpi4py import MPI
 from scipy.linalg import null_space, qr
 
 from rigidfx.base.types import Array, Bools, Ints
+from rigidfx.mechanics.rotation import nearest_rotations
 
-__all__ = ["RIGID", "free_motions", "independent", "rigid_motions", "spanning"]
+__all__ = ["RIGID", "best_rotation", "free_motions", "independent", "rigid_motions", "spanning"]
 
 
 RIGID = 1e-6  # part of a body's length by which places on a line may be off it
@@ -25,6 +28,20 @@ def rigid_motions(places: Array, length: float | Array) -> Array:
     modes[:, :, :3] = np.eye(3)
     modes[:, :, 3:] = np.cross(np.eye(3)[:, None], places / length).transpose(1, 2, 0)
     return modes
+
+
+def best_rotation(before: Array, after: Array, total: Callable[[Array], Array]) -> Array:
+    """The rotation that takes places best to others (W. Kabsch, Acta Cryst. A 32 (1976) 922-923).
+
+    Args:
+        before: This rank's places, shape (places, 3) [m].
+        after: Where they go, likewise.
+        total: Sum over the ranks. Collective.
+    """
+    local = [len(before), *before.sum(axis=0), *after.sum(axis=0), *(after.T @ before).ravel()]
+    sums = total(np.array(local))
+    common = np.outer(sums[4:7], sums[1:4]) / max(sums[0], 1.0)
+    return nearest_rotations(sums[7:].reshape(3, 3) - common)
 
 
 def free_motions(places: Array, held: Bools, length: float, comm: MPI.Intracomm) -> Array:

@@ -174,7 +174,8 @@ class Fields:
         """Fields on the nodes, whole on rank 0. Collective."""
         state = report.state
         state.rebuild()
-        fields = self._motion(report)
+        u, v = report.shown()
+        fields: Values = {"displacement": self.body.on_nodes(u), "velocity": self.body.on_nodes(v)}
         if self._nodal is not None:
             values = self.body.on_nodes_of_parts(self._nodal.measure(state.u, report.strains()))
             stress = tensors(values[:, :6])
@@ -183,12 +184,6 @@ class Fields:
         if self._contacts:
             fields |= self._of_contacts(state)
         return fields
-
-    def _motion(self, report: Report) -> Values:
-        """Displacement and velocity with the error motion, and that alone. Collective."""
-        u, v, e = report.shown()
-        fields = {"displacement": u, "velocity": v} | ({} if e is None else {"error_motion": e})
-        return {name: self.body.on_nodes(field) for name, field in fields.items()}
 
     def _of_contacts(self, state: State) -> Values:
         """Pressure of contacts [Pa] and the least gap [m], NaN off their surfaces. Collective."""

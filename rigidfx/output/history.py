@@ -5,7 +5,7 @@ Columns, in SI units; a vector has one column for each of x, y, z:
     step, t, dt, iterations, linear_iterations, cuts, unknowns
     kinetic, strain, stored, springs, energy at t; stored in bodies, in springs, and the sum [J]
     work_of_loads, work_of_supports          in the step [J]
-    dissipated                               by all damping in the step, and let down [J]
+    dissipated                               by all damping in the step [J]
     impact_energy                            change of energy where a support began [J]
     momentum_scale, L_x …                    Σ m|v| and linear momentum [kg m/s]
     J_x …                                    angular momentum about the origin [kg m²/s]
@@ -17,17 +17,13 @@ Columns, in SI units; a vector has one column for each of x, y, z:
                                              them (`BodyReport`), their part of J
     reaction_NAME_x …                        of each support [N], zero while it does not act
     moment_NAME_x …                          its moment about the origin [N m], likewise
-    reaction_NAME_e_x …, moment_NAME_e_x …   the error motion's part of both, not in them
-    u_NAME_x …                               displacement of each probe, with the error motion [m]
-    u_NAME_e_x …                             the error motion in it [m]; zero where none is followed
-    v_NAME_x …                               velocity of each probe, with the error motion's [m/s]
+    u_NAME_x …                               displacement of each probe [m]
+    v_NAME_x …                               velocity of each probe [m/s]
     a_NAME_x …                               its change since the last row over the time since then
                                              [m/s²]: the mean acceleration; NaN in the first row
     von_mises_NAME, stress_NAME_xx …         stress at each probe [Pa], and
     strain_NAME_xx …                         strain there: xx, yy, zz, xy, yz, xz; extrapolated and
                                              averaged, see `rigidfx.flexible.nodal_stress`
-    recovered_NAME                           1 where a rigid part says what it would strain there,
-                                             see `rigidfx.report.recovered`; else 0
     peak_NAME, peak_NAME_x …                 largest von Mises stress over each set of `peaks` [Pa],
                                              and its node's place in the reference shape [m]
     contact                                  stored in contacts at t [J]; in scenes with contacts
@@ -39,13 +35,12 @@ Columns, in SI units; a vector has one column for each of x, y, z:
                                              the step [N m, N], zero while it does not act; of two
                                              motors _motor_torque_1, _motor_speed, …
     contact_NAME_force_x …, _moment_x …      of each contact [N, N m], zero while it does not act
-    contact_NAME_force_e_x …                 the error motion's part of the force [N], not in it
     contact_NAME_pressing, _resolved         sum of the sizes of its nodal forces [N]; its mean over
                                              the shortest time that the mesh resolves, for peaks
     contact_NAME_energy, _dissipated         stored at t, taken by friction in the step [J]
     contact_NAME_penetration, _nodes         greatest [m], number of nodes that touch, at t
-    withheld, frozen, energy_allowed         what the ledger says: withheld by rigidity, kept of
-                                             vibrations, and what each may be [J]
+    frozen, energy_allowed                   what the ledger says: kept of vibrations, and what that
+                                             may be [J]
     damped, damping_allowed                  taken by numerical damping, and what that may be [J]
     deformation                              what these are relative to [J]
     time_error, displacement, time_allowed   estimated error of time integration, what it is
@@ -102,13 +97,13 @@ SCALARS = (
 )
 
 LEDGER = (
-    *("withheld", "frozen", "energy_allowed", "damped", "damping_allowed", "deformation"),
+    *("frozen", "energy_allowed", "damped", "damping_allowed", "deformation"),
     *("time_error", "displacement", "time_allowed", "rejected"),
     *("rigidity_error", "rigidity_allowed", "periods", "unsure", "measured_error"),
 )
 UNSURE = "estimate", "unknown"
 NO_JOINTS: Mapping[str, Sequence[str]] = {}
-FORCES = r"((reaction|moment)_.*(?<!_e)|joint_.*_(force|moment))_[xyz]$|joint_.*_motor(_|$)"
+FORCES = r"((reaction|moment)_.*|joint_.*_(force|moment))_[xyz]$|joint_.*_motor(_|$)"
 
 
 PAIRS = {"xyz"[i] + "xyz"[j]: (i, j) for i, j in SYMMETRIC}
@@ -151,13 +146,13 @@ def history_columns(
     """
     stresses = [name for probe in probes if stress for name in _stress_names(probe)]
     named = [
-        *(f"{of}_{s}{e}" for s in supports for of in ("reaction", "moment") for e in ("", "_e")),
-        *(name.format(p) for p in probes for name in ("u_{}", "u_{}_e", "v_{}", "a_{}")),
+        *(f"{of}_{support}" for support in supports for of in ("reaction", "moment")),
+        *(f"{of}_{probe}" for probe in probes for of in "uva"),
     ]
     vectors = ["L", "J", "impulse", "angular_impulse", "J_rigid", *named]
     names = [f"{vector}_{axis}" for vector in vectors for axis in "xyz"]
     first = [*SCALARS, "dissipated", "impact_energy", "momentum_scale", "bodies", "shapes", "nu"]
-    of_contacts = [*(["contact"] if contacts else []), *_of_contacts(contacts, {}, {})]
+    of_contacts = [*(["contact"] if contacts else []), *_of_contacts(contacts, {})]
     of_joints = [*_of_joints(joints, {}), *_of_springs(springs, {})]
     stresses += [f"peak_{name}{at}" for name in peaks for at in ("", "_x", "_y", "_z")]
     return [*first, *names, *stresses, *of_contacts, *of_joints, *LEDGER, "wall"]
@@ -199,22 +194,19 @@ def history_row(
     for name in supports:
         row |= components(f"reaction_{name}", report.reactions.get(name, np.zeros(3)))
         row |= components(f"moment_{name}", report.reaction_moments.get(name, np.zeros(3)))
-        row |= components(f"reaction_{name}_e", report.error_reactions.get(name, np.zeros(3)))
-        row |= components(f"moment_{name}_e", report.error_reaction_moments.get(name, np.zeros(3)))
     for name, displacement in report.probes.items():
         row |= components(f"u_{name}", displacement)
-        row |= components(f"u_{name}_e", report.error_motion[name])
         row |= components(f"v_{name}", report.velocities[name])
         row |= components(f"a_{name}", _acceleration(report, before, name))
     for name, at in (stresses or {}).items():
         own = [at.stress[ij] for ij in PAIRS.values()], [at.strain[ij] for ij in PAIRS.values()]
-        values = [at.von_mises, *own[0], *own[1], at.recovered]
+        values = [at.von_mises, *own[0], *own[1]]
         row |= dict(zip(_stress_names(name), map(float, values), strict=True))
     for name, peak in (peaks or {}).items():
         row |= {f"peak_{name}": peak.von_mises, **components(f"peak_{name}", peak.place)}
     if contacts:
         row["contact"] = report.contact
-        row |= _of_contacts(contacts, report.touches, report.error_touches)
+        row |= _of_contacts(contacts, report.touches)
     row |= _of_joints(joints, report.joints) | _of_springs(springs, report.spring_dampers)
     return row | _spent(report) | {"wall": report.wall}
 
@@ -281,8 +273,8 @@ def _spent(report: Report) -> dict[str, float]:
     ledger = report.ledger
     if ledger is None:
         return dict.fromkeys(LEDGER, nan)
-    withheld, frozen, damping = ledger.withheld, ledger.frozen, ledger.damping
-    of_energy = withheld.spent, frozen.spent, frozen.allowed, damping.spent, damping.allowed
+    frozen, damping = ledger.frozen, ledger.damping
+    of_energy = frozen.spent, frozen.allowed, damping.spent, damping.allowed
     time = ledger.time
     of_time = frozen.scale, time.spent, time.scale, time.allowed, float(ledger.rejected)
     of_rigidity = ledger.rigidity.spent, ledger.rigidity.allowed, ledger.periods
@@ -293,19 +285,16 @@ def _spent(report: Report) -> dict[str, float]:
 
 def _stress_names(probe: str) -> list[str]:
     tensors = [f"{what}_{probe}_{pair}" for what in ("stress", "strain") for pair in PAIRS]
-    return [f"von_mises_{probe}", *tensors, f"recovered_{probe}"]
+    return [f"von_mises_{probe}", *tensors]
 
 
-def _of_contacts(
-    contacts: Sequence[str], touches: Mapping[str, Touch], of_error: Mapping[str, Array]
-) -> dict[str, float]:
+def _of_contacts(contacts: Sequence[str], touches: Mapping[str, Touch]) -> dict[str, float]:
     """The columns of contacts and their values, by their titles."""
     out: dict[str, float] = {}
     for title in contacts:
         touch = touches.get(title, Touch(title))
         out |= components(f"contact_{title}_force", touch.force)
         out |= components(f"contact_{title}_moment", touch.moment)
-        out |= components(f"contact_{title}_force_e", of_error.get(title, np.zeros(3)))
         for name in ("pressing", "resolved", "energy", "dissipated", "penetration", "nodes"):
             out[f"contact_{title}_{name}"] = float(getattr(touch, name))
     return out

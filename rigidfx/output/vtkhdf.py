@@ -33,7 +33,7 @@ __all__ = ["HdfSeries", "hdf"]
 
 Array = npt.NDArray[Any]
 
-DOUBLE = ("displacement", "error_motion")  # small strains are differences of large displacements
+DOUBLE = ("displacement",)  # small strains are differences of large displacements
 ROWS = 64  # times in a chunk of their table, and for which datasets are made longer at once
 
 

@@ -93,8 +93,6 @@ def of_probes(h: Mapping[str, Array]) -> Panels:
     Args:
         h: The columns of a history.csv by name.
     """
-    # Of a run that follows no error motion its columns are zero.
-    h = {k: v for k, v in h.items() if v.any() or not re.match(r"u_.+_e_[xyz]$", k)}
     out: Panels = {}
     for heading, (pattern, what, unit) in PROBES.items():
         found = {" ".join(m.groups()): h[name] for name in h if (m := re.match(pattern, name))}

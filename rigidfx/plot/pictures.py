@@ -61,7 +61,7 @@ __all__ = [
 Camera = tuple[Sequence[float], Sequence[float]]
 
 FRAMES = 100  # times that a film shows at most, unless told otherwise
-ENERGIES = {"withheld": "withheld by rigidity", "frozen": "frozen vibration"}
+ENERGIES = {"frozen": "frozen vibration"}
 
 
 def spent(history: Mapping[str, Array]) -> dict[str, list[Curve]]:

@@ -211,7 +211,7 @@ class Shapes:
         """The shape of a report. Collective."""
         state = report.state
         state.rebuild()
-        moved, moving, _ = report.shown()
+        moved, moving = report.shown()
         u = self._body.on_nodes(moved)
         if self._stress is None:
             return _Shape(report.t, u, _values(self._colour, report, self._body, u, moving))
@@ -291,7 +291,7 @@ def show(report: Report, colour: Magnitude = "displacement", scale: float = 1.0)
     factor, space = positive("show", "scale", scale), report.state.u.function_space
     if space.mesh.comm.size > 1:
         raise SceneError("show: a window is for one rank; on several, take Shapes or pictures.")
-    body, (moved, moving, _) = Body(space), report.shown()
+    body, (moved, moving) = Body(space), report.shown()
     u = body.on_nodes(moved)
     values = _values(colour, report, body, u, moving)
     plotter, (title, unit) = pyvista().Plotter(), FIELDS[colour]

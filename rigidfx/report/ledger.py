@@ -1,6 +1,5 @@
 """Errors and energies that a run has spent so far: accounts that are never added up.
 
-    withheld   strain energy that rigidity withholds now, ½ ρᵀe                       [J]
     frozen     kinetic energy of vibration that bodies keep for their release now    [J]
     time       estimated error of displacements by time integration, added up        [m]
     rigidity   estimated error of displacements by rigid parts                      [m]
@@ -18,8 +17,8 @@ deformation.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from math import isnan, nan, pi
+from dataclasses import dataclass
+from math import isnan, nan
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -41,11 +40,9 @@ from rigidfx.step.system.system import System
 __all__ = ["THIN", "Entry", "Ledger", "Ledgers", "Rigidity"]
 
 TINY = 1e-300
-ACCOUNTS = "withheld", "frozen", "time", "damping", "rigidity", "measured"
+ACCOUNTS = "frozen", "time", "damping", "rigidity", "measured"
 Sure = Literal["estimate", "unknown"]
-NOISE = 1e-9  # of a kinetic energy: rounding of what of it is of deformation
 OF_AMPLITUDE = 2.0  # parts of an energy that go with one of an amplitude
-SLOW = 0.5  # of kinetic over strain energy of deformation, below which loads are slow
 THIN = 1e-9  # of the largest moment of inertia or singular value: below it nodes lie on a line
 
 
@@ -197,14 +194,12 @@ class Rigidity:
         rest: The share of time integration.
         withheld: Energy that bodies may withhold now, or keep of vibrations, over the largest
             energy of deformation.
-        free: Whether loads rest.
     """
 
     motion: float
     allowed: float
     rest: float
     withheld: float
-    free: bool
 
 
 @dataclass(frozen=True)
@@ -212,28 +207,21 @@ class Ledger:
     """The accounts of a run at the end of a step; equal on all ranks.
 
     Attributes:
-        withheld: Strain energy that rigidity withholds now.
-        frozen: Kinetic energy of vibration that bodies keep now, which would strain them by as
-            much; `Accuracy` may bound both.
+        frozen: Kinetic energy of vibration that bodies keep now.
         time: Error of displacements by time integration so far, an estimate.
         damping: Energy taken by numerical damping so far; half of that is missing of amplitudes,
             so that twice the budget of `Accuracy` is allowed.
         periods: Periods N that the motion has gone through so far, as far as can be told.
         rejected: Steps that were repeated so far, as they erred by too much in time.
         rigidity: Error of displacements by rigid parts so far, an estimate; of `Accuracy` only.
-        sure: Its meaning now: an "estimate"; "unknown" where loads change as fast as the structure
-            vibrates, as near a resonance or in a blow, and from then on if anything was rigid; and
-            from the first contact on.
+        sure: Its meaning now: an "estimate"; "unknown" from the first contact on.
         struck: Whether a contact has closed: the error of time integration is unknown from then on,
             too, as small errors of a blow grow on the flight after it.
         measured: Largest distance from a finer flexible twin so far, of `Accuracy(check=True)`.
-        let_go: Largest |e| of an error motion that was let go so far, as nothing drove it and it
-            was below a twentieth of the promise [m].
     """
 
     MESH: ClassVar[str] = "not estimated: compare with a finer mesh"
 
-    withheld: Entry
     frozen: Entry
     time: Entry
     damping: Entry
@@ -243,23 +231,15 @@ class Ledger:
     sure: Sure = "estimate"
     struck: bool = False
     measured: Entry = NOTHING
-    let_go: float = field(default_factory=float)
 
     @property
     def motion(self) -> float:
-        """Relative error of the motion that rigidity makes, an estimate.
-
-        That of `rigidity` if there is one, else (1 + πN) E_w/H. It holds for loads slower than the
-        bodies (Rayleigh: a frequency is off by E_w/2H); near a resonance nothing bounds the error.
-        """
-        if not isnan(self.rigidity.spent):
-            return self.rigidity.relative
-        return (1 + pi * self.periods) * self.withheld.relative
+        """Relative error of the motion that rigidity makes, an estimate; NaN if there is none."""
+        return self.rigidity.relative
 
     def __str__(self) -> str:
         """All accounts, one per line."""
         names = {
-            "withheld": "withheld by rigidity",
             "frozen": "frozen vibration",
             "time": "time integration",
             "damping": "numerical damping",
@@ -272,8 +252,6 @@ class Ledger:
             names["measured"] = "motion, against a twin"
         width = max(map(len, names.values()))
         lines = [f"{words:{width}s} {getattr(self, name)}" for name, words in names.items()]
-        if self.let_go > 0:
-            lines.append(f"{'error let go':{width}s} {self.let_go:.3g} m")
         return "\n".join([*lines, f"{'mesh':{width}s} {self.MESH}"])
 
     def __repr__(self) -> str:
@@ -290,9 +268,7 @@ class Ledger:
 class Ledgers:
     """Keeps the accounts of a run."""
 
-    remembered: ClassVar[Remembered] = same("_damped", "_inertia", "_lost", "_struck") | {
-        "_deformation": PART
-    }
+    remembered: ClassVar[Remembered] = same("_damped", "_struck") | {"_deformation": PART}
 
     def __init__(self, stepper: Stepper) -> None:
         """Nothing has been spent. Collective.
@@ -303,8 +279,6 @@ class Ledgers:
         self._stepper = stepper
         self._deformation = Deformation(stepper.scene)
         self._damped = 0.0
-        self._inertia = 0.0, 0.0  # kinetic and strain energy while loads change, added up
-        self._lost = False  # whether something was rigid where nothing was known
         self._struck = False
 
     @property
@@ -317,22 +291,13 @@ class Ledgers:
         """Largest energy of deformation so far [J]."""
         return self._deformation.largest
 
-    def follow(
-        self,
-        report: Any,
-        withheld: float,
-        periods: float,
-        rigidity: Rigidity | None,
-        let_go: float,
-    ) -> Ledger:
+    def follow(self, report: Any, periods: float, rigidity: Rigidity | None) -> Ledger:
         """The ledger after a step. Collective.
 
         Args:
             report: Its report.
-            withheld: Strain energy that rigidity withholds [J]; NaN if nothing estimates it.
             periods: Periods so far.
             rigidity: Error of the motion by rigid parts; None if nothing estimates that.
-            let_go: Largest error motion that has been let go so far [m].
         """
         stepper = self._stepper
         self._deformation.measure(stepper.system, stepper.state, report)
@@ -344,38 +309,20 @@ class Ledgers:
         if rigidity is not None:
             allowed, budget = rigidity.withheld, rigidity.allowed + rigidity.rest
         return Ledger(
-            withheld=Entry(withheld, H, allowed * H, "J"),
             frozen=Entry(frozen, H, allowed * H, "J"),
             time=self._time(),
             damping=Entry(self._damped, H, OF_AMPLITUDE * budget * H, "J"),
             periods=periods,
             rejected=0 if stepper.control is None else stepper.control.rejected,
             rigidity=NOTHING if rigidity is None else self._of_rigidity(rigidity),
-            sure=self._sure(rigidity, report),
+            sure="unknown" if self._struck else "estimate",
             struck=self._struck,
-            let_go=let_go,
         )
 
     def _of_rigidity(self, rigidity: Rigidity) -> Entry:
         control = self._stepper.control
         U = nan if control is None else control.length.displacement
         return Entry(rigidity.motion * U, U, rigidity.allowed * U, "m")
-
-    def _sure(self, rigidity: Rigidity | None, report: Any) -> Sure:
-        """Meaning of the estimate: where loads change, inertia tells how fast they do."""
-        if rigidity is None:
-            return "unknown" if self._struck else "estimate"
-        if not rigidity.free:
-            kinetic, strain = self._inertia
-            own = max(self._deformation.kinetic - NOISE * report.kinetic, 0.0)
-            kinetic, strain = kinetic + own, strain + report.strain + report.stored
-            self._inertia = kinetic, strain
-            if kinetic > SLOW * strain:
-                self._lost |= rigidity.motion > 0
-                return "unknown"
-        if self._lost or self._struck:
-            return "unknown"
-        return "estimate"
 
     def _time(self) -> Entry:
         control = self._stepper.control

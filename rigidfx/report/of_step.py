@@ -11,7 +11,6 @@ import numpy as np
 from rigidfx.base.named import Named
 from rigidfx.base.types import Array
 from rigidfx.effects import Contact, Joint, JointReports, Rigid, SpringDamper, Touch
-from rigidfx.error.error_motion import ErrorMotion, Shown
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.report.events import Event
 from rigidfx.report.probe_stress import Probes
@@ -59,7 +58,6 @@ def report_of(
     impact: Impact | None,
     shortening: Shortening | None = None,
     recovery: Recovery | None = None,
-    error: ErrorMotion | None = None,
 ) -> Report:
     """The report of a step, or of the initial state. Collective.
 
@@ -71,10 +69,8 @@ def report_of(
         impact: Impact of a support at the start of the step.
         shortening: Displacements of second order of bodies with shapes; not shown if None.
         recovery: Strains withheld from rigid parts, if known.
-        error: The error motion, which is added to displacements of probes; None if it is not.
     """
     state, solution = stepper.state, result.solution if result else None
-    off = {} if error is None else error.at(probes.points)
     u, v = _shown(probes, state, shortening)
     return Report(
         step=step,
@@ -98,16 +94,8 @@ def report_of(
         clamped=_clamped(stepper),
         events=(),
         closeness=np.nan,
-        probes=Named(
-            "report.probes",
-            {name: own + off[name].displacement for name, own in u.items()} if off else u,
-        ),
-        velocities=_velocities(v, off),
-        error_motion=Named(
-            "report.error_motion",
-            {name: off[name].displacement if off else np.zeros(3) for name in u},
-        ),
-        **_of_twin(error, result),
+        probes=Named("report.probes", u),
+        velocities=Named("report.velocities", v),
         ledger=None,
         wall=0.0,
         _state=state,
@@ -116,20 +104,7 @@ def report_of(
         _probes=probes,
         _shortening=shortening,
         _recovery=recovery,
-        _error=error,
     )
-
-
-def _of_twin(error: ErrorMotion | None, result: StepResult | None) -> dict[str, Any]:
-    """Forces on u + e less those on u, by name; none of the initial state. Collective."""
-    known = error if result else None
-    held = known.reactions(result.dt) if known and result else {}
-    own = {
-        "error_reactions": {name: both[0] for name, both in held.items()},
-        "error_reaction_moments": {name: both[1] for name, both in held.items()},
-        "error_touches": known.touches() if known else {},
-    }
-    return {key: Named(f"report.{key}", values) for key, values in own.items()}
 
 
 def amended(report: Report, stepper: Stepper, events: Sequence[Event], closeness: float) -> Report:
@@ -147,13 +122,13 @@ def amended(report: Report, stepper: Stepper, events: Sequence[Event], closeness
     )
     if not any(event.t == report.t for event in events):
         return report
-    error, probes = report._error, report._probes
-    off = {} if error is None else error.at(probes.points)
     return replace(
         report,
         **vars(stepper.measure()),
         rigid=stepper.state.bodies,
-        velocities=_velocities(_shown(probes, stepper.state, report._shortening)[1], off),
+        velocities=Named(
+            "report.velocities", _shown(report._probes, stepper.state, report._shortening)[1]
+        ),
     )
 
 
@@ -165,12 +140,6 @@ def _shown(
     if shortening is None or not (more := shortening.at_probes(state.bodies)):
         return u, v
     return {k: u[k] + d for k, (d, _) in more.items()}, {k: v[k] + r for k, (_, r) in more.items()}
-
-
-def _velocities(own: Mapping[str, Array], off: Mapping[str, Shown]) -> Mapping[str, Array]:
-    """Velocity of each probe, with the error motion where that is known [m/s]."""
-    shown = {name: v + off[name].velocity for name, v in own.items()} if off else own
-    return Named("report.velocities", shown)
 
 
 def _acting(scene: Scene, result: StepResult | None) -> dict[str, Any]:

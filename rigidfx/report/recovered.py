@@ -1,11 +1,9 @@
 """Stresses that rigid parts carry.
 
-A rigid part keeps the stress that it was frozen with. The error motion adds the strain and stress
-by which the part differs from its flexible twin, at a resonance, too. In parts named rigid, which
-are rigid in the twin, the forces on their nodes add those of a static response, K⁺ρ
-(docs/theory/error_motion.md). All stresses shown contain this: of cells, at nodes, at probes and at
-integration points. Each is evaluated from one displacement in rigid cells and another in flexible
-ones, as they share nodes; a node takes the mean of both.
+A rigid part keeps the stress that it was frozen with. In parts named rigid the forces on their
+nodes add that of a static response, K⁺ρ (docs/theory/shapes.md). All stresses shown contain this:
+of cells, at nodes, at probes and at integration points. Each is evaluated from one displacement in
+rigid cells and another in flexible ones, as they share nodes; a node takes the mean of both.
 """
 
 from __future__ import annotations

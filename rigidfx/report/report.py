@@ -14,13 +14,13 @@ from rigidfx.base.in_notebook import as_table, in_short
 from rigidfx.base.named import Named
 from rigidfx.base.taken import read_only
 from rigidfx.base.types import Array
-from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.stress import Added, Recovered
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.mechanics.rotation import skew
 from rigidfx.report.events import Event
+from rigidfx.report.former import Former
 from rigidfx.report.ledger import Ledger
 from rigidfx.report.probe_stress import Probes, StressAt
 from rigidfx.report.writers import Writers
@@ -132,7 +132,7 @@ def _body_report(body: Body, own: Array, kinetic: float, strain: float, nu: floa
 
 
 @dataclass(frozen=True, kw_only=True)
-class Report(Work, Measures):
+class Report(Former, Work, Measures):
     """One accepted step, a value that may be kept; numbers are equal on all ranks.
 
     The first report of a run is that of the initial state, t = 0. A wrong name, as in
@@ -164,8 +164,7 @@ class Report(Work, Measures):
         work_of_loads: Work of the loads in this step [J].
         work_of_supports: Work of reactions in this step, and of impulses of supports at events [J].
         dissipated: Energy that damping took in this step [J], by the name of its kind, such as
-            "KelvinVoigt" (a spring's dashpot counts as "Spring"); "Easing" is the energy of
-            released stresses that fade, and may be less than nothing.
+            "KelvinVoigt" (a spring's dashpot counts as "Spring").
         reactions: Force of each support on the structure at the step's midpoint, by the name of
             its set, shape (3,) [N]; in the initial state those of a static preload.
         reaction_moments: Its moment about the origin, likewise [N m].
@@ -186,18 +185,10 @@ class Report(Work, Measures):
             Energies, momenta and bodies of the report are those after these events.
         closeness: Least |ε/tol - 1| of all cells at the end of a window, ε their strain rate:
             how close the decision was. NaN if no window ended in the step.
-        probes: Displacement of each probe, shape (3,) [m]: that of `state` and the error motion,
-            and how bending shortens bodies with shapes: see `rigidfx.shapes.shortening`.
-        velocities: Velocity of each probe, shape (3,) [m/s]: that of `state` and of the error
-            motion; in a rigid part that of the part.
-        error_motion: The error motion e at each probe, shape (3,) [m]: the estimated difference
-            to a run without rigid parts; zero where it is not followed.
-        error_reactions: Force of each support on the twin less that in `reactions`, shape (3,) [N];
-            nothing where e is not followed, or not small.
-        error_reaction_moments: Its moment about the origin, likewise [N m].
-        error_touches: Force of each contact on the twin less that in `touches`, likewise [N].
-        ledger: Errors and energies so far; None in a run with given Δt and without waking by
-            forces.
+        probes: Displacement of each probe, shape (3,) [m]: that of `state`, and how bending
+            shortens bodies with shapes: see `rigidfx.shapes.shortening`.
+        velocities: Velocity of each probe, shape (3,) [m/s]; in a rigid part that of the part.
+        ledger: Errors and energies so far; None in a run with given Δt.
         wall: Wall time of the step [s].
         nu: How far each body with shapes was from small, by its name: see `BodyReport.nu`.
     """
@@ -219,10 +210,6 @@ class Report(Work, Measures):
     closeness: float
     probes: Mapping[str, Array]
     velocities: Mapping[str, Array]
-    error_motion: Mapping[str, Array]
-    error_reactions: Mapping[str, Array]
-    error_reaction_moments: Mapping[str, Array]
-    error_touches: Mapping[str, Array]
     ledger: Ledger | None
     wall: float
     _state: State
@@ -231,7 +218,6 @@ class Report(Work, Measures):
     _probes: Probes
     _shortening: Shortening | None = None
     _recovery: Recovery | None = None
-    _error: ErrorMotion | None = None
     nu: Mapping[str, float] = field(default_factory=dict)
     _writers: Writers = field(default_factory=Writers, repr=False, compare=False)
 
@@ -315,8 +301,8 @@ class Report(Work, Measures):
 
         They are those at nodes, extrapolated and averaged within the material of the probe's cell
         (`rigidfx.flexible.nodal_stress`). Computed when read, from the cells around the probes
-        only; the first time compiles its forms. Those of the error motion are added, and those
-        of rigid parts are recovered, if that is known: see `rigidfx.report.recovered`.
+        only; the first time compiles its forms. Those of parts named rigid are recovered, if that
+        is known: see `rigidfx.report.recovered`.
 
         Raises:
             SceneError: If they have not been asked for yet and the run has gone on.
@@ -381,43 +367,20 @@ class Report(Work, Measures):
         return Recovered(u, *carried.among(count), added)
 
     def _added(self) -> Added | None:
-        """Strains of parts with shapes, or of the error motion but for parts named rigid.
+        """Strains of parts with shapes; None if there are none. Collective."""
+        return None if self.rigid.of.shapes is None else Added(*self._state.bent())
 
-        None if there are none, or they are unknown. Collective.
-        """
-        if self.rigid.of.shapes is not None:
-            return Added(*self._state.bent(), alone=True)
-        found, state = None if self._error is None else self._error.motion(), self._state
-        if found is None:
-            return None
-        cells = np.ones(state.u.function_space.mesh.topology.index_map(3).size_local, dtype=bool)
-        named = [body.cells for body in state.bodies.of.records if body.named]
-        for own in (*named, *state.clamped.values()):
-            cells[own] = False
-        return Added(*found, cells)
-
-    def shown(self) -> tuple[fem.Function, fem.Function, fem.Function | None]:
-        """Displacement and velocity with the error motion, and that alone. Collective.
-
-        Returns:
-            u + δ + e [m] and its rate [m/s], with δ of `Shortening`, up to date inside bodies, and
-            e [m]; None for e where a run shows none.
+    def shown(self) -> tuple[fem.Function, fem.Function]:
+        """Displacement [m] and velocity [m/s], as of `probes`, up to date inside bodies. Collective.
 
         Raises:
             SceneError: If the run has gone on.
         """
         self._check("shown")
         self._state.rebuild()
-        state, found = self._state, None if self._error is None else self._error.shown()
-        more = None if self._shortening is None else self._shortening.field(state.bodies)
-        none = None if self._error is None else fem.Function(state.u.function_space)
-        u, v, e = state.u, state.v, none
-        if more is not None:
-            u, v = _with(u, more[0]), _with(v, more[1])
-        if none is not None and found is not None:
-            e = _with(none, found.displacement)
-            u, v = _with(u, found.displacement), _with(v, found.velocity)
-        return u, v, e
+        more = None if self._shortening is None else self._shortening.field(self._state.bodies)
+        u, v = self._state.u, self._state.v
+        return (u, v) if more is None else (_with(u, more[0]), _with(v, more[1]))
 
     @property
     def finds_bodies(self) -> bool:

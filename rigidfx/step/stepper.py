@@ -14,7 +14,6 @@ from rigidfx.base.types import Bools
 from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.effects import Contact, Support, Touch, Windowed
 from rigidfx.effects.motion import Instant
-from rigidfx.flexible.eased_stress import EasedStress
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.inversion import Inversion, InvertedCells
@@ -87,7 +86,7 @@ class Stepper:
         self.watches: list[Watch] = [*measuring, *others, *squeezed, *controls]
         self._trial = np.inf  # length of the next attempt after a cut ...
         self._whole = np.inf  # ... of a step of this length
-        self._dealing, self._eased_stress = Dealing(), EasedStress(scene, forces)
+        self._dealing = Dealing()
         self.system: System
         self._bound = False
 
@@ -111,7 +110,6 @@ class Stepper:
             division,
             jumps=self.jumps,
             dealing=self._dealing,
-            eased_stress=self._eased_stress,
         )
         if before is not None:
             self.system.newton.go_on(before.newton)

@@ -192,7 +192,7 @@ class LumpedExchange:
         for body in gone:
             frozen = body.data.frozen
             v[body.data.nodes] = body.velocities
-            v[frozen.nodes] += self._still(body) @ body.motion.R.T
+            v[frozen.nodes] += frozen.velocities @ body.motion.R.T
         state.move(velocity)
         return Works(0.0, 0.0)
 
@@ -206,22 +206,6 @@ class LumpedExchange:
             body = self.shape(body)
         state.group(Bodies.of_each([*state.bodies, body]))
         return Works(0.0, 0.0)
-
-    def _still(self, body: Body) -> Array:
-        """Kept velocities without angular momentum about the body as it is deformed. Collective."""
-        frozen = body.data.frozen
-        if body.data.shapes is None or not body.motion.q.any():
-            return frozen.velocities
-        at = np.searchsorted(body.data.nodes, frozen.nodes)
-        y, m = body.offsets, self._scene.nodal_mass[body.data.nodes]
-        own = np.r_[
-            (m[at, None] * np.cross(y[at], frozen.velocities)).sum(axis=0),
-            np.einsum("n,na,nb->ab", m, y, y).reshape(-1),
-        ]
-        sums = np.asarray(self._scene.sum(own))
-        second = sums[3:].reshape(3, 3)
-        W = np.linalg.solve(np.trace(second) * np.eye(3) - second, sums[:3])
-        return np.asarray(frozen.velocities - np.cross(W, y[at]))
 
     def settle(self, state: State, division: Division, prescribed: Bools) -> None:
         """See `Exchange`."""

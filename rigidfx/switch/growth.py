@@ -33,13 +33,13 @@ from mpi4py import MPI
 from rigidfx.base.log import tell
 from rigidfx.base.remembered import ON_DOFS, ON_NODES, PART, Remembered, same
 from rigidfx.base.types import Array, Bools, Indices
+from rigidfx.decide.limits import Limits, part_of
 from rigidfx.effects import rigid_faces
-from rigidfx.error.frames import Frames
-from rigidfx.error.strained import Limits, part_of
 from rigidfx.flexible.cell_strains import CellStrains
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, RigidBody
+from rigidfx.mechanics.rigid_motions import best_rotation
 from rigidfx.shapes.found import Found
 from rigidfx.shapes.linear import Linear
 from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz
@@ -97,7 +97,7 @@ class Growth(Watch):
     }
 
     def __init__(
-        self, stepper: Stepper, forces: BodyForces, indicator: Indicator, dt: float, kappa: float
+        self, stepper: Stepper, forces: BodyForces, indicator: Indicator, dt: float
     ) -> None:
         """Nothing has grown.
 
@@ -106,15 +106,13 @@ class Growth(Watch):
             forces: Knows ρ.
             indicator: A measure of its own for strains.
             dt: Nominal Δt [s].
-            kappa: Rates that wake cells over their tolerances.
         """
-        self._stepper, self._forces, self._dt, self._kappa = stepper, forces, dt, kappa
+        self._stepper, self._forces, self._dt = stepper, forces, dt
         scene, self.control = stepper.scene, GrowthControl()
         self._scene = scene
         self._strains = CellStrains(scene, stepper.forces, indicator)
         self._start: Array = stepper.state.u.x.array[: 3 * scene.owned_nodes].copy()
         self._linear: Linear | None = None
-        self._frames: Frames | None = None
         self._found: dict[int, tuple[RigidBody, Found, Array]] = {}  # by number
         self._modes = 0
         self._cut = np.inf  # the lowest ω that modes of the whole lack [1/s]
@@ -147,7 +145,6 @@ class Growth(Watch):
             acting = stepper.system.acting
             responses = about_start(scene, stepper.forces, self._start, acting)
             self._linear = Linear(responses)
-            self._frames = Frames(scene, responses.stiffness.places)
             if not self._vectors.shape[2]:
                 self._vectors, self._cut = self._linear.modes(self._forces.dt or self._dt)
                 self._modes = self._vectors.shape[2]
@@ -165,12 +162,10 @@ class Growth(Watch):
         if known is None or not np.array_equal(known[0].origin, data.origin):
             if known is not None:
                 known[1].destroy()
-            linear = self._bound().responses.stiffness.linear
-            found = Found(self._scene, self._stepper.forces, linear, data)
-            assert self._frames is not None
-            x = self._stepper.state.X[: self._scene.owned_nodes].copy()
-            x[data.nodes] += data.displacement
-            Q = self._frames.of_sets([data.nodes], x)[0]
+            stiffness = self._bound().responses.stiffness
+            found = Found(self._scene, self._stepper.forces, stiffness.linear, data)
+            frozen = self._stepper.state.X[data.nodes] + data.displacement
+            Q = best_rotation(stiffness.places[data.nodes], frozen, self._scene.sum)
             self._found[data.number] = known = data, found, Q
         return known[1], known[2]
 
@@ -215,7 +210,7 @@ class Growth(Watch):
         for too_far in (self._spun, self._bent) if limits is not None else ():
             if (woken := too_far(attempt)) is not None:
                 return Looked(woken=woken)
-        parts, rho = self._forces.borne
+        parts, rho = self._forces.borne[0], self._forces.borne[1].copy()
         F, bodies = np.zeros_like(self._withheld), self._growing()
         for data, at in zip(parts.bodies, parts.at, strict=True):
             if not self._grows(data):
@@ -410,7 +405,7 @@ class Growth(Watch):
             return part_of(out, np.full(out.size, self._allowed(limits)))
         shape = self._bound().responses.stiffness.linear.shape
         out[cells] = omega[cells] * self._strains.of(motion, 1.0, shape, cells)
-        return part_of(out, np.asarray(limits.rates / self._kappa))
+        return part_of(out, limits.rates)
 
     def _strained_most(self, e: Array, rates: Array, cells: Indices, limits: Limits) -> Bools:
         """Those of some owned cells that wake: above a limit, or strained most. Collective."""
@@ -455,15 +450,9 @@ class Growth(Watch):
 
     # What is left --------------------------------------------------------------------------------
 
-    all_shown = False
-
     def size(self) -> float:
         """Largest displacement that bodies have lacked so far, but in cells that wake [m]."""
         return self._lacks + self._bends
-
-    def hidden(self) -> Bools:
-        """Connected parts whose results lack it: all."""
-        return np.ones(self._scene.parts.count, dtype=bool)
 
     def accept(self, attempt: Attempt) -> None:
         """See `Watch`."""

@@ -28,7 +28,6 @@ from rigidfx.effects import (
 )
 from rigidfx.effects.joints.remote import body_of
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.eased import Eased
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.report.events import BodyChange, Event
 from rigidfx.report.start import Start
@@ -41,6 +40,7 @@ from rigidfx.step.system.division import Division
 from rigidfx.step.system.supports import Impact, PrescribedDofs, supports_of
 from rigidfx.step.watches.judge import INVERTED, remedy
 from rigidfx.switch.closing import check_stops, implied_rows, warn_of_jumps
+from rigidfx.switch.collapse import collapse
 from rigidfx.switch.consistent_exchange import ConsistentExchange
 from rigidfx.switch.exchange import Exchange, LumpedExchange, Works
 from rigidfx.switch.inventory import check_clamps, divide
@@ -306,12 +306,11 @@ class Switch:
         """Give shapes to bodies that are found."""
         self._exchange.shape = shape
 
-    def apply(self, decision: Decision, eased: Eased | None = None) -> Event | None:
+    def apply(self, decision: Decision) -> Event | None:
         """Release and freeze, so that the bodies are those of a decision. Collective.
 
         Args:
             decision: The decision.
-            eased: The part of a release that is let down.
 
         Returns:
             The event; None if there was none.
@@ -325,13 +324,15 @@ class Switch:
         before, unknowns = stepper.measure(), stepper.unknowns
         held_before = stepper.held_momenta()
         prescribed = stepper.prescribed.mask
-        works = [self._exchange.release(state, old.keys() - kept, prescribed)]
+        leaving = old.keys() - kept
+        scales = isinstance(self._exchange, ConsistentExchange)
+        collapse(stepper.scene, stepper.forces, state, leaving, prescribed, scales)
+        works = [self._exchange.release(state, leaving, prescribed)]
         for body in decision.bodies:
             if not body.kept:
                 works.append(self._exchange.freeze(state, body, prescribed) or Works(0.0, 0.0))
         work = Works(*map(sum, zip(*works, strict=True)))
         found = [body for body in state.bodies if _changes_with(body.data, decision)]
-        state.ease(eased)
         self._bind(found)
         changes = _changes(old, {body.data.number: body.data for body in found})
         if not changes:  # what was to freeze could not be a body

@@ -1,7 +1,6 @@
-"""Strains of rigid parts, for stresses that are asked for.
+"""Strains of parts named rigid, for stresses that are asked for.
 
-Bodies that were found have the strains of the error motion. A part named rigid has none there, as
-it is rigid in the twin, too: it is strained by the forces on its nodes, by its own stiffness. Where
+The forces on its nodes strain such a part by its own stiffness. Where
 more than its own supports bear the loads, or where it would bend by so much that a linear response
 does not balance the forces (stresses of a bar whose tip went 4 % of its length were 4 % off, by
 turns alone), the whole structure is solved with it. Else it strains by K⁺ρ, under steady forces ρ.
@@ -9,7 +8,7 @@ turns alone), the whole structure is solved with it. Else it strains by K⁺ρ, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -127,7 +126,6 @@ class Recovery:
         stepper: Stepper,
         forces: BodyForces,
         held: HeldParts | None,
-        moved: Callable[[], tuple[Array, Indices]],
     ) -> None:
         """Nothing is known yet.
 
@@ -135,9 +133,8 @@ class Recovery:
             stepper: Solves the steps.
             forces: Those on bodies.
             held: Parts named rigid that supports hold; None if none ever do.
-            moved: Displacements of bodies by what they withhold, and these cells. Collective.
         """
-        self._stepper, self._forces, self._held, self._moved = stepper, forces, held, moved
+        self._stepper, self._forces, self._held = stepper, forces, held
         self._asked = -1  # the state that is known, by how often it had been written into
         self._known: Carried | None = None
         self._linear: LinearForms | None = None
@@ -155,8 +152,9 @@ class Recovery:
         return self._known
 
     def _recovered(self) -> Carried:
-        u, cells = self._moved()
         stepper, loaded = self._stepper, []
+        u = np.zeros((stepper.scene.owned_nodes, 3))
+        cells: Indices = np.empty(0, np.int32)
         for held, own in self._loaded().items():
             if not own:
                 continue

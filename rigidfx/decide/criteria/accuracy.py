@@ -93,15 +93,13 @@ class Budgeted(Criterion):
         budget: Error of the displacement over the largest one so far.
         never: Names of sets of cells that stay flexible.
         min_cells: Least number of cells of a new body; see `Accuracy`.
-        grow: Whether bodies get shapes; see `Accuracy`.
         patience: See `Criterion`.
     """
 
     budget: float
     never: Sequence[str]
     min_cells: int | None
-    grow: bool = False
-    patience: float = Criterion.patience
+    patience: float = 1.0
 
     @property
     def owner(self) -> str:
@@ -118,11 +116,11 @@ class Budgeted(Criterion):
 
     def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> BudgetRule:
         """The rule of the budget."""
-        return BudgetRule(scene, timeline, memory, self.budget, grow=self.grow)
+        return BudgetRule(scene, timeline, memory, self.budget)
 
     @property
     def contact_change(self) -> float:
-        """Change of a contact's force that releases what it meets, as e lacks what a blow does."""
+        """Change of a contact's force that releases what it meets: shapes lack what a blow does."""
         return CHANGE
 
     @property
@@ -130,19 +128,17 @@ class Budgeted(Criterion):
         """Advice against repeated releases of bodies."""
         return "Take a larger budget, or name their cells `never`."
 
-    def allowed(self, peak: float) -> float:
-        """The budget."""
-        return self.budget
-
 
 @dataclass(frozen=True)
 class Accuracy:
     """Permitted error of a motion; a run chooses Δt and its rigid parts by it.
 
-    Time integration may use the whole budget until a part becomes rigid
-    (`rigidfx.scene.step_control.StepControl`). Then rigid parts may use half of the unspent budget
+    A run begins reduced: from the second step on all cells are in bodies. A body gets shapes where
+    what it withholds would move a node by more than its share of the budget, and loses cells where
+    shapes do not suffice, or all of them where a contact's force changes. Bodies may use half of
+    the budget that time integration (`rigidfx.scene.step_control.StepControl`) has left
     (`rigidfx.decide.criteria.budget_rule`). The ledger of each report has the spent amounts of
-    both. The error of the mesh is not estimated.
+    both. Neither strains are bounded nor the error of the mesh is estimated.
 
     Attributes:
         budget: Error of the displacement over the largest one so far, such as 0.01.
@@ -155,10 +151,7 @@ class Accuracy:
             1500 unknowns then has no bodies.
         check: Whether the flexible twin is computed, too, with steps about a quarter as long: then
             ledgers have the measured error.
-        grow: Whether the run begins reduced: from the second step on all cells are in bodies, which
-            get shapes where what they withhold would move a node by more than their share of the
-            budget, and lose cells where shapes do not suffice, or all of them where a contact's
-            force changes. Neither strains are bounded nor how bending shortens a part.
+        grow: Without effect, for one release: every run begins reduced.
     """
 
     budget: float
@@ -168,7 +161,7 @@ class Accuracy:
     never: Sequence[str] = field(default=(), kw_only=True)
     min_cells: int | None = field(default=None, kw_only=True)
     check: bool = field(default=False, kw_only=True)
-    grow: bool = field(default=False, kw_only=True)
+    grow: bool | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check all values, and take them.
@@ -182,9 +175,8 @@ class Accuracy:
         for name in ("of", "smallest"):
             if getattr(self, name) is not None:
                 positive(owner, name, getattr(self, name))
-        for name in ("check", "grow"):
-            if not isinstance(given := getattr(self, name), (bool, np.bool_)):
-                raise SceneError(f"Accuracy: {name} must be True or False, got {shown(given)}.")
+        if not isinstance(self.check, (bool, np.bool_)):
+            raise SceneError(f"Accuracy: check must be True or False, got {shown(self.check)}.")
         object.__setattr__(self, "never", never_rigid(owner, self.never))
         if self.min_cells is not None:
             whole(owner, "min_cells", self.min_cells, least=1)
@@ -257,6 +249,11 @@ class Accuracy:
                 "and are no time windows.",
             )
 
+    @property
+    def former(self) -> tuple[str, ...]:
+        """Fields given that have no effect any more."""
+        return () if self.grow in (None, True) else ("grow",)
+
     def criterion(self, scene: Scene) -> Budgeted | None:
         """What judges cells; None if nothing is worth to be rigid, or named so. Collective.
 
@@ -264,14 +261,13 @@ class Accuracy:
             scene: The problem.
         """
         cells = scene.mesh.topology.index_map(3).size_global
-        given = float(self.budget), self.never, self.min_cells, bool(self.grow)
-        found = Budgeted(*given, patience=1.0 if self.grow else Criterion.patience)
+        found = Budgeted(float(self.budget), self.never, self.min_cells)
         return found if found.least_cells(scene) <= cells or scene.named(Rigid) else None
 
     @property
     def idle(self) -> Rigidity:
         """Error of a motion by rigidity where nothing becomes rigid."""
-        return Rigidity(0.0, 0.0, float(self.budget), 0.0, True)
+        return Rigidity(0.0, 0.0, float(self.budget), 0.0)
 
 
 def _less(ledger: Ledger, scene: Scene, budget: float) -> str:

@@ -1,28 +1,21 @@
-"""The rule of `Accuracy`: the error of u + e against the flexible twin stays within a budget.
+"""The rule of `Accuracy`: the displacement that bodies lack stays within a budget.
 
-The error motion e (`rigidfx.error`) is the difference to the twin. If u + e is shown, the error is
-estimated as a part LEFT of |e|. If u alone is shown, the error is |e|:
+All cells freeze after the first step, and bodies get shapes. What shapes lack
+(`rigidfx.switch.growth`) may be half of the budget that time integration has left; beyond that
+bodies get shapes, and cells wake that shapes do not follow.
 
-    a = LEFT |e|   or   a = |e| .                                                            (1)
-
-Cells wake if a exceeds half of the budget that time integration has left, those that e strains most
-first.
-
-Before a freeze e does not exist, so the displacement that a freeze would lose is estimated. A
+Before such cells freeze again, the displacement that a freeze would lose is estimated. A
 displacement is an integral u = ∫ σ : ε dV, with σ the stresses of a unit force at its place. If σ
 is in proportion to the largest strains so far, S, and strains s are withheld, the lost part is
 
-    m = Σ w S s / Σ w S² ,    w = C V   of each cell, sums over cells that freeze, and all.  (2)
+    m = Σ w S s / Σ w S² ,    w = C V   of each cell, sums over cells that freeze, and all.  (1)
 
 If the motion repeats, s = S, and m is the withheld part of the strain energy. By Rayleigh's
 quotient a frequency then has the error m/2, so a free vibration has the error (1 + πN) m after N
 periods; changing loads may double m. While loads rest, s is the swing of the strain of a cell in
 the window. While they change, s is its largest strain rate times τ = √(∫ Σ w ε² dt/∫ Σ w ε̇² dt),
-which is 1/ω for a vibration. Cells freeze in the order of rising w S s/V, until (1) would reach a
-fifth of the allowed value.
-
-Where bodies get shapes, all cells freeze after the first step, and |e| in (1) is what shapes lack
-(`rigidfx.switch.growth`).
+which is 1/ω for a vibration. Cells freeze in the order of rising w S s/V, until a fifth of the
+allowed value is used.
 """
 
 from __future__ import annotations
@@ -36,8 +29,8 @@ import numpy as np
 from rigidfx.base.remembered import ON_CELLS, PART, Remembered, same
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.decide.criteria.judging import Observation
+from rigidfx.decide.limits import Limits
 from rigidfx.decide.memory.memory import Memory
-from rigidfx.error.strained import Limits, Strained
 from rigidfx.report.ledger import Rigidity
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
@@ -87,10 +80,8 @@ class Spending:
 
     Attributes:
         rigidity: Part of the budget that time integration has left, that rigid parts may spend.
-        left: Part of |e| that u + e may be off by. It was off by at most 0.103 of it in 35
-            of 36 scenes of demos/benchmarks/waking.py; |e| was 0.002 to 0.5 of the displacement.
         freezing: Part of the allowed value that freezes use. A part that vibrated on took two to
-            seven times what (2) says; at 0.5 an arm of 20 073 unknowns was released repeatedly.
+            seven times what (1) says; at 0.5 an arm of 20 073 unknowns was released repeatedly.
         amplified: Amplification of m by loads that change.
         window: Length of a window in halves of a period.
         fewest: Steps of a window, at least.
@@ -98,7 +89,6 @@ class Spending:
     """
 
     rigidity: float = 0.5
-    left: float = 0.1
     freezing: float = 0.2
     amplified: float = 2.0
     window: float = 1.25
@@ -123,10 +113,7 @@ class BudgetRule:
             "_budget",
             "_size",
             "_largest",
-            "_shown",
             "_frozen",
-            "_named",
-            "_froze",
             "_begins",
             "_from_rest",
         )
@@ -141,7 +128,6 @@ class BudgetRule:
         memory: Memory,
         budget: float,
         spending: Spending | None = None,
-        grow: bool = False,
     ) -> None:
         """Nothing has strained. Collective.
 
@@ -151,9 +137,8 @@ class BudgetRule:
             memory: Memory of the policy.
             budget: Part of the largest displacement that rigidity and time integration may spend.
             spending: The settings of the budget.
-            grow: Whether all cells are quiet at first, as bodies get shapes.
         """
-        self._grow, self._begins = grow, grow
+        self._begins = True  # all cells are quiet at first
         self._scene, self._timeline, self._memory, self._whole = scene, timeline, memory, budget
         self._spending = Spending() if spending is None else spending
         self._stiffness = stiffness(scene)
@@ -165,36 +150,19 @@ class BudgetRule:
         self._period, self._energy = nan, 0.0  # 2π τ [s]; Σ w S² [J]
         self._free, self._t = False, 0.0
         self._budget = self._spending.rigidity * budget  # what rigidity may spend
-        self._size, self._largest = 0.0, 0.0  # |e| and U [m]
-        self._shown = False  # whether e is added to what is shown
+        self._size, self._largest = 0.0, 0.0  # what bodies lack, and U [m]
         self._from_rest = False  # whether a motion begins
-        self._named = -1  # cells of parts named rigid
-        self._frozen, self._froze = 0, ""  # cells of the bodies found; tolerances that froze them
+        self._frozen = False  # whether there are bodies that were found
         self.tol: Array = np.zeros(cells)
 
     # What is allowed ----------------------------------------------------------------------------
-
-    def _off(self, size: float) -> float:
-        """The error of u + e over the largest displacement, by (1)."""
-        part = size / self._largest if self._largest > 0 else 0.0
-        return part * self._left
-
-    def _room(self, off: float) -> float:
-        """|e| over the largest displacement, of which u + e leaves so much: (1) solved for it."""
-        return off / self._left
-
-    @property
-    def _left(self) -> float:
-        """Part of |e| that is left of it in what is shown."""
-        return self._spending.left if self._shown else 1.0
 
     @property
     def _lost(self) -> float:
         """Part of the deflection that a freeze may take: m."""
         if not self._largest > 0:
             return 0.0
-        room = self._room(self._spending.freezing * self._budget) - self._size / self._largest
-        room = max(room, 0.0)
+        room = max(self._spending.freezing * self._budget - self._size / self._largest, 0.0)
         if not self._free or isnan(self._period):
             return room / self._spending.amplified
         return room / (1 + pi * max(self._timeline.t_end - self._t, 0.0) / self._period)
@@ -202,24 +170,19 @@ class BudgetRule:
     @property
     def rigidity(self) -> Rigidity:
         """Error of the motion by bodies."""
-        motion = self._off(self._size)
+        motion = self._size / self._largest if self._largest > 0 else 0.0
         kept = self._budget if self._frozen else min(motion, self._budget)
         return Rigidity(
             motion=motion,
             allowed=kept,
             rest=self._whole - kept,
             withheld=self._lost,
-            free=self._free,
         )
 
     def limits(self) -> Limits:
-        """The size of e by which u + e may be off by the share of rigidity."""
-        length = self.length()
-        part = self._room(self._budget)
-        size = part * self._largest if self._largest > 0 else inf
-        return Limits(
-            window=inf if isnan(length) else length, size=size, part=part, begins=self._from_rest
-        )
+        """The displacement that bodies may lack."""
+        size = self._budget * self._largest if self._largest > 0 else inf
+        return Limits(size=size, part=self._budget, begins=self._from_rest)
 
     def length(self) -> float:
         """How long a window is to be [s]; NaN while that is not known."""
@@ -246,15 +209,10 @@ class BudgetRule:
             self._period = 2 * pi * sqrt(self._sums[0] / self._sums[1])
         rested = seen.t - self._memory.loads.resting_since
         self._free = rested > self._spending.at_rest * seen.dt
-        self._size, self._shown = seen.error
+        self._size = seen.error
         self._largest, self._t = control.length.displacement, seen.t
         self._from_rest = control.length.begins(seen.t)
-        cells = sum(body.size for body in seen.bodies)  # a body may have a named part's name
-        self._named = cells if self._named < 0 else min(self._named, cells)
-        frozen = cells - self._named
-        if frozen > self._frozen and not self._grow:
-            self._note(~seen.flexible)
-        self._frozen = frozen
+        self._frozen = any(not body.named and not body.is_face for body in seen.bodies)
         if not self._frozen:  # time integration spends what there is, until something is
             left = max(self._whole - control.length.used, 0.0)
             self._budget = self._spending.rigidity * left
@@ -273,31 +231,9 @@ class BudgetRule:
         # Zero where strains are too small to be squared.
         self.tol = np.divide(worst * most, density, out=np.zeros_like(worst), where=density > 0)
 
-    def waking(self, strained: Strained, free: Bools) -> Bools:
-        """Half of the withheld strain energy wakes, the densest cells first. Collective."""
-        s = np.where(free, strained.strain, 0.0)
-        density = self._stiffness * np.maximum(self._strains, s) * s
-        share = density * self._weights / self._stiffness
-        (whole,) = self._scene.sum(np.array([share.sum()]))
-        most = level(density, share, 0.5 * float(whole), self._scene)
-        return (density >= most) & (s > 0)
-
-    def _note(self, rigid: Bools) -> None:
-        """Note the settings by hand that froze the same in the last window. Collective."""
-        some = self.tol[rigid & (self.tol > 0)]  # zero in cells that were rigid before
-        ends = np.array([some.min(initial=np.inf), -some.max(initial=0.0)])
-        ends = np.min(self._scene.comm.allgather(ends), axis=0)
-        window = self._spending.window * self._period / 2
-        self._froze = (
-            f"StrainRate with tol from {ends[0]:.3g} to {-ends[1]:.3g} 1/s, by cell, and "
-            f"window={window:.3g} froze the same at last"
-        )
-
     def told(self) -> str:
-        """The settings by hand with the same result."""
-        if self._grow:
-            return "all cells that may be in bodies were so from the second step on"
-        return self._froze or "nothing was quiet for long enough to become rigid"
+        """When cells were in bodies."""
+        return "all cells that may be in bodies were so from the second step on"
 
 
 def stiffness(scene: Scene) -> Array:

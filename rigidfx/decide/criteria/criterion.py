@@ -1,10 +1,8 @@
 """When parts of a structure become rigid, and when they are released: what the user states.
 
-`StrainRate` judges cells by one tolerance, and κ times that; by others in named sets, or by a part
-of the largest rate so far. Cells are quiet up to a strain rate in u + e, their tolerance. A cell
-that e strains at more than κ times its tolerance wakes, and so do all cells above theirs in its
-part and in parts that joints link with it. A window is as long as given, or a little longer than
-the longest period.
+`StrainRate` judges cells by one tolerance; by others in named sets, or by a part of the largest
+rate so far. Cells are quiet up to a strain rate, their tolerance, and bodies may withhold as much.
+A window is as long as given, or a little longer than the longest period.
 """
 
 from __future__ import annotations
@@ -23,28 +21,25 @@ from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.taken import take_fields
 from rigidfx.base.types import Array, Bools
 from rigidfx.decide.criteria.judging import (
-    EASING,
     Criterion,
     Observation,
     Rule,
     judged_cells,
     never_rigid,
-    part_of_window,
 )
 from rigidfx.decide.criteria.release import Release
+from rigidfx.decide.limits import Limits
 from rigidfx.decide.memory.memory import Memory
-from rigidfx.error.strained import Limits, Strained
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.strain_rate import StrainRates
-from rigidfx.scene.points import linked
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import fraction
 from rigidfx.scene.timeline import Timeline
 
-__all__ = ["ErrorRule", "Relative", "StrainRate", "Tolerances"]
+__all__ = ["RateRule", "Relative", "StrainRate", "Tolerances"]
 
-HALF = 0.5  # of what wakes cells, up to which those may strain that others enclose
+ENCLOSED = 1.5  # tolerances, up to which a cell may strain that others enclose
 MARGIN = 1.25  # an automatic window in longest periods
 FEWEST = 8  # steps of an automatic window
 
@@ -77,7 +72,6 @@ class Tolerances:
 
     Attributes:
         comm: Communicator of the mesh.
-        group: Number of the connected parts, linked by joints, that each owned cell is in.
     """
 
     def __init__(
@@ -99,7 +93,6 @@ class Tolerances:
             SceneError: If a name is unknown, or a `Reduced` part has all cells of it.
         """
         self.comm, self._memory, self._tol = scene.comm, memory, tol
-        self.group = linked(scene)[scene.parts.of_cell[: memory.window.worst.size]]
         self._special = np.full(memory.window.worst.size, np.inf)
         for name, own in of_sets.items():
             cells = judged_cells(scene, name, "StrainRate (tolerances)")
@@ -141,30 +134,25 @@ def window_length(given: float | Literal["auto"], memory: Memory) -> float:
     return MARGIN * memory.signals.period()
 
 
-class ErrorRule:
-    """One tolerance for quiet cells, and κ times that for waking ones."""
+class RateRule:
+    """One tolerance for quiet cells, and for what bodies withhold."""
 
     remembered: ClassVar[Remembered] = same("_noise")
 
     def __init__(
         self,
-        timeline: Timeline,
         memory: Memory,
         tolerances: Tolerances,
         window: float | Literal["auto"],
-        kappa: float,
     ) -> None:
         """Nothing has been observed.
 
         Args:
-            timeline: Where steps end.
             memory: Memory of the policy.
             tolerances: Of each owned cell.
             window: Length of a window [s].
-            kappa: Factor of waking.
         """
-        self._timeline, self._memory, self._tolerances = timeline, memory, tolerances
-        self._window, self._kappa = window, kappa
+        self._memory, self._tolerances, self._window = memory, tolerances, window
         self._noise = 0.0  # strain rate that rounding may leave, in the last step [1/s]
 
     @property
@@ -173,10 +161,8 @@ class ErrorRule:
         return self._tolerances.now()
 
     def limits(self) -> Limits:
-        """Strain rates that wake cells."""
-        rates = self._kappa * np.maximum(self.tol, self._noise)
-        length = self.length()
-        return Limits(rates, length if np.isfinite(length) else inf)
+        """Strain rates that bodies may withhold."""
+        return Limits(np.maximum(self.tol, self._noise))
 
     @property
     def rigidity(self) -> None:
@@ -199,17 +185,6 @@ class ErrorRule:
         """Nothing that the user has not set."""
         return ""
 
-    def waking(self, strained: Strained, free: Bools) -> Bools:
-        """Cells above their tolerance, in parts linked with one above κ times its own. Collective.
-
-        If only the latter woke, a second release would soon follow the first.
-        """
-        comm, group = self._tolerances.comm, self._tolerances.group
-        above = np.zeros(comm.allreduce(int(group.max(initial=-1)) + 1, op=MPI.MAX), dtype=bool)
-        above[group[free & (strained.rate > 1)]] = True
-        comm.Allreduce(MPI.IN_PLACE, above, op=MPI.LOR)
-        return free & (strained.rate * self._kappa > 1) & above[group]
-
 
 @dataclass(frozen=True)
 class StrainRate(Criterion):
@@ -217,11 +192,12 @@ class StrainRate(Criterion):
 
     The run is observed window by window. A cell qualifies if its strain rate, a mean over the cell,
     was at most `tol` in every step of a window; at the window's end connected cells that qualify
-    become rigid bodies. Cells are released if the forces on their body would strain them; all cells
-    are released when a support begins or ends.
+    become bodies. Bodies get shapes as forces call for them, and cells are released where shapes do
+    not suffice; all cells are released when a support begins or ends.
 
-    Cells named by a `Rigid` effect are rigid always; bodies that are found may grow together with
-    them unless the effect gives their mass or inertia or a `Resultant` acts on them.
+    Cells named by a `Rigid` effect are rigid always. With wake="all" or "none" bodies that are
+    found grow together with them unless the effect gives their mass or inertia or a `Resultant`
+    acts on them.
 
     Attributes:
         tol: Largest strain rate of a cell that counts as rigid [1/s]; with measure="paper"
@@ -239,26 +215,21 @@ class StrainRate(Criterion):
             contact has changed if it differs from its value at the last freeze by more than this
             fraction of its largest value so far. 0.1 if None; with infinity only jumps, kinks
             and windows are changes.
-        wake: The rule that releases bodies. "local": the error motion, the difference to the
-            flexible twin, is computed in each step. Once it strains a cell at more than `kappa`
-            times its tolerance, all cells above their tolerance are released with a ring of cells
-            round them, in its part and in parts that joints link with it. Then the step is solved
-            again. The whole body is released if the strain of a released cell would jump (see
-            docs/rigid_parts.md). "all", the paper's rule: any change of a load or of a support
-            releases all bodies. "none": only `release` does. With each rule a support that begins
-            or ends releases all bodies. "local" if None, or "all" if load_change is given.
-        kappa: κ ≥ 1, used by "local" only.
+        wake: The rule that releases bodies. "local": a body gets a shape where the forces that it
+            withholds would strain a cell faster than its tolerance, and the step is solved again;
+            cells that its shapes do not follow are released with a ring of cells round them (see
+            docs/rigid_parts.md). "all", the paper's rule: bodies have six unknowns each, and any
+            change of a load or of a support releases all of them. "none": they have six unknowns,
+            and only `release` releases them. With each rule a support that begins or ends releases
+            all bodies. "local" if None, or "all" if load_change is given.
+        kappa: Without effect, for one release: bodies get shapes before cells would wake by κ tol.
         patience: Factor γ ≥ 1. A release is hasty if a cell was rigid for less time than it was
             observed. After n hasty releases in a row it has to qualify in γⁿ⁻¹ windows in a row.
             Planned releases (`Release(at=…)`) do not count. With "local" cells also wait until
             their computation while quiet has cost as much as a freeze and a release, some seven
             flexible steps of the whole structure. With 1 cells wait for neither.
-        easing: For wake="local" only. Least time, as a part of a window, in which the withheld
-            stress of released cells fades, so that they do not vibrate about their new shape.
-            Its work is `dissipated["Easing"]`. With 0 all energy is given back at once, and cells
-            vibrate. 0.25 if None.
-        grow: For wake="local" only. If True, bodies that are found get shapes as forces call for
-            them, in place of the error motion (docs/rigid_parts.md).
+        easing: Without effect, for one release: bodies with shapes withhold no stress that fades.
+        grow: Without effect, for one release: bodies get shapes with wake="local", and no others.
         since: Time [s] at which observation begins.
         until: Time [s] from which on no more bodies are formed.
     """
@@ -272,10 +243,10 @@ class StrainRate(Criterion):
     release: Sequence[Release] | Release = field(default=(), kw_only=True)
     load_change: float | None = field(default=None, kw_only=True)
     wake: Literal["all", "local", "none"] | None = field(default=None, kw_only=True)
-    kappa: float = field(default=3.0, kw_only=True)
+    kappa: float | None = field(default=None, kw_only=True)
     patience: float = field(default=2.0, kw_only=True)
-    easing: float | None = field(default=None, kw_only=True)  # type: ignore[assignment]
-    grow: bool = field(default=False, kw_only=True)
+    easing: float | None = field(default=None, kw_only=True)
+    grow: bool | None = field(default=None, kw_only=True)
     since: float = field(default=0.0, kw_only=True)
     until: float = field(default=inf, kw_only=True)
 
@@ -329,11 +300,8 @@ class StrainRate(Criterion):
                     "StrainRate: load_change says which changes of loads release all bodies, and "
                     f"with wake='{self.wake}' none does. Take wake='all', or leave it out."
                 )
-        for name in ("kappa", "patience"):
-            if not number(owner, name, value := getattr(self, name)) >= 1:
-                raise SceneError(f"StrainRate: {name} must be ≥ 1, got {shown(value)}.")
-        object.__setattr__(self, "easing", _easing(self.easing, self.wake))
-        _check_growth(self.grow, self.wake)
+        if not number(owner, "patience", self.patience) >= 1:
+            raise SceneError(f"StrainRate: patience must be ≥ 1, got {shown(self.patience)}.")
         since = number(owner, "since", self.since)
         if not max(since, 0.0) < number(owner, "until", self.until, infinite=True):
             raise SceneError(
@@ -356,52 +324,26 @@ class StrainRate(Criterion):
     @property
     def remedy(self) -> str:
         """Advice against repeated releases of bodies."""
-        helps = {"all": "a larger load_change", "local": "a larger tol or kappa"}
+        helps = {"all": "a larger load_change", "local": "a larger tol"}
         helps_here = helps.get(self.wake or "", "fewer releases")
         return f"Take a longer window, {helps_here}, or look at the conditions of Release."
 
     @property
     def enclosing(self) -> float:
-        """Half of the rate that wakes cells."""
-        return max(1.0, HALF * self.kappa)
+        """As a multiple of tolerances, so that such a cell does not call for a shape at once."""
+        return ENCLOSED
 
-    def allowed(self, peak: float) -> float:
-        """κ tol over the largest strain rate."""
-        if isinstance(self.tol, Relative):
-            return float(self.kappa * self.tol.part)
-        return float(self.kappa * self.tol / peak) if peak > 0 else 0.0
+    @property
+    def former(self) -> tuple[str, ...]:
+        """Fields given that have no effect any more."""
+        names = ("kappa", "easing", "grow")
+        return tuple(k for k in names if getattr(self, k) not in (None, k == "grow"))
 
     def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> Rule:
-        """One tolerance, and κ times that."""
+        """One tolerance."""
         tolerances = Tolerances(scene, memory, self.tol, self.tolerances)
-        return ErrorRule(timeline, memory, tolerances, self.window, float(self.kappa))
+        return RateRule(memory, tolerances, self.window)
 
     def indicator(self, scene: Scene, forces: InternalForces) -> Indicator:
         """Strain rates by `measure`."""
         return StrainRates(scene, forces, self.measure)
-
-
-def _easing(given: float | None, wake: str | None) -> float:
-    """Part of a window in which cells are let down, for a kind of waking.
-
-    Raises:
-        SceneError: If it is none, or nothing wakes that could be let down.
-    """
-    if given is None:
-        return EASING if wake == "local" else 0.0
-    if wake != "local":
-        raise SceneError(
-            "StrainRate: easing says how cells are let down that forces release, and with "
-            f"wake='{wake}' none are. Take wake='local', or leave it out."
-        )
-    return part_of_window("StrainRate", given)
-
-
-def _check_growth(grow: object, wake: str | None) -> None:
-    """Refuse bodies that grow where forces wake no cells."""
-    if not isinstance(grow, bool) or (grow and wake != "local"):
-        raise SceneError(
-            f"StrainRate: grow must be True or False, got {shown(grow)} with wake='{wake}'. Bodies "
-            "grow shapes with wake='local' only: with 'all' and 'none' they have six unknowns. "
-            "Take wake='local', or leave grow out."
-        )

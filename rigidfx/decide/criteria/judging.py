@@ -14,12 +14,12 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import names, number, shown
+from rigidfx.base.inputs import names
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.decide.criteria.release import Release
+from rigidfx.decide.limits import Limits
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.effects import Reduced
-from rigidfx.error.strained import Limits, Strained
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.strain_rate import StrainRates
@@ -32,35 +32,23 @@ from rigidfx.step.stepper import Stepper
 
 __all__ = [
     "CHANGE",
-    "EASING",
     "Criterion",
     "Observation",
     "Rule",
     "judged_cells",
     "never_rigid",
-    "part_of_window",
 ]
 
 CHANGE = 0.1  # part of its largest value so far by which a load has changed, by default
 LEAST = 2  # cells of a body: one alone hardly saves anything
-EASING = 0.25  # windows in which released cells are let down, at least
 WORTH = 0.05  # of all cells: what is less saves less than its switches cost
 
 
 class Lacking(Protocol):
     """What the motion of a run lacks beside that of its flexible twin."""
 
-    @property
-    def all_shown(self) -> bool:
-        """Whether it is added to the results shown."""
-        ...
-
     def size(self) -> float:
         """Its largest displacement of any node [m]. Collective."""
-        ...
-
-    def hidden(self) -> Bools:
-        """Connected parts whose results lack it."""
         ...
 
 
@@ -71,19 +59,17 @@ class Observation:
     Attributes:
         stepper: The stepper.
         dt: Length of the step [s].
-        shared: Strain rate of each owned cell by u + e [1/s]; None where that is not measured.
         motion: What the motion lacks; None if that is not followed.
     """
 
     stepper: Stepper
     dt: float
-    shared: Array | None = None
     motion: Lacking | None = None
 
     @property
-    def error(self) -> tuple[float, bool]:
-        """Largest |e| of any node [m], and whether e is added to the results shown. Collective."""
-        return (0.0, False) if self.motion is None else (self.motion.size(), self.motion.all_shown)
+    def error(self) -> float:
+        """Largest displacement that the motion lacks, of any node [m]. Collective."""
+        return 0.0 if self.motion is None else self.motion.size()
 
     @property
     def t(self) -> float:
@@ -130,8 +116,8 @@ class Observation:
 
     @property
     def rates(self) -> Array:
-        """Strain rate of each owned cell, zero in bodies [1/s]: by u + e, if that is measured."""
-        return self.indicator.values if self.shared is None else self.shared
+        """Strain rate of each owned cell, zero in bodies [1/s]."""
+        return self.indicator.values
 
     @property
     def strains(self) -> Array:
@@ -153,7 +139,7 @@ class Rule(Protocol):
         ...
 
     def limits(self) -> Limits:
-        """Rates that wake cells in the next step. Collective."""
+        """What bodies may withhold in the next step. Collective."""
         ...
 
     @property
@@ -182,15 +168,6 @@ class Rule(Protocol):
         """The settings by hand with the same result. Collective."""
         ...
 
-    def waking(self, strained: Strained, free: Bools) -> Bools:
-        """Which owned cells wake; those round them do as well. Collective.
-
-        Args:
-            strained: Strain of cells of bodies, over `limits`.
-            free: Owned cells of bodies that may wake.
-        """
-        ...
-
 
 class Criterion:
     """Base of the records of criteria.
@@ -204,11 +181,8 @@ class Criterion:
     min_cells: int | None = 2
     load_change: float | None = inf
     patience: float = 2.0
-    easing: float = EASING
     since: float = 0.0
     until: float = inf
-    grow: bool = False
-    kappa: float = inf
 
     @property
     def owner(self) -> str:
@@ -218,6 +192,11 @@ class Criterion:
     @property
     def releases(self) -> tuple[Release, ...]:
         """Releases that are asked for."""
+        return ()
+
+    @property
+    def former(self) -> tuple[str, ...]:
+        """Fields given that have no effect any more."""
         return ()
 
     @property
@@ -239,19 +218,11 @@ class Criterion:
     def contact_change(self) -> float:
         """Change of a contact's force, over its largest so far, that releases bodies.
 
-        With wake="all" all of them; else those that it meets, and to which e is not added.
+        With wake="all" all of them; else those that it meets.
         """
         if self.wake != "all":
             return inf
         return CHANGE if self.load_change is None else self.load_change
-
-    def allowed(self, peak: float) -> float:
-        """Part of the largest displacement that the error motion may be.
-
-        Args:
-            peak: Largest strain rate so far [1/s].
-        """
-        return 0.0
 
     @property
     def enclosing(self) -> float:
@@ -327,18 +298,3 @@ def judged_cells(scene: Scene, name: str, wanted_by: str) -> Indices:
                 "strains. Take the set out of one of them."
             )
     return cells
-
-
-def part_of_window(owner: str, given: Any) -> float:
-    """Part of a window in which a criterion lets cells down.
-
-    Args:
-        owner: Whose number this is, for the message.
-        given: The given value.
-
-    Raises:
-        SceneError: If it is none.
-    """
-    if not 0 <= number(owner, "easing", given) <= 1:
-        raise SceneError(f"{owner}: easing must be a part of a window, 0 to 1, got {shown(given)}.")
-    return float(given)

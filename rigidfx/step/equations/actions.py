@@ -23,7 +23,6 @@ from rigidfx.base.uncaught import by_users
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Action, Effect, Structure, Touch
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion, Tangent
-from rigidfx.step.equations.eased_forces import EasedForces
 
 __all__ = ["Actions", "Jumping", "OwnMethods", "bound"]
 
@@ -184,7 +183,6 @@ class Actions:
         elastic: Kinds of these that store energy, on which loads may rest.
         rounding: Size of a force that the machine precision is to be multiplied with [N].
         dead: Whether none depends on the motion.
-        easing: Stresses that releases have let down.
         jumping: Those whose derivatives may jump.
     """
 
@@ -193,7 +191,6 @@ class Actions:
         structure: Structure,
         effects: Sequence[Effect],
         acting: Sequence[Effect],
-        easing: Sequence[EasedForces] = (),
     ) -> None:
         """Bind effects. Collective.
 
@@ -202,18 +199,16 @@ class Actions:
             effects: All effects; those that act now, or are dead loads and may act later, are
                 bound.
             acting: The effects with a time window that act now.
-            easing: Stresses that releases have let down, bound already; freed with the rest.
 
         Raises:
             SceneError: On every rank, if an effect cannot be bound on any.
         """
         self._comm = structure.scene.comm
-        self.easing, here = list(easing), {id(effect) for effect in acting}
+        here = {id(effect) for effect in acting}
         wanted = (e for e in effects if e.is_dead or not e.is_windowed or id(e) in here)
         pairs = [(effect, bound(effect, structure, "bind")) for effect in wanted]
         self._every = [(effect, action) for effect, action in pairs if action is not None]
         self._owners = {id(action): effect.owner for effect, action in self._every}
-        self._owners |= {id(action): "What a release lets down" for action in easing}
         self._own = OwnMethods(self._owners, self._comm)
         self.loads = Forces.none(structure.rows.vector(), structure.bodies.pose)
         self._touches: Mapping[str, Touch] | None = None  # of the present step, once asked for
@@ -221,12 +216,8 @@ class Actions:
 
     def select(self, acting: Iterable[Effect]) -> None:
         """From now on let those act that are among the given effects, or have no time window."""
-        self._select({id(effect) for effect in acting})
-
-    def _select(self, here: set[int]) -> None:
-        self._here = here
-        own = [a for e, a in self._every if id(e) in here or not e.is_windowed]
-        every = self._acting = [*own, *self.easing]
+        here = {id(effect) for effect in acting}
+        every = self._acting = [a for e, a in self._every if id(e) in here or not e.is_windowed]
         self.contacts: list[Any] = [action for action in every if action.presses]
         self._calls = {name: self._own.calls(every, name) for name in METHODS}
         self._taking, self._storing = (
@@ -235,13 +226,12 @@ class Actions:
         if not self._calls["load"]:
             self.loads.scale(0.0)
         self.jumping = Jumping(self.contacts, self._own, self._comm)
-        # What fades is for solvers no more than the stress of cells.
-        self.stiffens = bool(doing(own, "stiffen"))
+        self.stiffens = bool(doing(every, "stiffen"))
         resting = doing(doing(every, "stiffen"), "stored")
         self.elastic = {action.kind for action in resting}
         self.kinds = tuple(dict.fromkeys(action.kind for action in every))
         self.rounding = sum(action.rounding for action in every)
-        self.dead = not doing(own, "resist")
+        self.dead = not doing(every, "resist")
 
     def creep_for(self, time: float, began: Instant) -> None:
         """Compute friction for a longer motion; see `ContactForces`."""
@@ -320,14 +310,9 @@ class Actions:
         return energies[0], energies[1]
 
     def accept(self) -> None:
-        """Accept the last iterate as a step. Collective where something fades."""
+        """Accept the last iterate as a step."""
         for accept in self._calls["accept"]:
             accept()
-        if over := [e for e in self.easing if e.over]:  # an attempt may be cut, a step is not
-            self.easing = [e for e in self.easing if not e.over]
-            self._select(self._here)
-            for action in over:
-                action.destroy()
 
     def explain(self, motion: Motion) -> None:
         """Find whose forces are no numbers, at increments that are, if anybody's. Collective."""
@@ -391,7 +376,7 @@ class Actions:
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
         self.loads.vector.destroy()
-        for action in (*(action for _, action in self._every), *self.easing):
+        for _, action in self._every:
             action.destroy()
 
 

@@ -291,8 +291,7 @@ class Equilibrium:
     @property
     def _resists(self) -> bool:
         """Whether more than cells and inertia resists."""
-        alone = self._actions.dead and self.constraints is None
-        return not alone or bool(self._actions.easing)
+        return not self._actions.dead or self.constraints is not None
 
     def _resistance(self, f: PETSc.Vec) -> Array:
         """Add the resistance of effects to forces on nodes; its moments on bodies. Collective."""
@@ -323,7 +322,7 @@ class Equilibrium:
         if self._mass is not None:
             self._mass.add_to(K, 2 / self.dt**2, self.prolongation)
         tangent = None
-        if self._actions.stiffens or self._actions.easing:
+        if self._actions.stiffens:
             tangent = Tangent(K, self.prolongation)
             self._actions.stiffen(self.motion, tangent)
         if self.constraints is not None and self.constraints.springs is not None:

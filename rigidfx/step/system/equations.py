@@ -25,7 +25,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.constraints import Constraints
-from rigidfx.step.equations.eased_forces import EasedForces
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.equations.shape_damping import ShapeDamping
 from rigidfx.step.system.held_bodies import HeldBodies
@@ -113,7 +112,6 @@ class Equations:
         along: Sequence[Windowed] | None = None,
         joints: bool = True,
         loose: bool = False,
-        easing: Sequence[EasedForces] = (),
         damping: ShapeDamping | None = None,
     ) -> None:
         """Bind effects and joints. Collective.
@@ -124,10 +122,9 @@ class Equations:
             along: Those of which motors of joints act; as `acting` if None.
             joints: Whether joints take part.
             loose: Whether a drag holds parts in statics, in place of springs that joints get.
-            easing: Stresses that releases have let down.
             damping: That of the shapes of bodies.
         """
-        self.actions = Actions(self.structure, effects, acting, easing)
+        self.actions = Actions(self.structure, effects, acting)
         acts = acting if along is None else along
         self.linkage = linked(self.structure, acts) if joints else None
         mass, p = self.mass if self._kind == "step" else None, self.prolongation

@@ -25,14 +25,12 @@ from rigidfx.effects import (
     Windowed,
 )
 from rigidfx.effects.motion import ForcesOfNodes
-from rigidfx.flexible.eased_stress import EasedStress
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.kernels import integral
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.step.equations.eased_forces import EasedForces
 from rigidfx.step.equations.energies import Energies
 from rigidfx.step.equations.equations import Trial
 from rigidfx.step.equations.shape_damping import ShapeDamping
@@ -120,7 +118,6 @@ class System(Equations):
         *,
         jumps: Jumps | None = None,
         dealing: Dealing | None = None,
-        eased_stress: EasedStress | None = None,
         loose: bool = False,
     ) -> None:
         """Bind everything to a division and to the effects that act. Collective.
@@ -134,7 +131,6 @@ class System(Equations):
             division: Division of the cells.
             jumps: Observer of the paths of supports, if any.
             dealing: Deals flexible cells out among the ranks where that pays.
-            eased_stress: Form of the stresses that releases have let down, if any have.
             loose: Whether a `StepDrag` is among the effects.
         """
         state.group(division.bodies)
@@ -149,16 +145,13 @@ class System(Equations):
         self._state, self.acting = state, tuple(acting)
         state.follow(self.layout.following)
         state.rebuild()  # effects may look at the displacement inside bodies
-        rows, u, easing = self.layout.rows, self.structure.u, list[EasedForces]()
-        if eased_stress is not None:
-            easing += [EasedForces(eased_stress, own, rows, u, flexible) for own in state.eased]
         self._damping = ShapeDamping(scene, forces, state.bodies) if steps else None
-        self.bind(effects, acting, loose=loose, easing=easing, damping=self._damping)
+        self.bind(effects, acting, loose=loose, damping=self._damping)
         self.energies = Energies(scene, forces, self.mass, self.layout, self.actions, self.linkage)
         self._taken = forces.bind_taken(flexible, driven) if steps else None
         self.newton = Newton(self.equilibrium, scene)
         self.held = HeldBodies(scene, division.held, state.bodies)
-        self._v0: Any = rows.vector() if steps else None  # of statics there is none
+        self._v0: Any = self.layout.rows.vector() if steps else None  # of statics there is none
         self._mean = self._mean_constraints(state.bodies) if steps else None
 
     def _mean_constraints(self, bodies: Bodies) -> AddedForces | None:

@@ -1,0 +1,37 @@
+"""Limits of what bodies may withhold, beyond which they grow or cells wake."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigidfx.base.types import Array
+
+__all__ = ["Limits", "part_of"]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What bodies may withhold.
+
+    Attributes:
+        rates: Strain rate, of each owned cell [1/s]; None on all ranks if none is bounded.
+        size: Largest displacement of any node [m].
+        part: The same over the largest displacement so far; NaN where rates decide.
+        begins: Whether a motion begins from rest.
+    """
+
+    rates: Array | None = None
+    size: float = np.inf
+    part: float = np.nan
+    begins: bool = False
+
+
+def part_of(strain: Array, limit: Array) -> Array:
+    """Ratio to a limit; zero is no part of any, and a failed solve exceeds all."""
+    out = np.zeros_like(strain)
+    some = ~(strain == 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        out[some] = np.nan_to_num(strain[some] / limit[some], nan=np.inf, posinf=np.inf)
+    return out

@@ -1,0 +1,115 @@
+"""A body with shapes as the rigid body in its present shape, by which it is released.
+
+That body has its momenta and its energy. It keeps the velocities with which the shapes change, as a
+frozen body keeps vibrations, so that the release of rigid bodies (`exchange`) gives all back. The
+strain energy of its cells is not U(q), which is of second order: the difference is taken from these
+velocities, as far as they have it, or given to them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Set
+from dataclasses import replace
+
+import numpy as np
+
+from rigidfx.base.types import Array, Bools
+from rigidfx.decide.decision import PlannedBody
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rigid_body import Body, Frozen
+from rigidfx.mechanics.rigid_motions import rigid_motions
+from rigidfx.scene.scene import Scene
+from rigidfx.state import State
+from rigidfx.switch.exchange import freeze
+
+__all__ = ["collapse"]
+
+
+def collapse(
+    scene: Scene,
+    forces: InternalForces,
+    state: State,
+    numbers: Set[int],
+    prescribed: Bools,
+    scales: bool,
+) -> None:
+    """Make bodies with shapes rigid as they are deformed. Collective.
+
+    Args:
+        scene: The problem.
+        forces: Internal forces, which know the strain energy.
+        state: Its bodies are replaced.
+        numbers: Of bodies that are about to be released.
+        prescribed: For each owned dof, whether a support prescribes it.
+        scales: Whether the release scales what bodies keep so that it has the energy that they
+            keep; it gives it back as it is otherwise.
+    """
+    order = [body.data.number for body in state.bodies]
+    shaped = {b.data.number for b in state.bodies if b.data.shapes is not None} & numbers
+    if not shaped:
+        return
+    left = {b.data.number: b for b in state.bodies if b.data.number not in shaped}
+    velocity = state.v.x.array.copy()
+    for body in state.take_out(shaped):
+        moving = velocity.copy()
+        moving.reshape(-1, 3)[body.data.nodes] = body.velocities
+        state.move(moving)
+        left[body.data.number] = rigid = _rigid(scene, forces, state, body)
+        if not scales:
+            kept = _with_energy(scene, rigid, ~prescribed.reshape(-1, 3)[body.data.nodes])
+            left[body.data.number] = replace(rigid, data=replace(rigid.data, frozen=kept))
+    state.move(velocity)
+    state.group(Bodies.of_each(left[number] for number in order))
+
+
+def _rigid(scene: Scene, forces: InternalForces, state: State, body: Body) -> Body:
+    """The rigid body with a body's momenta and energy. Collective."""
+    data, alone = body.data, Bodies.of_each([body])
+    what = PlannedBody(data.cells, data.nodes, data.name, data.number, data.named)
+    found = freeze(scene, forces, state, what)
+    assert found is not None  # its cells have been a body before
+    if data.shapes is not None and data.shapes.drift is None:  # no support holds its frame
+        W = np.linalg.solve(found.data.inertia, alone.angular_momentum[0])
+        found = replace(found, motion=replace(found.motion, angular_velocity_body=W))
+    kept = np.zeros((scene.owned_nodes, 3))
+    kept[data.frozen.nodes] = data.frozen.velocities @ body.motion.R.T
+    kept[data.nodes] += found.data.frozen.velocities
+    nodes = np.flatnonzero(kept.any(axis=1)).astype(np.int32)
+    whole = alone.kinetic_of_each[0] + alone.strain_of_each[0] + data.frozen.vibration
+    strain = found.data.frozen.strain
+    vibration = float(whole - strain - Bodies.of_each([found]).kinetic_of_each[0])
+    frozen = Frozen(nodes, kept[nodes], strain, vibration)
+    return replace(found, data=replace(found.data, frozen=frozen))
+
+
+def _with_energy(scene: Scene, body: Body, free: Bools) -> Frozen:
+    """What a body keeps, with the energy that it keeps. Collective.
+
+    Args:
+        scene: The problem, whose masses are lumped.
+        body: The body, its frame that of space.
+        free: Which components of its nodes no support prescribes, shape (nodes, 3).
+    """
+    frozen, data = body.data.frozen, body.data
+    everywhere = np.zeros((scene.owned_nodes, 3))
+    everywhere[frozen.nodes] = frozen.velocities
+    v: Array = everywhere[data.nodes]
+    m = scene.nodal_mass[data.nodes, None]
+    modes = rigid_motions(data.offsets, data.length)
+    v = v - modes @ _motion(scene, m, modes, v)  # no angular momentum about the body as it is now
+    held = modes * free[:, :, None]
+    own = np.where(free, v - held @ _motion(scene, m, held, v), 0.0)
+    local = [float((m * v * v).sum()), float((m * own * own).sum())]
+    kinetic, square = 0.5 * np.asarray(scene.sum(np.array(local)))
+    part = max(1.0 + (frozen.vibration - kinetic) / square, 0.0) if square > 0 else 1.0
+    vibration = float(kinetic + (part - 1.0) * square)
+    return Frozen(data.nodes, v + (np.sqrt(part) - 1.0) * own, frozen.strain, vibration)
+
+
+def _motion(scene: Scene, m: Array, modes: Array, v: Array) -> Array:
+    """The rigid motion that fits velocities best, shape (6,). Collective."""
+    weighted = m[:, :, None] * modes
+    local = [np.einsum("nak,nal->kl", weighted, modes), np.einsum("nak,na->k", weighted, v)]
+    sums = np.asarray(scene.sum(np.column_stack(local)))
+    return np.asarray(np.linalg.lstsq(sums[:, :6], sums[:, 6])[0])
