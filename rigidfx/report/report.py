@@ -371,7 +371,7 @@ class Report(Former, Work, Measures):
         return None if self.rigid.of.shapes is None else Added(*self._state.bent())
 
     def shown(self) -> tuple[fem.Function, fem.Function]:
-        """Displacement [m] and velocity [m/s], as of `probes`, up to date inside bodies. Collective.
+        """Displacement [m] and velocity [m/s], as of `probes`, also inside bodies. Collective.
 
         Raises:
             SceneError: If the run has gone on.

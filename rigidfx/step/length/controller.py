@@ -123,7 +123,8 @@ class RunError:
             self._next_parts[-1] = 1.0  # nothing is faster than that
         if size > 0:
             taken = -np.expm1(-self.cuts * dt)[:, None]
-            self._next_low = low = np.empty_like(self._low)
+            low: Array = np.empty_like(self._low)
+            self._next_low = low
             low[0] = dt**2 * jerk.ravel()
             for k in range(STAGES):
                 low[k + 1] = self._low[k + 1] + taken * (low[k] - self._low[k + 1])
