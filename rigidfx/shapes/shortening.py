@@ -212,7 +212,7 @@ class Shortening:
 
 def _key(body: Body) -> Key:
     """A body of one frozen shape: its number, which it keeps as it gains cells, and its origin."""
-    return body.data.number, *body.data.origin.tolist()
+    return body.data.number, *(float(x) for x in body.data.origin)
 
 
 def _deformed(body: Body, q: Array) -> Array:
