@@ -10,7 +10,7 @@ from scipy.sparse import random as random_sparse
 from test_kept_tangent import DT, SPIN, STEEL, keep
 
 import rigidfx as rf
-from rigidfx.step.linear import cholmod
+from rigidfx.step.linear import definite
 from rigidfx.step.linear.definite import PREFIX, solver_of
 from rigidfx.step.newton.factors import SKEW, Cholesky
 
@@ -43,7 +43,7 @@ def solution(cholesky, A):
     return z.array
 
 
-@pytest.mark.skipif(not cholmod.exists(), reason="PETSc has no CHOLMOD")
+@pytest.mark.skipif(not definite.has_cholmod(), reason="PETSc has no CHOLMOD")
 def test_what_is_skew_or_not_definite_is_left_to_lu(capfd):
     symmetric, skew = entries()
     assert not Cholesky(matrix(symmetric + 2 * SKEW * skew)).renew()
@@ -54,7 +54,7 @@ def test_what_is_skew_or_not_definite_is_left_to_lu(capfd):
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.skipif(not cholmod.exists(), reason="PETSc has no CHOLMOD")
+@pytest.mark.skipif(not definite.has_cholmod(), reason="PETSc has no CHOLMOD")
 def test_what_swings_has_cholesky_factors_and_what_turns_lu(monkeypatch):
     keep(monkeypatch)
     bar = rf.box((0, 0, 0), (1, 0.2, 0.2), (8, 2, 2))
@@ -66,7 +66,7 @@ def test_what_swings_has_cholesky_factors_and_what_turns_lu(monkeypatch):
         assert kept[-1] == f"kept preonly+{kind}"
 
 
-@pytest.mark.skipif(not cholmod.exists(), reason="PETSc has no CHOLMOD")
+@pytest.mark.skipif(not definite.has_cholmod(), reason="PETSc has no CHOLMOD")
 def test_the_error_motion_has_them_as_well_and_mumps_what_is_not_definite():
     symmetric, _ = entries()
     least = np.linalg.eigvalsh(symmetric)[0]

@@ -25,7 +25,7 @@ from scipy.linalg import eigh
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.types import Array, Bools, Ints
-from rigidfx.step.linear import cholmod
+from rigidfx.step.linear import definite
 from rigidfx.step.linear.linear_solver import PREFIX, default_options
 
 __all__ = ["EigenControl", "Eigenpairs", "clusters", "lowest"]
@@ -68,11 +68,11 @@ def eigensolver(
         eps.setType(slepc.EPS.Type.LAPACK)
         eps.setWhichEigenpairs(slepc.EPS.Which.SMALLEST_REAL)
         return eps
-    if K.comm.size == 1 and cholmod.exists():
+    if K.comm.size == 1 and definite.has_cholmod():
         eps = _inverting(slepc, K, M, shift, tolerance, PETSc.Mat.SolverType.CHOLMOD)
         eps.setDimensions(count)
         try:
-            with default_options(OWN, **cholmod.DEFAULTS):
+            with default_options(OWN, **definite.DEFAULTS):
                 eps.setUp()
             return eps
         except PETSc.Error:  # K + σM is not definite

@@ -14,7 +14,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.step.equations.equations import Equilibrium
-from rigidfx.step.linear import cholmod
+from rigidfx.step.linear import definite
 from rigidfx.step.linear.linear_solver import PREFIX, QUICK_UP_TO, configure
 
 __all__ = ["SKEW", "Cholesky", "Factors"]
@@ -102,14 +102,14 @@ class Cholesky:
         self._A, self._skew = A, skew
         self._transposed, self._symmetric = PETSc.Mat(), PETSc.Mat()
         self._entries = 0.0
-        self.ksp = cholmod.solver(A.comm, prefix)
+        self.ksp = definite.cholmod_solver(A.comm, prefix)
 
     def renew(self) -> bool:
         """Factor the matrix as it is now; false if it is too far from symmetric, or not definite.
 
         If false, it cannot be used any more.
         """
-        return self._symmetrize() and cholmod.factor(self.ksp, self._symmetric)
+        return self._symmetrize() and definite.cholmod_factor(self.ksp, self._symmetric)
 
     def _symmetrize(self) -> bool:
         """Find the symmetric part; false if it is not near enough to all of the matrix."""
@@ -158,7 +158,7 @@ class Factors:
         self._equilibrium, comm = equilibrium, equilibrium.prolongation.comm
         self._quick = False
         self._ksp = PETSc.KSP().create(comm)
-        one = comm.size == 1 and cholmod.exists()
+        one = comm.size == 1 and definite.has_cholmod()
         self._cholesky = Cholesky(equilibrium.tangent_matrix) if one else None
         self._take_pivots(True)
 
