@@ -33,7 +33,6 @@ __all__ = [
     "ByObject",
     "Each",
     "Forgetful",
-    "Items",
     "Kind",
     "Maybe",
     "Part",
@@ -253,27 +252,6 @@ class Maybe(Kind):
     def own(self, whole: Any, order: MeshOrder) -> Any:
         """A rank's value, if there is one."""
         return None if whole is None else self._kind.own(whole, order)
-
-
-class Items(Kind):
-    """A tuple of values of different kinds."""
-
-    def __init__(self, *kinds: Kind) -> None:
-        """Say of which kinds."""
-        self._kinds = kinds
-
-    def part(self, value: Any, order: MeshOrder) -> Any:
-        """The gathered form of each value by its kind."""
-        return [kind.part(one, order) for kind, one in zip(self._kinds, value, strict=True)]
-
-    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """One value of the parts of each, by its kind."""
-        three = zip(self._kinds, value, zip(*parts, strict=True), strict=True)
-        return [kind.whole(one, each, orders) for kind, one, each in three]
-
-    def own(self, whole: Any, order: MeshOrder) -> Any:
-        """A rank's values by their kinds, as a tuple."""
-        return tuple(kind.own(one, order) for kind, one in zip(self._kinds, whole, strict=True))
 
 
 class _Field(Kind):

@@ -1,4 +1,4 @@
-"""Stiffness and viscosity of cells about a shape that they are frozen in.
+"""Stiffness of cells about a shape that they are frozen in.
 
 The stiffness is the material's part of the tangent, ∫ δE : ∂S/∂E : ΔE. The part of the stresses
 ends the rigid motions' kernel, and under compression it is indefinite: `tangent` has it besides.
@@ -39,7 +39,6 @@ class LinearForms:
         self.shape = fem.Function(V)
         self._scene, self._forces = scene, forces
         self._test, self._trial = ufl.TestFunction(V), ufl.TrialFunction(V)
-        self._viscous: dict[tuple[int, ...], tuple[fem.Function, Kernel]] = {}
         self._stiffness: tuple[fem.Function, Kernel] | None = None
         self._tangent: Kernel | None = None
         self._force = Kernel(forces.integrate(self._strains), [V], scene.mesh)
@@ -79,30 +78,3 @@ class LinearForms:
     def force(self, cells: Cells) -> fem.Form:
         """Internal forces of cells in their shape."""
         return self._force.bind(cells)
-
-    def viscosity(self, cells: Cells) -> fem.Form | None:
-        """∫ δE : η ΔE over cells, times the rate that the forces have; None without damping."""
-        terms = self._forces.viscous_terms
-        if not terms:
-            return None
-        numbers = tuple(k for k, _ in terms)
-        if numbers not in self._viscous:
-            V, element = self._scene.space, self._scene.element
-            ahead = fem.Function(V)
-
-            def stress(i: int, c: MaterialClass) -> Any:
-                here = [term.of(c.law) for k, term in terms if self._forces.meets(k, i)]
-                step = element, self.shape, ahead, self._test
-                return sum(term.virtual_work(*step) for term in here) if here else None
-
-            def eliminated(i: int, c: MaterialClass) -> Any:
-                here = [term.of(c.law) for k, term in terms if self._forces.meets(k, i)]
-                step = element, self.shape, ahead, self._test, self._trial
-                parts = [part for t in here if (part := t.eliminated(*step)) is not None]
-                return sum(parts) if parts else None
-
-            work = ufl.derivative(self._forces.integrate(stress), ahead, self._trial)
-            work += self._forces.integrate(eliminated)
-            self._viscous[numbers] = ahead, Kernel(work, [V, V], self._scene.mesh)
-        ahead, kernel = self._viscous[numbers]
-        return kernel.bind({i: cells[i] for i in kernel.ids}, instead={ahead: self.shape})

@@ -10,7 +10,6 @@ from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.coupling.mass import Mass, mass_operator
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import Cells, InternalForces
-from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.mechanics.rigid_motions import independent, rigid_motions
 from rigidfx.mechanics.rotation import axial, skew
@@ -174,25 +173,6 @@ class Parts:
         out[:, 1:] /= self._lengths[:, None]
         return out
 
-    def in_space(self, u: Array, bodies: Bodies, out: Array) -> tuple[Array, Indices]:
-        """Displacements in the bodies' frames, as they are in space.
-
-        Args:
-            u: Of the nodes of the rows, shape (nodes, 3) [m].
-            bodies: Bodies at present; some may be others than here.
-            out: Of all owned nodes; those of bodies here are written into it.
-
-        Returns:
-            The same, and the owned cells of the bodies that are here.
-        """
-        now = {id(body.data): body.motion.R for body in bodies}
-        cells: list[Indices] = [np.empty(0, np.int32)]
-        for data, at in zip(self.bodies, self.at, strict=True):
-            if id(data) in now:
-                out[data.nodes] = u[at] @ now[id(data)].T
-                cells += [data.cells]
-        return out, np.concatenate(cells)
-
     def size(self, force: Array) -> float:
         """Size of forces on the rows' nodes, by masses: sqrt(Σ f·f/m) [N/√kg]. Collective.
 
@@ -203,15 +183,6 @@ class Parts:
         """
         square = float(np.vdot(force * force, self._lightness))
         return float(np.sqrt(self._scene.sum(square)))
-
-    def energies(self, force: Array, u: Array) -> Array:
-        """½ f·u of each body, on this rank [J].
-
-        Args:
-            force: On the nodes of the rows, shape (nodes, 3) [N].
-            u: Their displacements, likewise [m].
-        """
-        return np.array([0.5 * float(np.vdot(force[own], u[own])) for own in self._spans])
 
     def mass(self) -> Mass:
         """Mass operator of the rows; the caller destroys it. Collective."""

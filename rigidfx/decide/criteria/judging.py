@@ -87,13 +87,6 @@ class Observation:
         return self.stepper.state.bodies.of.records
 
     @property
-    def flies_rigid(self) -> bool:
-        """Whether all there is is one rigid body that nothing holds: it deflects no more."""
-        if len(self.bodies) != 1 or self.stepper.unknowns != 6:
-            return False
-        return not any(effect.holds for effect in self.stepper.scene.effects)
-
-    @property
     def flexible(self) -> Bools:
         """For each owned cell, whether it is flexible."""
         return self.stepper.flexible
