@@ -22,7 +22,7 @@ the latter, and `sure` what it is.
 
 At the end the times over those by hand are told in the geometric mean and at most: of all runs as
 they are, where bodies in a bar of 405 unknowns cost more than they save, and of what `Accuracy`
-chooses if nobody names `min_cells`. With `--grow` the runs begin reduced, and bodies get shapes.
+chooses if nobody names `min_cells`.
 
     ./fenicsx python3 demos/benchmarks/budgets.py --only frame
 """
@@ -106,14 +106,14 @@ def by_hand(case: Case, steps: int, reference: Path, allowed: float) -> tuple[st
 
 
 def measure(
-    name: str, budgets: tuple[float, ...], hand: bool, grow: bool, finer: int = FINER
+    name: str, budgets: tuple[float, ...], hand: bool, finer: int = FINER
 ) -> list[dict[str, Any]]:
     """All runs of a scene."""
     case = CASES[name]
     brief = replace(case, t_end=case.t_end / 20)
 
     def asked(case: Case, budget: float) -> Path:
-        accuracy = rf.Accuracy(budget, "end", min_cells=case.min_cells, grow=grow)
+        accuracy = rf.Accuracy(budget, "end", min_cells=case.min_cells)
         return run(case, case.largest, accuracy=accuracy)
 
     def fine(factor: float) -> rf.StepControl:
@@ -193,7 +193,6 @@ def main() -> None:
     parser = Parser(__file__, __doc__.splitlines()[0], short="two structures")
     parser.add_only("scenes")
     parser.add_argument("--no-hand", action="store_true", help="nothing set by hand beside it")
-    parser.add_argument("--grow", action="store_true", help="runs begin reduced")
     parser.add_argument("--budgets", default=",".join(map(str, BUDGETS)), help="parts of one")
     options = parser.read()
     budgets = tuple(float(word) for word in options.budgets.split(","))
@@ -201,7 +200,7 @@ def main() -> None:
     for name in chosen(options, CASES, short=["frame", "tumbling L"]):
         finer = FINER_SHORT if options.short else FINER
         own = tuple(b for b in budgets if b in CASES[name].budgets) or CASES[name].budgets
-        for row in measure(name, own, not options.no_hand, options.grow, finer):
+        for row in measure(name, own, not options.no_hand, finer):
             summary.append(row)
             print(row)
     print(told(summary))

@@ -14,6 +14,7 @@ import rigidfx as rf
 
 from .case import ANY, History, between, case, near, release_at
 from .case import Run as AnyRun
+from .twin import PROMISED
 
 # Newton is as fast as without bodies, and what it leaves does not add up.
 Run = partial(AnyRun, energy=1e-11, momentum=1e-11, tangents=4)
@@ -253,7 +254,7 @@ def all_rigid_under_changing_gravity(short: bool) -> Iterator[AnyRun]:
         error = abs(found - impulse) / (body.mass * 9.81)
         return "" if error <= 1e-11 else f"L_z is off by {error:.1e} of m g · 1 s"
 
-    stay = rf.StrainRate(ANY, 4 * dt)
+    stay = rf.StrainRate(ANY, 4 * dt, wake="none")
     yield Run("adaptive", scene, dt, n * dt, stay, momentum=None, check=falls)
     scene = _bar(SPIN, weight, rf.Rigid())
     yield Run("named", scene, dt, n * dt, momentum=None, check=falls)
@@ -261,9 +262,12 @@ def all_rigid_under_changing_gravity(short: bool) -> Iterator[AnyRun]:
 
 @case("rigid bodies", "a load that arrives on a part that is frozen")
 def load_on_a_frozen_part(short: bool) -> Iterator[AnyRun]:
-    """It is released before the step: from rest, all is what it is without bodies, to 1e-9."""
+    """By the paper's rule all is released before the step, and is as without bodies, to 1e-9.
+
+    With shapes the tip is off by no more than 2.4 tol over the peak rate, of its largest way.
+    """
     t_end = 3.0 if short else 10.0
-    blow = rf.Traction("x1", (0.0, 3.0, 1.0), since=1.0)
+    blow, peak = rf.Traction("x1", (0.0, 3.0, 1.0), since=1.0), 0.1276  # 1/s, of the flexible bar
 
     def scene() -> rf.Scene:
         return _bar(blow, probes={"tip": (6.0, 2.0, 2.0)})
@@ -274,16 +278,20 @@ def load_on_a_frozen_part(short: bool) -> Iterator[AnyRun]:
         reference.append(history.probe("tip"))
         return ""
 
-    def is_the_same(history: History) -> str:
-        if min(history.unknowns) != 6:
-            return "nothing was frozen"
+    def is_the_same(history: History, bound: float = 1e-9) -> str:
+        if max(history.cells) != 24:
+            return "not all was frozen"
         u = history.probe("tip")
         error = float(np.abs(u - reference[0]).max() / np.abs(reference[0]).max())
-        return "" if error <= 1e-9 else f"the tip is off by {error:.1e}"
+        return "" if error <= bound else f"the tip is off by {error:.1e}"
 
     yield Run("flexible", scene(), 0.1, t_end, momentum=None, check=remember)
-    criterion = rf.StrainRate(1e-6, 0.5, patience=1, until=2.0)
+    criterion = rf.StrainRate(1e-6, 0.5, patience=1, until=2.0, wake="all")
     yield Run("adaptive", scene(), 0.1, t_end, criterion, momentum=None, check=is_the_same)
+    for part in (1e-2, 1e-3):
+        criterion = rf.StrainRate(part * peak, 0.5, patience=1, until=2.0)
+        close = partial(is_the_same, bound=PROMISED * part)
+        yield Run(f"shapes, {part:g}", scene(), 0.1, t_end, criterion, momentum=None, check=close)
 
 
 @case(
@@ -346,20 +354,19 @@ def held_part_that_gives_way(short: bool) -> Iterator[AnyRun]:
                       freezes=False, **common)  # fmt: skip
 
 
-@case("rigid bodies", "released under a load, cut or let down within a step or over a window")
-def releases_let_down(short: bool) -> Iterator[AnyRun]:
-    """H to Newton's tolerance, the work of what fades in it. Momenta change by the load."""
+@case("rigid bodies", "released while a load grows, and its shapes vibrate")
+def released_with_shapes(short: bool) -> Iterator[AnyRun]:
+    """H to Newton's tolerance, as a release gives all back. Momenta change by the load."""
     push = rf.Traction("x1", (0, 0, 10.0), time=lambda t: float(np.clip((t - 1) / 2, 0, 1)) ** 2)
+    rule = rf.StrainRate(0.5, 0.4, release=release_at(1.6))
+
+    def had_shapes(history: History) -> str:
+        first = next((e.t for e in history.events if e.kind == "release"), 0.0)
+        if near("the release", first, 1.6, 1e-9):
+            return f"the first release is at {first:.3g} s"
+        before = history.unknowns[int(np.searchsorted(history.t, 1.6 - 1e-9)) - 1]
+        return "" if before > 6 else "the body has no shapes"
+
     for mass in ("lumped", "consistent"):
-        for easing in (0.0, 1e-6, None, 1.0):
-
-            def takes(history: History, easing=easing) -> str:
-                if "release" not in history.kinds():
-                    return "nothing was released"
-                some = history.eased > 1e-6 * max(history.energy)
-                return "" if some == (easing != 0) else f"easing took {history.eased:.1e} J"
-
-            rule = rf.StrainRate(0.05, 0.4, easing=easing)
-            scene = _bar(SPIN, push, rf.KelvinVoigt(20.0), mass=mass)
-            name = f"{'as usual' if easing is None else easing}, {mass}"
-            yield Run(name, scene, 0.1, 4.0 if short else 8.0, rule, momentum=None, check=takes)
+        scene = _bar(SPIN, push, rf.KelvinVoigt(20.0), mass=mass)
+        yield Run(mass, scene, 0.1, 4.0 if short else 8.0, rule, momentum=None, check=had_shapes)

@@ -41,7 +41,6 @@ class History:
         self.energy: list[float] = []
         self.sizes: list[float] = []
         self.supplied: list[float] = []  # work less dissipation, and impacts, up to t [J]
-        self.eased = 0.0  # what releases that let down have taken [J]
         self.L: list[np.ndarray] = []
         self.J: list[np.ndarray] = []
         self.momentum_scale: list[float] = []
@@ -81,7 +80,6 @@ class History:
         self.pressing.append(sum(touch.pressing for touch in r.touches.values()))
         if self._stress_at:
             self.stress.append(r.stresses[self._stress_at].von_mises)
-        self.eased += r.dissipated.get("Easing", 0.0)
         self.cuts += r.cuts
         self.last = r
 

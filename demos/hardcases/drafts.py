@@ -73,7 +73,6 @@ _criteria = st.fixed_dictionaries(
         "min_cells": _choice(1, 1, 3),
         "load_change": _choice(0.1, np.inf),
         "wake": _choice("all", "local", "none"),
-        "easing": _choice(None, None, 0.0, 0.01, 1.0),
     }
 )
 drafts = st.fixed_dictionaries(
@@ -266,7 +265,6 @@ def _criterion(draft: Draft | None, dt: float) -> rf.StrainRate | None:
         min_cells=draft["min_cells"],
         patience=1.0 if draft["wake"] == "local" else 2.0,  # whatever switches cost
         load_change=draft["load_change"] if draft["wake"] == "all" else None,
-        easing=draft["easing"] if draft["wake"] == "local" else None,
     )
 
 

@@ -10,6 +10,8 @@ import rigidfx as rf
 
 from .case import History, Run
 
+PROMISED = 2.4  # the error, over its largest way, that tol / peak strain rate brings at most
+
 
 def beside_its_twin(
     name: str,
