@@ -91,8 +91,8 @@ scene = rf.Scene(
 # ## The runs
 #
 # The fastest strain of the smooth run is some hundredth per second, at the fillets; a blow strains
-# at 0.3 to 0.8 per second. Joints, and a stop, release nothing by themselves: the error motion of
-# all parts, coupled by their joints, contains the strains that they would cause.
+# at 0.3 to 0.8 per second. Joints, and a stop, release nothing by themselves: found bodies
+# grow the shapes that their forces call for.
 
 # +
 DT, WINDOW = (5e-4 if options.short else 2e-4), 0.005  # s
