@@ -1,7 +1,7 @@
 # # A gong: long rigid, struck in one place, then in another
 #
 # A square plate of 1 m with a heavy hub hangs in soft springs at its rim and swings, as one body of
-# six unknowns. It is struck near a corner, and later beside the hub. Each blow wakes it in the very
+# few unknowns. It is struck near a corner, and later beside the hub. Each blow wakes it in the very
 # step in which it begins; waves run over the plate and are damped by what is laid on it, and it
 # swings on as one body. Nothing tells the run where the blows are, or when they are over.
 #
@@ -63,12 +63,13 @@ scene = rf.Scene(
 
 # ## The runs
 #
-# A load releases nothing by itself: the strains that its force would cause are computed in each
-# step. A criterion of tolerance zero finds nothing rigid in the twin, but measures how fast its
-# cells strain, and so which of them might have been rigid.
+# A load releases nothing by itself: a body gets shapes as its force calls for them, and wakes where
+# these do not follow. A criterion of tolerance zero finds nothing rigid in the twin, but measures
+# how fast its cells strain, and so which of them might have been rigid.
 
 # +
 DT, WINDOW = 2e-3, 20  # s, steps
+FEW = 0.02  # of the unknowns of the flexible plate
 rule = rf.StrainRate(options.tol, WINDOW * DT)
 measuring = rf.StrainRate(0.0, 1e9, wake="none")
 owned = scene.mesh.topology.index_map(3).size_local
@@ -132,7 +133,7 @@ balance = np.array([r.energy for r in reports]) - books
 summary = {
     "unknowns_flexible": reports[0].unknowns,
     "steps": len(reports) - 1,
-    "steps_of_six_unknowns": sum(r.unknowns == 6 for r in reports),
+    "steps_of_few_unknowns": sum(r.unknowns < FEW * reports[0].unknowns for r in reports),
     "rigid_share": float(np.mean(rigid["plate"]) * (1 - HUB**2) + np.mean(rigid["hub"]) * HUB**2),
     "rigid_share_of_hub": float(np.mean(rigid["hub"])),
     "rigid_when_struck": struck,
@@ -202,10 +203,10 @@ draw(
 
 # +
 assert summary["energy_drift"] < 1e-10
-assert summary["steps_of_six_unknowns"] > 0.3 * summary["steps"]
+assert summary["steps_of_few_unknowns"] > 0.3 * summary["steps"]
 assert struck == dict.fromkeys(BLOWS, 0.0)
-# Both are shares of steps here, as all freezes and, in the end, wakes together.
-assert abs(summary["rigid_share_of_hub"] - summary["rigid_share"]) <= 1e-3
+# All freezes together, and the hub stays a body as the plate wakes round it.
+assert summary["rigid_share_of_hub"] >= summary["rigid_share"]
 if options.compare:
     assert summary["quiet_share"] >= 0.3
     assert summary["rigid_share"] >= 0.6 * summary["quiet_share"]

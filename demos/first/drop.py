@@ -1,4 +1,4 @@
-"""A block falls on the floor, bounces, and is one rigid body while it flies.
+"""A block falls on the floor, bounces, and is one body of few unknowns while it flies.
 
 ./fenicsx python3 demos/first/drop.py
 """
@@ -15,12 +15,12 @@ floor = rf.Contact("z0", against=plane, stiffness=1e7, title="floor")  # N/m³
 damping = rf.StiffnessDamping(ratio=0.3, frequency=100.0)
 scene = rf.Scene(block, rubber, [floor, rf.Gravity((0, 0, -G)), damping])
 
-rule = rf.StrainRate(0.05, window=0.02)  # rigid: cells below this strain rate [1/s] for 20 ms
+rule = rf.StrainRate(0.05, window=0.02)  # bodies: cells below this strain rate [1/s] for 20 ms
 force, flying, books, energy = [], [], 0.0, 0.0
 for report in rf.simulate(scene, dt=1e-3, t_end=0.25, rigidify=rule):
     books += report.work_of_loads - sum(report.dissipated.values())
     energy = max(energy, report.energy)
-    flying.append(report.unknowns == 6)
+    flying.append(report.unknowns < 40)  # of 81
     force.append(report.touches["floor"].force[2] if report.step else 0.0)
     for event in report.events:
         print(f"{report.t:.3f} s: {event.kind}, {event.unknowns_after} unknowns ({event.reason})")
