@@ -67,7 +67,7 @@ def test_what_swings_has_cholesky_factors_and_what_turns_lu(monkeypatch):
 
 
 @pytest.mark.skipif(not definite.has_cholmod(), reason="PETSc has no CHOLMOD")
-def test_the_error_motion_has_them_as_well_and_mumps_what_is_not_definite():
+def test_symmetric_matrices_have_them_as_well_and_mumps_what_is_not_definite():
     symmetric, _ = entries()
     least = np.linalg.eigvalsh(symmetric)[0]
     for S, by in ((symmetric, "cholmod"), (symmetric - 1.1 * least * np.eye(N), "mumps")):
