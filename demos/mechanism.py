@@ -1,10 +1,11 @@
-# # A slider-crank: rigid while it runs, flexible when it is struck
+# # A slider-crank: a few unknowns while it runs, more when it is struck
 #
 # A motor brings a crankshaft to 100 rad/s within 20 ms, turns it three times, and stops it. A slim
 # rod moves a heavy block along a guide. At each inner dead centre the block meets a sprung stop,
 # half a millimetre before its way ends. While the machine runs smoothly its parts hardly strain:
-# they become rigid, with all holes and fillets, and joints hold them together. The blow of the stop
-# wakes them in the step in which it begins, and so does the brake.
+# they become bodies, with all holes and fillets, and joints hold them together. At the blow of the
+# stop, and at the brake, bodies get the shapes that forces call for, in the step in which these
+# begin, or cells wake.
 #
 #     python3 demos/mechanism.py --compare
 #     mpirun -n 2 python3 demos/mechanism.py --short
@@ -33,11 +34,11 @@ from meshes.mechanism import FILLET, LENGTH, RADIUS, slider_crank
 from rigidfx.plot import Curve, Shapes, curves
 
 parser = Parser(
-    __file__, "A slider-crank: rigid while it runs smoothly.", "a third of a turn, order 1"
+    __file__, "A slider-crank: few unknowns while it runs smoothly.", "a third of a turn, order 1"
 )
 parser.add_argument("--compare", action="store_true", help="run the flexible twin beside it")
 parser.add_argument("--size", type=positive, default=0.03, help="largest edge of a cell [m]")
-parser.add_argument("--tol", type=positive, default=0.06, help="rigid below this rate [1/s]")
+parser.add_argument("--tol", type=positive, default=0.01, help="quiet below this rate [1/s]")
 parser.add_argument("--turns", type=positive, default=3.0, help="until the brake begins")
 parser.add_resume()
 options = parser.read(turns=0.75)
@@ -124,8 +125,8 @@ with (
 # ## Results
 #
 # Joints stay closed to rounding, and the motor's work equals the gain of energy and the losses by
-# dampers and fading stresses. The effect of rigidity on the motion is measured by the displacement
-# of the block minus that of rigid links, 60 µm of 100 mm. It agrees with the twin to a thousandth
+# dampers. The effect of bodies on the motion is measured by the displacement
+# of the block minus that of rigid links, 60 µm of 100 mm. It agrees with the twin to a hundredth
 # of that, blows included.
 
 # +
@@ -152,6 +153,7 @@ summary = {
     "cells": cells,
     "unknowns_flexible": reports[0].unknowns,
     "unknowns_least": min(r.unknowns for r in reports),
+    "shapes_most": max((body.shapes for r in reports for body in r.bodies), default=0),
     "rigid_share": float(rigid.mean()),
     "joints_open_by_m": max(j.gap for r in reports[1:] for j in r.joints.values()),
     "energy_gap": books(reports),
@@ -212,10 +214,9 @@ assert summary["energy_jump"] <= 1e-11
 assert summary["joints_open_by_m"] <= 1e-11
 if parser.defaults(options, "tol", "size", "turns"):
     assert summary["unknowns_least"] < 0.1 * summary["unknowns_flexible"]
-    assert any(event.kind == "release" for event in events)
-    assert rigid[-1] < 1.0 or options.short
+    assert summary["shapes_most"] > 0 or any(event.kind == "release" for event in events)
 if options.compare and parser.defaults(options, "tol", "size", "turns"):
     assert summary["error_of_way"] <= 0.01
     assert summary["error_of_largest_stress"] <= 0.02
-say("Smoothly running it is rigid; struck, it wakes.")
+say("Smoothly running it has few unknowns; struck, it gets more.")
 # -
