@@ -254,7 +254,7 @@ def record_switches(folder, t_end=0.5):
     spin = rf.InitialVelocity(angular=(0.2, 0.1, 0.5))
     scene = rf.Scene(domain, MATERIAL, [spin], probes={"end": (6.0, 0.5, 0.5)})
     release = rf.Release(at=0.4) if t_end < 1.0 else ()
-    criterion = rf.StrainRate(1e9, 0.2, never="middle", release=release, patience=1)
+    criterion = rf.StrainRate(1e9, 0.2, never="middle", release=release, wake="none")
     body, reports, rates = Body(scene.space), [], []
     with rf.Recorder(scene, folder, every=1, format="both") as recorder:
         for report in rf.simulate(scene, 0.1, t_end, rigidify=criterion, progress=False):

@@ -347,7 +347,7 @@ class Bodies:
             return self.of.inertia
         out = self.of.inertia.copy()
         out[shapes.some] += shapes.added_inertia(self.q[shapes.some], self.weighted)
-        return out
+        return read_only(out)
 
     @cached_property
     def rotated_inertia(self) -> Array:
