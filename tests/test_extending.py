@@ -13,7 +13,7 @@ from histories import column, drift, show
 from scipy.spatial import cKDTree
 
 import rigidfx as rf
-from rigidfx.decide.criteria.criterion import ErrorRule, Tolerances
+from rigidfx.decide.criteria.criterion import RateRule, Tolerances
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.effects.action import Action
 from rigidfx.effects.base import Effect
@@ -61,7 +61,7 @@ class Patient(Criterion):
     window = 1.0
 
     def rule(self, scene, timeline, memory):
-        return ErrorRule(timeline, memory, Tolerances(scene, memory, 1e9, {}), self.window, 3.0)
+        return RateRule(memory, Tolerances(scene, memory, 1e9, {}), self.window)
 
 
 def test_a_criterion_of_ones_own():

@@ -23,7 +23,7 @@ MATERIAL = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
 
 def run(folder, verbose=None):
     scene = rf.Scene(rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)), MATERIAL)
-    criterion = rf.StrainRate(1.0, 0.2, patience=1)
+    criterion = rf.StrainRate(1.0, 0.2, wake="none")
     with rf.Recorder(scene, folder, stress=False) as recorder:
         how = {"rigidify": criterion, "progress": False, "verbose": verbose}
         for report in rf.simulate(scene, 0.1, 0.5, **how):

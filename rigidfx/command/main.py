@@ -350,7 +350,7 @@ WORDS = (
     (r"\bscale=([\d.e-]+) where a mesh is read", r"--scale \1"),
     (r"\((size|scale)\)", r"(--\1)"),
     (r"since, until, the times of its Table, and t_end", "--until and --t-end"),
-    (r"a larger tol or kappa", "a larger --tol"),
+    (r"a larger tol\b", "a larger --tol"),
     (r"a (smaller|larger) tolerance", r"a \1 --tol"),
     (r"a longer window", "a longer --window"),
     (r"Take window ≥ ([\d.e-]+), or 'auto'", r"Take --window \1, or auto"),
