@@ -321,10 +321,10 @@ def bridge(*effects, **options):
 
 
 def test_bodies_bend_by_the_springs_between_them():
-    """As the flexible twin does."""
-    run = Beside(bridge, 1.5, 0.2, 0.02)
+    """As the flexible twin does, to a hundredth of what tolerances of a tenth of its rates allow."""
+    run = Beside(bridge, 1.5, 0.1, 0.02)
     assert run.reduced > 0.2
-    assert run.off <= 5e-4
+    assert run.off <= 2.4e-3
 
 
 @NO_WARNINGS
