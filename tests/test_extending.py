@@ -182,8 +182,9 @@ def test_the_spring_of_the_page_goes_on_from_a_checkpoint(tmp_path):
         (longest,) = last.state.notes.values()
         return last.energy, last.springs, longest
 
-    whole = end(rf.simulate(scene(), 0.01, 0.3))
-    end(rf.simulate(scene(), 0.01, 0.2, checkpoint=rf.Checkpoint(tmp_path / "cut", steps=10)))
+    whole, cut = (rf.Checkpoint(tmp_path / name, steps=10) for name in ("whole", "cut"))
+    whole = end(rf.simulate(scene(), 0.01, 0.3, checkpoint=whole))
+    end(rf.simulate(scene(), 0.01, 0.2, checkpoint=cut))
     assert end(rf.resume(tmp_path / "cut", scene(), t_end=0.3)) == whole
     assert whole[2] > 1.05
 
