@@ -309,7 +309,7 @@ class Newton:
                 self._chord.renew()
             elif self.conserving.doubtful:
                 self._chord.make()
-        elif self.conserving.following or not self.stop.serves(1 + (self._bordered is not None)):
+        else:
             self.equilibrium.tangent()
             if self._bordered is not None:
                 self._bordered.renew()
