@@ -287,7 +287,7 @@ def test_series_shows_bodies_and_strain_rates(tmp_path):
         ends = (1, 2) if 0.15 < t < 0.35 else (0, 0)
         for cells, number in zip((LEFT, MIDDLE, RIGHT), (ends[0], 0, ends[1]), strict=True):
             assert [numbers[c] for c in cells] == [number, number]
-        np.testing.assert_array_equal(cell_data(grid, "rigid"), cell_data(grid, "body") > 0)
+        np.testing.assert_array_equal(cell_data(grid, "level") > 0, cell_data(grid, "body") > 0)
         np.testing.assert_array_equal(cell_data(grid, "strain_rate"), rate)
         still = np.isin(x, LEFT + RIGHT) & (0.15 < t < 0.45)  # released at the end of a step
         np.testing.assert_array_equal(cell_data(grid, "strain_rate") > 0, ~still & (t > 0))

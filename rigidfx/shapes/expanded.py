@@ -134,8 +134,13 @@ class Expanded:
         return np.array(b.x.array.reshape(-1, 3)[self.nodes])
 
     def even(self, d: Array) -> Array:
-        """½ [f(d) + f(-d)] - f(0), the forces of second order, shape (nodes, 3) [N]. Collective."""
-        return np.asarray(0.5 * (self.forces(d) + self.forces(-d)) - self.internal)
+        """½ [f(d) + f(-d)] - f(0), the forces of second order, shape (nodes, 3) [N]. Collective.
+
+        Without those that move it as a whole: its frame follows these, at the nodes' places in d.
+        """
+        found = 0.5 * (self.forces(d) + self.forces(-d)) - self.internal
+        moving = self.dot(self.motions, found[:, :, None])[:, 0]
+        return np.asarray(found - self._momenta @ moving)
 
     def stiffening(self, along: Array, fields: Array) -> Array:
         """K'[along] of fields, the change of K by a displacement, shape (nodes, 3, k). Collective.
