@@ -321,7 +321,7 @@ def bridge(*effects, **options):
 
 
 def test_bodies_bend_by_the_springs_between_them():
-    """As the flexible twin does, to a hundredth of what tolerances of a tenth of its rates allow."""
+    """To a hundredth of what tolerances of a tenth of the rates allow."""
     run = Beside(bridge, 1.5, 0.1, 0.02)
     assert run.reduced > 0.2
     assert run.off <= 2.4e-3
