@@ -295,5 +295,5 @@ def _end_of(given: Given, t: float, end: float, shortest: float, tol: float) -> 
     while last - good > CLOSE * (end - t):
         middle = (good + last) / 2
         good, last = (middle, last) if given.off(t, middle, tol) <= 1 else (good, middle)
-    jumps = given.jumps(good, last)
+    jumps = given.jumps(good - 2 * INSIDE * (good - t), last)  # no sample is nearer to an end
     return Onset(min(max(last if jumps else good, t + shortest), end), jumps, given.led and jumps)
