@@ -218,7 +218,7 @@ def test_steps_with_bodies_are_compared_with_those_without():
     dear = steps((100, 0, 0.0, 0), *20 * [flexible], switch, *19 * [(40, 1, 3.0, 0)])
     assert "took 1.52 of one without, which does not pay" in dear
     assert steps((100, 0, 0.0, 0), *20 * [flexible]) == ""
-    # Most steps are cheap; each tenth pays for the error motion, and switches cost what is saved.
+    # Most steps are cheap; each tenth is dear, and switches cost what is saved.
     slow = [*9 * [(40, 1, 1.0, 0)], (40, 1, 12.0, 0)]
     dear = steps((100, 0, 0.0, 0), *20 * [flexible], switch, *3 * slow)
     assert "took 1.08 of one without, which does not pay" in dear

@@ -1,7 +1,7 @@
-"""Which quiet parts freeze if the error motion is known: those that pay for their switches.
+"""Which quiet parts freeze where bodies get shapes: those that pay for their switches.
 
-The error motion corrects the effect of a freeze, so only its cost decides: flexible steps that a
-switch costs, and those that a part has been quiet for. Enclosed cells freeze with a part unless
+Shapes follow what forces do to a body, so only the cost decides: flexible steps that a switch
+costs, and those that a part has been quiet for. Enclosed cells freeze with a part unless
 they strain too fast.
 """
 

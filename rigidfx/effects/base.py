@@ -105,7 +105,7 @@ class Effect:
     breakpoints: ClassVar[tuple[float, ...]] = ()  # instants at which a step must end [s]
     joins: ClassVar[tuple[str | None, ...]] = ()  # sets it keeps together; None means all
     keeps_apart: ClassVar[tuple[str, ...]] = ()  # two sets of facets that press where they meet
-    mass_damping: ClassVar[float] = 0.0  # α of a drag α M v that it is, for linear twins [1/s]
+    mass_damping: ClassVar[float] = 0.0  # α of a drag α M v that it is [1/s]
     numerical_damping: ClassVar[float | None] = None  # ξ of the scheme, if it has a say in that
     ground_stiffness: ClassVar[Array | None] = None  # total, against the ground, (3, 3) [N/m]
 

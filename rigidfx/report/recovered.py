@@ -25,8 +25,8 @@ def recovered_stress(report: Report, stress: CauchyStress) -> tuple[Array, Bools
         stress: The stress measure of the run's scene.
 
     Returns:
-        Stress of each owned cell, shape (cells, 3, 3) [Pa], and whether it was recovered: in rigid
-        parts of a run with `wake="local"`, from the first step after the freeze on.
+        Stress of each owned cell, shape (cells, 3, 3) [Pa], and whether it was recovered: in
+        parts named `Rigid` of a run with `wake="local"`, from the first step on.
 
     Raises:
         SceneError: If the run has gone on, or one of them is anything else.
