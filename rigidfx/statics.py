@@ -145,7 +145,8 @@ class Compliance:
 def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float = 1.0) -> Compliance:
     """Change of displacements by parts named `Rigid` or `Reduced` and rigid faces, from statics.
 
-    Nothing in a run tells it, since these parts get no shapes for it. The other solution has a `MeanFace` in place of each `RigidFace`.
+    Nothing in a run tells it, since these parts get no shapes for it. The other solution has a
+    `MeanFace` in place of each `RigidFace`.
 
     Example:
         >>> print(compliance(scene))   # doctest: +SKIP

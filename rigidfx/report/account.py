@@ -57,8 +57,9 @@ class Whereabouts:
 class Pay:
     """Compares steps with parts that were found to be rigid with steps without.
 
-    Steps with such parts are all in which they are, or change. Their time contains switches and growth,
-    and neither kind contains compilations, which are made once for many runs. Parts `Rigid` are rigid in both kinds.
+    Steps with such parts are all in which they are, or change. Their time contains switches and
+    growth, and neither kind contains compilations, which are made once for many runs. Parts named
+    `Rigid` are rigid in both kinds.
     """
 
     remembered: ClassVar[Remembered] = same(
