@@ -69,8 +69,7 @@ def follow(scene, dt, steps, **options):
         reports.append(report)
         held = np.maximum(held, apart(scene, report.state))
     first, size = reports[0], reports[0].momentum_scale
-    taken = np.cumsum([r.dissipated.get("Easing", 0.0) for r in reports])
-    H = np.abs([r.energy for r in reports] + taken - first.energy).max() / first.energy
+    H = np.abs(np.array([r.energy for r in reports]) - first.energy).max() / first.energy
     L = max(np.abs(r.linear_momentum - first.linear_momentum).max() for r in reports) / size
     J = max(np.abs(r.angular_momentum - first.angular_momentum).max() for r in reports) / size
     return reports, float(H), float(L), float(J), held

@@ -83,11 +83,10 @@ def blocks(*effects, gap=0.03, **options):
 
 
 def drifts(scene, dt, steps, **options):
-    """Reports, and the largest changes of H, L and J, relative; in H is what was let down."""
+    """Reports, and the largest changes of H, L and J, relative."""
     reports = list(rf.simulate(scene, dt, steps * dt, **options))
     first, size = reports[0], reports[0].momentum_scale
-    taken = np.cumsum([r.dissipated.get("Easing", 0.0) for r in reports])
-    energies = np.array([r.energy for r in reports]) + taken
+    energies = np.array([r.energy for r in reports])
     H = np.abs(energies - first.energy).max() / first.energy
     L = max(np.abs(r.linear_momentum - first.linear_momentum).max() for r in reports) / size
     J = max(np.abs(r.angular_momentum - first.angular_momentum).max() for r in reports) / size
