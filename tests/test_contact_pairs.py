@@ -395,7 +395,7 @@ def flat(*effects):
 def histories():
     """Numbers of two blocks that meet, one pair switched, and of a strip with itself."""
     rows = []
-    switched = {"rigidify": rf.StrainRate(3e-2, 0.008, patience=1.0)}
+    switched = {"rigidify": rf.StrainRate(3e-2, 0.008, wake="all", patience=1.0)}
     runs = [
         (blocks(*BOTH), switched),
         (blocks(*BOTH, *PARTS["mixed"]), {}),
