@@ -229,7 +229,7 @@ def test_function_may_change_its_array_in_place(name):
         *_, last = rf.simulate(scene, 0.1, 0.5)
         ends.append([*last.probes["foot"], *last.probes["tip"], last.energy, last.kinetic])
     assert np.any(ends[0])
-    assert ends[0] == ends[1]
+    assert ends[0] == pytest.approx(ends[1], rel=1e-14)  # places in memory make one digit
     if name.startswith("path"):
         assert ends[1][0] == pytest.approx(0.025, rel=1e-14)
 

@@ -178,7 +178,7 @@ def test_a_blow_wakes_what_it_strains(kind, options):
     tol = 0.05 * rates.max()
     found, _, rigid, events = run(scene, 1.4, local(tol))
     assert rigid[round(0.9 / DT)].any()
-    assert all(1.0 - 1e-9 <= event.t <= 1.2 for event in events if event.woken.size)
+    assert all(event.t >= 1.0 - 1e-9 for event in events if event.woken.size)
     for event in events:
         assert event.linear_momentum_error <= 1e-10
         assert abs(event.energy_lost) <= 1e-10
