@@ -229,6 +229,11 @@ class Chord:
         self._missing, self._since = False, len(self.stop.history) - 1
         self.tangents += 1
 
+    @property
+    def serving(self) -> bool:
+        """Whether the last step made no tangent and the next one is to make none."""
+        return not self.tangents and not self._missing
+
     def lose(self) -> None:
         """Drop the tangent: Newton's method makes others."""
         self._missing = True

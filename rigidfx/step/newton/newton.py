@@ -197,7 +197,7 @@ class Newton:
         # What keeps tangents, here or in the last division that was large enough for it.
         self._experience = self._chord
         self._keeping = False  # whether the present solve is by the chord method
-        self._best = 0  # first guess that was taken last
+        self._offered, self._best = 0, 0  # first guesses of the last choice, and what it was
         self.known = False
         self._tangents, self._failed = 0, False  # and whether the last iteration has failed
         self._ending, self._saved_norm = 0, 0.0  # reason to stop at a solution, and its ‖R‖ [N]
@@ -253,6 +253,8 @@ class Newton:
     def _solve_by_chord(self, chord: Chord, guesses: Sequence[Guess]) -> Solution:
         """Solve with a tangent that is kept."""
         own = self._snes.getKSP(), self.stop
+        if len(guesses) == self._offered and chord.serving:  # the better one costs two residuals
+            guesses = [guesses[self._best]]
         chord.begin(self.equilibrium.dt)
         self._snes.setKSP(chord.ksp)
         self.stop, self._keeping = chord.stop, True
@@ -326,7 +328,7 @@ class Newton:
             order = sorted(range(len(guesses)), key=lambda k: k == self._best)
             norms = [self._norm_at(guesses[k]) for k in order]
             last = int(np.argmin(np.nan_to_num(norms, nan=np.inf)))
-            self._best = order[last]
+            self._offered, self._best = len(norms), order[last]
             self.known = last == len(norms) - 1
             guesses = [guesses[self._best]]
         if not self.known:  # rounding is that of the guess, not of a failed iterate
