@@ -86,7 +86,7 @@ SCENES = {
     "pair": (pair, 0.01, 0.5, {}),
     "pair rests": (
         partial(pair, CALM, along=0, since=0.02),
-        *(2**-7, 0.3, {"rigidify": rf.StrainRate(1.0, 0.03)}),
+        *(2**-7, 0.3, {"rigidify": rf.StrainRate(1.0, 0.03, wake="all")}),
     ),
     "joined": (joined, 0.02, 0.8, {}),
     "named": (partial(bar, HELD, rf.Rigid("block"), SINE), 0.05, 1.0, {}),
