@@ -29,6 +29,7 @@ from rigidfx.effects import Joint
 from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
+from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.expanded import Expanded
@@ -169,29 +170,34 @@ class Shortening:
             about: Its expansion.
             forces: Shape (nodes, 3, k) [N].
         """
+        assert body.data.shapes is not None
+        modes, weighted, inverse = _followed(body.data.shapes, about)
+        forces = forces - weighted @ (inverse @ about.part.dot(modes, forces))
         F = np.zeros((self._scene.owned_nodes, 3, forces.shape[2]))
         F[body.data.nodes] = np.einsum("ba,nbk->nak", about.Q, forces)
         found, turn = about.responses.solve(F), (body.motion.R @ about.Q).T
         return [-found[:, :, k] @ turn for k in range(forces.shape[2])]
 
     def _of_probes(self, body: Body, about: About) -> Array:
-        """C of a body; rows of shapes that have grown are added. Collective."""
+        """C of a body, found anew for other shapes. Collective."""
         key, m, shapes = _key(body), body.data.deforms_by, body.data.shapes
         assert shapes is not None
-        known = self._terms.get(key, np.zeros((3 * len(self._points), 0, 0)))
-        before = known.shape[1]
-        if before == m:
+        known = self._terms.get(key)
+        if known is not None and known.shape[1] == m:
             return known
-        out = np.zeros((len(known), m, m))
-        out[:, :before, :before] = known
+        out = np.zeros((3 * len(self._points), m, m))
         g = np.einsum("ab,nbp->nap", about.Q, self._unit(about.responses)[body.data.nodes])
+        modes, weighted, inverse = _followed(shapes, about)
+        g = g - modes @ (inverse @ about.part.dot(weighted, g))
         h = np.sqrt(SMALL_WAY) * self._scene.mean_cell_size  # strains by h φ are small
 
+        whole = shapes.whole
+
         def bent(*some: int) -> Array:
-            even = about.part.even(h * shapes.whole[:, some].sum(axis=1))
+            even = about.part.even(h * whole[:, some].sum(axis=1))
             return about.part.dot(g, even[:, :, None])[:, 0] / h**2
 
-        for k in range(before, m):
+        for k in range(m):
             out[:, k, k] = 2 * bent(k)
             for j in range(k):
                 sides = out[:, j, j] + out[:, k, k]
@@ -208,6 +214,13 @@ class Shortening:
                     F[point.nodes, axis, p, axis] = point.weights
             self._units[id(responses)] = responses.solve(F.reshape(len(F), 3, -1))
         return self._units[id(responses)]
+
+
+def _followed(shapes: Shapes, about: About) -> tuple[Array, Array, Array]:
+    """Φ, MΦ and (ΦᵀMΦ)⁻¹: what shapes follow in time is no static response. Collective."""
+    modes = shapes.whole.swapaxes(1, 2)
+    weighted = about.part.times_mass(modes)
+    return modes, weighted, np.asarray(np.linalg.inv(about.part.dot(modes, weighted)))
 
 
 def _key(body: Body) -> Key:
