@@ -158,6 +158,8 @@ class ConsistentExchange:
         dt: See `Motor.speed_at`.
     """
 
+    scales = True
+
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
         """Keep the problem.
 

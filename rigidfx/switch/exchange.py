@@ -58,9 +58,11 @@ class Exchange(Protocol):
 
     Attributes:
         shape: Gives a body that was found its shapes; None if it stays rigid.
+        scales: Whether a release scales kept velocities so that they have the energy kept.
     """
 
     shape: Callable[[Body], Body] | None
+    scales: bool
 
     def release(self, state: State, numbers: Set[int], prescribed: Bools) -> Works:
         """Make the bodies of these numbers flexible. Collective.
@@ -171,6 +173,8 @@ def faces_within(scene: Scene, state: State, nodes: Indices) -> set[int]:
 
 class LumpedExchange:
     """The exchange where each node has its own mass: nodes outside a body are not concerned."""
+
+    scales = False
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
         """Keep the problem.

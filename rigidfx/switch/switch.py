@@ -325,8 +325,7 @@ class Switch:
         held_before = stepper.held_momenta()
         prescribed = stepper.prescribed.mask
         leaving = old.keys() - kept
-        scales = isinstance(self._exchange, ConsistentExchange)
-        collapse(stepper.scene, stepper.forces, state, leaving, prescribed, scales)
+        collapse(stepper.scene, stepper.forces, state, leaving, prescribed, self._exchange.scales)
         works = [self._exchange.release(state, leaving, prescribed)]
         for body in decision.bodies:
             if not body.kept:
