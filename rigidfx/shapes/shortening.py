@@ -217,9 +217,9 @@ class Shortening:
 
 
 def _followed(shapes: Shapes, about: About) -> tuple[Array, Array, Array]:
-    """Φ, MΦ and (ΦᵀMΦ)⁻¹: what shapes follow in time is no static response. Collective."""
+    """Φ, KΦ and (ΦᵀKΦ)⁻¹: forces that bend it along its shapes alone. Collective."""
     modes = shapes.whole.swapaxes(1, 2)
-    weighted = about.part.times_mass(modes)
+    weighted = about.part.times_stiffness(modes)
     return modes, weighted, np.asarray(np.linalg.inv(about.part.dot(modes, weighted)))
 
 
