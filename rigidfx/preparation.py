@@ -36,8 +36,6 @@ from rigidfx.withheld.body_forces import BodyForces
 from rigidfx.withheld.held_parts import HeldParts
 from rigidfx.withheld.recovery import Recovery
 
-__all__ = ["prepare"]
-
 
 def prepare(
     scene: Scene,

@@ -29,8 +29,6 @@ from rigidfx.switch.growth import Growth
 from rigidfx.switch.switch import Switch
 from rigidfx.withheld.recovery import Recovery
 
-__all__ = ["Run"]
-
 
 @dataclass(frozen=True)
 class Run:

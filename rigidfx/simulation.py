@@ -59,8 +59,6 @@ from rigidfx.step.linear.petsc_options import SolverOptions
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import Impact
 
-__all__ = ["resume", "simulate"]
-
 
 def simulate(
     scene: Scene,

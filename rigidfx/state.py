@@ -25,8 +25,6 @@ from rigidfx.mechanics.bodies import BODIES, Bodies
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.scene.scene import Scene
 
-__all__ = ["State", "initial_velocity"]
-
 
 class Snapshot(NamedTuple):
     """The part of a state that a step changes.
@@ -266,12 +264,7 @@ class State:
         self.v.x.scatter_forward()
 
     def follow_paths(self, held: Ints, rates: Array) -> None:
-        """Keep rates of supports' paths at the end of a step, those of no other dof.
-
-        Args:
-            held: The dofs.
-            rates: Theirs [m/s].
-        """
+        """Keep rates of supports' paths at the end of a step, those of no other dof."""
         self.path_rates = np.full(self.u.x.array.size, np.nan)
         self.path_rates[held] = rates
 
@@ -300,9 +293,6 @@ class State:
 
     def take_out(self, numbers: Set[int]) -> list[Body]:
         """Remove bodies; their nodes get their displacement. Collective.
-
-        Args:
-            numbers: Numbers of bodies.
 
         Returns:
             These bodies.

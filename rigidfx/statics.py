@@ -52,8 +52,6 @@ from rigidfx.step.system.supports import PrescribedDofs, supports_of
 from rigidfx.switch.inventory import check_clamps, divide
 from rigidfx.switch.shaping import Shaping
 
-__all__ = ["Compliance", "compliance", "static"]
-
 
 def static(
     scene: Scene,

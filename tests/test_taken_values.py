@@ -364,7 +364,9 @@ def test_what_is_shown_cannot_change_a_run():
                     array[...] = 77
         ends.append([count, *last])
     assert ends[0][0] >= 2
-    assert ends[0] == pytest.approx(ends[1], rel=1e-10)  # sums end in another last bit where arrays lie elsewhere
+    assert ends[0] == pytest.approx(
+        ends[1], rel=1e-10
+    )  # sums end in another last bit where arrays lie elsewhere
 
 
 def test_arrays_of_a_scene_are_read_only():

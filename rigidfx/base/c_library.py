@@ -30,8 +30,6 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import CompilerError, OutputError, agree
 
-__all__ = ["c_library", "compiles", "raise_uncompiled"]
-
 COMPILING = re.compile(r"(?:Compile|Link)Error: (.*)", re.DOTALL)
 
 

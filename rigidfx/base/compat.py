@@ -16,23 +16,6 @@ from mpi4py import MPI
 
 from rigidfx.base.types import Indices, Ints
 
-__all__ = [
-    "VERSION",
-    "adjacency",
-    "assemble_unrolled",
-    "bindable",
-    "cell_geometry_dofs",
-    "coordinate_map",
-    "create_mesh",
-    "ghosted_partitioner",
-    "integration_facets",
-    "known_columns",
-    "model_to_mesh",
-    "package_version",
-    "partition",
-    "partitioner_without_ghosts",
-]
-
 VERSION = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
 if not (0, 9) <= VERSION < (0, 12):
     raise ImportError(

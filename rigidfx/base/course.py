@@ -7,8 +7,6 @@ from typing import ClassVar
 
 from rigidfx.base.remembered import Remembered, same
 
-__all__ = ["Course"]
-
 APART = 1.02  # factor between values that are remembered
 
 

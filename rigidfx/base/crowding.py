@@ -9,15 +9,9 @@ from mpi4py import MPI
 
 from rigidfx.base.log import remind
 
-__all__ = ["crowded", "tell_of_crowding"]
-
 
 def tell_of_crowding(comm: MPI.Intracomm) -> None:
-    """Say at the start of a run if a machine has more of its ranks than cores for them. Collective.
-
-    Args:
-        comm: Ranks of the run.
-    """
+    """Say at the start if a machine has more ranks of a run than cores for them. Collective."""
     if comm.size == 1:
         return
     here = comm.Split_type(MPI.COMM_TYPE_SHARED)

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 
-__all__ = ["prepare"]
-
 NEEDED = "dolfinx", "petsc4py", "mpi4py"
 
 

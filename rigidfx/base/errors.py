@@ -14,20 +14,6 @@ from typing import TYPE_CHECKING, TypeVar
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-__all__ = [
-    "CompilerError",
-    "InversionError",
-    "OutputError",
-    "RigidfxError",
-    "RigidfxWarning",
-    "SceneError",
-    "StepError",
-    "Trace",
-    "agree",
-    "by_name",
-    "together",
-    "trace_of",
-]
 
 T = TypeVar("T")
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import fcntl
 
-__all__ = ["lock"]
-
 
 def lock(file: int) -> None:
     """Lock a file until it is closed, however its process ends.

@@ -37,15 +37,6 @@ from rigidfx.base.c_library import raise_uncompiled
 from rigidfx.base.errors import OutputError, agree
 from rigidfx.base.log import LOGGER, announce
 
-__all__ = [
-    "SPENT",
-    "compile_expression",
-    "compile_form",
-    "compile_values",
-    "form_on",
-    "wait_or_clear",
-]
-
 LOCK = "rigidfx.lock"  # beside the compiled forms
 
 # Options for small forms, in a folder of their own; who holds the lock is waited for longer.

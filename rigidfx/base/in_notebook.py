@@ -7,8 +7,6 @@ from html import escape
 
 from rigidfx.base.types import Array
 
-__all__ = ["as_table", "as_text", "in_short"]
-
 
 def as_table(title: str, rows: Mapping[str, str]) -> str:
     """A table of names and values, as HTML.

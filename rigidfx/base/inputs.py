@@ -14,24 +14,6 @@ from mpi4py import MPI
 from rigidfx.base.errors import SceneError
 from rigidfx.base.types import Array
 
-__all__ = [
-    "at_least_zero",
-    "communicator",
-    "direction",
-    "is_function",
-    "names",
-    "number",
-    "numbers",
-    "of_time",
-    "path_of",
-    "positive",
-    "scalar",
-    "shown",
-    "truth",
-    "vector",
-    "whole",
-]
-
 
 def number(owner: str, name: str, value: Any, *, infinite: bool = False) -> float:
     """A user's number as a float.
@@ -257,19 +239,12 @@ def is_function(value: Any) -> TypeGuard[Callable[..., Any]]:
     """Whether a value can be a function of time.
 
     A number that can be called, such as a constant of DOLFINx, is a number.
-
-    Args:
-        value: The given value.
     """
     return callable(value) and (isinstance(value, type) or not hasattr(value, "__float__"))
 
 
 def shown(value: Any) -> str:
-    """The given value, for a message, whatever it is.
-
-    Args:
-        value: The given value.
-    """
+    """The given value, for a message, whatever it is."""
     try:
         return repr(_plain(value))
     except Exception:  # Python writes no whole number of more than 4300 digits

@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["at_latest", "longer", "reached", "resolution"]
-
 CLOSE = 1e-9  # of a step, or of a length: what is nearer is the same
 NUMBERS = 4  # ... or so many numbers apart, late in a run of small steps
 CUT = 1e3  # more than the largest ratio of a step to what is left of it after cuts

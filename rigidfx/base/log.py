@@ -17,8 +17,6 @@ from typing import Any
 
 from mpi4py import MPI
 
-__all__ = ["announce", "folders", "heard", "hearing", "keep", "remind", "tell"]
-
 LOGGER = logging.getLogger("rigidfx")
 SHOWN = "rigidfx: "  # begins each line on standard error
 FIRST = 25  # level, above INFO, of what is said outside a terminal, too: why one waits
@@ -27,11 +25,7 @@ _runs: list[MPI.Intracomm] = []  # under way, by their ranks
 
 
 def announce(text: str) -> None:
-    """Say on this rank why a first run waits, also before and without a run, unless it is silent.
-
-    Args:
-        text: The message.
-    """
+    """Say on this rank why a first run waits, also before and without a run, if not silent."""
     LOGGER.log(FIRST, text)
     if not _runs:  # a scene is described, say, or its modes are sought
         sys.stderr.write(f"{SHOWN}{text}\n")
@@ -50,12 +44,7 @@ def tell(comm: MPI.Intracomm, text: str) -> None:
 
 
 def remind(comm: MPI.Intracomm, text: str) -> None:
-    """Say on rank 0 how far a long run is, unless it is silent.
-
-    Args:
-        comm: Ranks of the run.
-        text: The message.
-    """
+    """Say on rank 0 how far a long run is, unless it is silent."""
     if comm.rank == 0:
         LOGGER.log(FIRST, text)
 
@@ -102,11 +91,7 @@ def folders() -> list[Path]:
 
 
 def keep(text: str) -> None:
-    """Write a warning to the files that hear messages now; nothing is shown.
-
-    Args:
-        text: The warning.
-    """
+    """Write a warning to the files that hear messages now; nothing is shown."""
     told = LOGGER.makeRecord(LOGGER.name, logging.WARNING, "", 0, text, (), None)
     for file in _files():
         file.handle(told)

@@ -16,8 +16,6 @@ from scipy.sparse import csr_array, sparray, vstack
 
 from rigidfx.base.types import Array, Ints
 
-__all__ = ["Matrix", "Pattern", "compact", "dense", "is_small", "stacked"]
-
 Matrix: TypeAlias = Array | csr_array
 
 # Entries of a small matrix. Steps of chains of 2, 4, 6, 8, 10 and 14 four-bar linkages took .61,

@@ -9,8 +9,6 @@ from mpi4py import MPI
 
 from rigidfx.base.types import Ints
 
-__all__ = ["MeshOrder"]
-
 
 @dataclass(frozen=True)
 class MeshOrder:

@@ -9,8 +9,6 @@ from typing import TypeVar, cast
 from mpi4py import MPI
 from tqdm import tqdm
 
-__all__ = ["bar_over", "progress_bar"]
-
 T = TypeVar("T")
 
 

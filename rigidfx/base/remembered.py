@@ -20,30 +20,6 @@ import numpy as np
 from rigidfx.base.errors import SceneError
 from rigidfx.base.mesh_order import MeshOrder
 
-__all__ = [
-    "CELLS",
-    "FIELD",
-    "LARGEST",
-    "OBJECTS",
-    "ON_CELLS",
-    "ON_DOFS",
-    "ON_NODES",
-    "PART",
-    "SAME",
-    "ByObject",
-    "Each",
-    "Forgetful",
-    "Kind",
-    "Maybe",
-    "Part",
-    "Record",
-    "Remembered",
-    "joined",
-    "part_of",
-    "restore",
-    "same",
-]
-
 
 class Kind:
     """A value that is the same on all ranks."""
@@ -332,11 +308,7 @@ Remembered = dict[str, Kind]
 
 
 def same(*names: str) -> Remembered:
-    """Fields whose values are the same on all ranks.
-
-    Args:
-        names: Of the fields.
-    """
+    """Fields whose values are the same on all ranks."""
     return dict.fromkeys(names, SAME)
 
 

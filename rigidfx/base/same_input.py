@@ -20,8 +20,6 @@ from mpi4py import MPI
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown
 
-__all__ = ["check_same", "digest", "excerpts", "items"]
-
 SHOWN = 120  # characters of what a rank was given, a third of them before where it differs
 
 
@@ -63,12 +61,7 @@ def _text(value: Any) -> str:
 
 
 def excerpts(first: str, second: str) -> tuple[str, str]:
-    """The parts of two texts around the place from which on they differ.
-
-    Args:
-        first: One text.
-        second: The other.
-    """
+    """The parts of two texts around the place from which on they differ."""
     if first == second:
         return first[:SHOWN], "what looks the same but has other breakpoints, or another kind,"
     pairs = zip(first, second, strict=False)

@@ -12,8 +12,6 @@ from typing import Any
 
 import basix.ufl
 
-__all__ = ["share_cells"]
-
 
 def share_cells() -> None:
     """Let elements of one kind of cell have one cell."""

@@ -20,8 +20,6 @@ import numpy.typing as npt
 
 from rigidfx.base.inputs import is_function, numbers
 
-__all__ = ["Checks", "check_fields", "read_only", "seal", "take_fields", "taken"]
-
 Checks = dict[str, Callable[[str, str, Any], object]]  # by names of fields
 Entry = TypeVar("Entry", bound=np.generic)
 
@@ -35,9 +33,6 @@ def taken(value: Any) -> Any:
     Arrays become read-only copies, of no dimension a number; other kinds of numbers floats; lists
     become tuples, dicts read-only ones, sets frozen ones, and their contents likewise. Functions,
     records and other values stay as they are.
-
-    Args:
-        value: The given value.
     """
     try:
         return _taken(value)

@@ -10,8 +10,6 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import OutputError, SceneError, agree
 
-__all__ = ["Decoder", "decoded", "write_text"]
-
 
 def decoded(data: bytes) -> str:
     """Letters of a text: UTF-8, else cp1252, else Latin-1, so that no two texts become one.
@@ -41,9 +39,6 @@ class Decoder:
 
     def read(self, path: Path) -> str:
         """The text of a file.
-
-        Args:
-            path: The file.
 
         Raises:
             SceneError: If it is no text of the encoding.

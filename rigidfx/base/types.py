@@ -3,8 +3,6 @@
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Array", "Bools", "Indices", "Ints"]
-
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int32]  # of cells, nodes and facets of a mesh, as DOLFINx has them

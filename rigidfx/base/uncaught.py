@@ -20,8 +20,6 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import RigidfxError, by_name
 
-__all__ = ["by_users", "end_together", "on_all_ranks"]
-
 T = TypeVar("T")
 
 PATIENCE = 5.0  # seconds that a rank that has failed waits for the others to fail, too

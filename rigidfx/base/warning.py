@@ -21,8 +21,6 @@ from mpi4py import MPI
 from rigidfx.base.errors import RigidfxWarning
 from rigidfx.base.log import keep
 
-__all__ = ["warn", "worded"]
-
 PACKAGE = str(Path(__file__).resolve().parent.parent)
 
 _wordings: list[Callable[[str], str]] = []  # under way

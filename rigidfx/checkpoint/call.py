@@ -13,15 +13,9 @@ from rigidfx.checkpoint.files import dumped, loaded
 from rigidfx.scene.mesh_order import mesh_hash, scene_hashes
 from rigidfx.scene.scene import Scene
 
-__all__ = ["asked", "check_scene_of", "given_again", "head_of"]
-
 
 def head_of(scene: Scene) -> dict[str, Any]:
-    """Version, mesh and scene of a checkpoint. Collective.
-
-    Args:
-        scene: The problem.
-    """
+    """Version, mesh and scene of a checkpoint. Collective."""
     return {"rigidfx": package_version(), "mesh": mesh_hash(scene), "scene": scene_hashes(scene)}
 
 

@@ -29,8 +29,6 @@ from weakref import WeakValueDictionary, finalize
 from rigidfx.base.errors import OutputError, SceneError
 from rigidfx.base.file_lock import lock
 
-__all__ = ["FORMAT", "Claim", "dumped", "loaded", "newest", "write"]
-
 FORMAT = 1  # of the files
 KEPT = 2
 NUMPY = {

@@ -33,8 +33,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.switch.switch import Switch
 
-__all__ = ["Checkpoint", "Keeper", "Kept", "bring_back", "read", "remember"]
-
 ALL = signal.SIGINT, signal.SIGTERM, signal.SIGUSR1  # mpirun hands the last one on
 
 

@@ -2,7 +2,6 @@
 
 from rigidfx.command.main import main
 
-__all__: list[str] = []
 
 if __name__ == "__main__":
     main(prog="python3 -m rigidfx.command")

@@ -15,8 +15,6 @@ from rigidfx.report.report import Report
 from rigidfx.report.resolved_forces import resolved
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Largest"]
-
 
 class Largest:
     """Follows all reports of a run, or of a path of static equilibria.

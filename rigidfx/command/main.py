@@ -48,8 +48,6 @@ from rigidfx.simulation import simulate
 from rigidfx.statics import static
 from rigidfx.vibration.modes import modes, periods
 
-__all__ = ["WORDS", "conclude", "in_options", "main", "materials", "run", "told", "write_json"]
-
 QUIET = 0.02  # tolerance, relative to the largest strain rate under the load
 PICTURES = 0.05, 0.35, 0.65, 1.0  # of the run's time, of the shapes that are drawn
 

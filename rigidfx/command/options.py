@@ -14,8 +14,6 @@ from typing import Any, NoReturn
 import numpy as np
 from mpi4py import MPI
 
-__all__ = ["CAD", "GEO", "Example", "RankParser", "ask", "nonnegative", "number", "positive", "say"]
-
 GEO = (".geo", ".geo_unrolled")
 STEPS = 400  # of a run whose Δt is not given
 CAD = (".step", ".stp", ".brep", ".iges", ".igs")

@@ -25,8 +25,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.simulation import resume as gone_on
 from rigidfx.simulation import simulate
 
-__all__ = ["KeptRun", "Pair", "curve", "energy_jump", "events_of", "freezes_of"]
-
 SAME = 1e-9  # relative difference of times that are one
 
 

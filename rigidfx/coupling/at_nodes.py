@@ -10,18 +10,12 @@ from petsc4py import PETSc
 from rigidfx.base.types import Array, Indices
 from rigidfx.scene.scene import Scene
 
-__all__ = ["AtNodes"]
-
 
 class AtNodes:
     """Passes numbers at nodes between ranks."""
 
     def __init__(self, scene: Scene) -> None:
-        """Make a field for them. Collective.
-
-        Args:
-            scene: The problem.
-        """
+        """Make a field for them. Collective."""
         self._x = fem.Function(scene.space).x
         self._owned = scene.owned_nodes
 

@@ -10,8 +10,6 @@ from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.kernels import add_vector
 
-__all__ = ["CellForces"]
-
 
 class CellForces:
     """A linear form of the cells' forces, evaluated at displacements of rows."""

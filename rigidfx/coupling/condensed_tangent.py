@@ -47,8 +47,6 @@ from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.coupling.moved_nodes import MovedNodes, condensed_row_lengths, moved_nodes
 from rigidfx.coupling.prolongation import Prolongation
 
-__all__ = ["CondensedMatrix", "ProductBlocks"]
-
 SAME = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
 SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 Int = PETSc.IntType

@@ -15,9 +15,6 @@ from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.domain.exchange import Exchange
 from rigidfx.flexible.dealt_cells import NOWHERE, DealtCells
 
-__all__ = ["Dealing", "DealtRows"]
-
-
 # A step of an L all of whose flexible cells were one rank's of two took .62, .75 and .74 of the
 # time with these dealt at 20 600, 8700 and 3000 unknowns: 3200, 1300 and 430 cells for each rank.
 LOPSIDED = 1.4  # times the mean of all ranks that one of them has

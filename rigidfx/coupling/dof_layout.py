@@ -21,8 +21,6 @@ from rigidfx.mechanics.bodies import Ensemble
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.scene.scene import Scene
 
-__all__ = ["DofLayout", "dof_layout", "nodes_of", "rigid_fields", "split"]
-
 
 @dataclass(frozen=True)
 class DofLayout:

@@ -23,8 +23,6 @@ from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.kernels import Kernel
 from rigidfx.scene.scene import Scene
 
-__all__ = ["ConsistentMass", "LumpedMass", "Mass", "mass_operator", "without_zeros"]
-
 
 class Mass(Protocol):
     """A mass operator."""

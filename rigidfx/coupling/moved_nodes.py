@@ -20,8 +20,6 @@ from rigidfx.base.types import Array, Ints
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.coupling.rows import Lengths, couplings, parted
 
-__all__ = ["MovedNodes", "condensed_row_lengths", "moved_nodes"]
-
 
 @dataclass(frozen=True)
 class MovedNodes:

@@ -25,8 +25,6 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.rotation import AXES
 
-__all__ = ["RANK", "Ports", "far_apart", "independent"]
-
 RANK = 1e-9  # of the largest pivot: what is less is rounding in places that joints hold to 1e-13 m
 # Of the row that a shape moves most: what it moves less is rounding of the solve for it.
 SOLVED = float(np.sqrt(RANK))
@@ -104,10 +102,6 @@ class Ports:
 
     def resisted(self, linkage: Linkage, bodies: Bodies) -> tuple[Array, Array, Array]:
         """Knowledge of independent rows, at the start of a step. Collective.
-
-        Args:
-            linkage: The joints.
-            bodies: The bodies.
 
         Returns:
             Derivatives of rows by ports, and the sums of the absolute values of their terms, shape

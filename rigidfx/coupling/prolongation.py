@@ -40,8 +40,6 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Step, prepare
 from rigidfx.mechanics.shaped_step import increments_of
 
-__all__ = ["AttachedRows", "Prolongation"]
-
 Int = PETSc.IntType
 
 
@@ -55,11 +53,7 @@ class AttachedRows:
     """
 
     def __init__(self, layout: DofLayout) -> None:
-        """Find them.
-
-        Args:
-            layout: Division of the dofs.
-        """
+        """Find them."""
         rows, self._shape = layout.rows, layout.ensemble.frozen.shape
         height, count = 3 * self._shape[1], layout.ensemble.frozen.size
         parts: list[tuple[Ints, Ints, Array]] = []  # rows, columns, values

@@ -23,8 +23,6 @@ from rigidfx.effects import PointMass
 from rigidfx.effects.joints.averages import Vector
 from rigidfx.scene.scene import Scene
 
-__all__ = ["WithRemoteMasses", "add_at_vectors", "slopes_of", "with_remote_masses"]
-
 
 class WithRemoteMasses:
     """A mass operator with masses at points of faces."""

@@ -23,8 +23,6 @@ from scipy.sparse import csr_array
 from rigidfx.base.compat import known_columns
 from rigidfx.base.types import Array, Bools, Indices, Ints
 
-__all__ = ["Lengths", "Rows", "couplings", "mapped_matrix", "parted", "product"]
-
 Int = PETSc.IntType
 # Entries of each of this rank's rows in columns of this rank's, and in others.
 Lengths = tuple[npt.NDArray[Any], npt.NDArray[Any]]

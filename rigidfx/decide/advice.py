@@ -9,8 +9,6 @@ from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.decide.criteria.judging import Criterion
 
-__all__ = ["Advice"]
-
 
 class Advice:
     """Warns on rank 0, of each thing once."""

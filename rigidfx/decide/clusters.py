@@ -33,9 +33,6 @@ from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.coupling.at_nodes import AtNodes
 from rigidfx.scene.scene import Scene
 
-__all__ = ["NONE", "CellGraph", "Cluster", "find_clusters"]
-
-
 NONE = -1  # label of a cell, or a node, that belongs to no body
 
 
@@ -68,9 +65,6 @@ class CellGraph:
 
     def __init__(self, scene: Scene) -> None:
         """Find the neighbours. Collective.
-
-        Args:
-            scene: The problem.
 
         Raises:
             SceneError: If the mesh is distributed without the cells across its ranks' facets.
@@ -123,11 +117,7 @@ class CellGraph:
         return np.asarray(self._at_nodes.of_owners(marks) > 0)
 
     def touching(self, nodes: Bools) -> Bools:
-        """Owned cells that have a marked node.
-
-        Args:
-            nodes: Per local node.
-        """
+        """Owned cells that have a marked node."""
         return np.asarray(nodes[self._nodes[: self.owned]].any(axis=1))
 
     def components(self, members: Bools, groups: Ints) -> Ints:

@@ -17,8 +17,6 @@ from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.decide.clusters import Cluster
 from rigidfx.mechanics.rigid_body import RigidBody
 
-__all__ = ["Decision", "PlannedBody", "kept_bodies", "plan_bodies", "qualify"]
-
 
 @dataclass(frozen=True)
 class PlannedBody:
@@ -90,11 +88,7 @@ def qualify(worst: Array, tol: Array, observed: Bools, comm: MPI.Intracomm) -> t
 
 
 def kept_bodies(bodies: Iterable[RigidBody]) -> tuple[PlannedBody, ...]:
-    """Bodies that stay as they are.
-
-    Args:
-        bodies: These bodies.
-    """
+    """Bodies that stay as they are."""
     return tuple(PlannedBody(b.cells, b.nodes, b.name, b.number, kept=True) for b in bodies)
 
 

@@ -8,8 +8,6 @@ import numpy as np
 
 from rigidfx.base.types import Array
 
-__all__ = ["Limits", "part_of"]
-
 
 @dataclass(frozen=True)
 class Limits:

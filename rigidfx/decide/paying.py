@@ -18,8 +18,6 @@ from rigidfx.decide.criteria.judging import Criterion, Observation
 from rigidfx.decide.decision import Decision
 from rigidfx.decide.memory.memory import Memory
 
-__all__ = ["SWITCHES", "Paying", "round_enclosed", "too_dear"]
-
 SWITCHES = 7.0  # flexible steps that a freeze and a release of a body take
 
 

@@ -16,8 +16,6 @@ from rigidfx.decide.decision import Decision, kept_bodies, plan_bodies
 from rigidfx.effects import PointMass, Resultant, Rigid, rigid_faces
 from rigidfx.scene.scene import Scene
 
-__all__ = ["NamedParts", "Planner"]
-
 
 class NamedParts:
     """Parts that are rigid always.

@@ -41,8 +41,6 @@ from rigidfx.scene.points import linked, met
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
-__all__ = ["ASKED", "OUTGROWN", "Policy"]
-
 ASKED = "checked: a condition"
 OUTGROWN = "forces strain them otherwise than their shapes can"
 
@@ -259,13 +257,7 @@ class Policy:
             self.rule.window_ends(seen, seen.flexible & memory.window.whole)
 
     def applied(self, decision: Decision, seen: Observation, changed: bool) -> None:
-        """Record the outcome of a decision. Collective.
-
-        Args:
-            decision: The decision.
-            seen: The state after it.
-            changed: Whether any body changed.
-        """
+        """Record the outcome of a decision. Collective."""
         memory, t = self.memory, seen.t
         memory.next_number, freezes = decision.next_number, decision.kind == "freeze"
         if decision.qualified is not None:

@@ -16,9 +16,6 @@ from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
-__all__ = ["PLANNED", "Releases"]
-
-
 PLANNED = "planned"  # reason of a release at a given time
 
 
@@ -27,11 +24,6 @@ class Releases:
 
     def __init__(self, scene: Scene, releases: Sequence[Release], timeline: Timeline) -> None:
         """Look the sets of cells up. Collective.
-
-        Args:
-            scene: The problem.
-            releases: The records.
-            timeline: Where steps end.
 
         Raises:
             SceneError: If the name of a set is unknown.

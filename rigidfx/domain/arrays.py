@@ -29,8 +29,6 @@ from rigidfx.domain.node_orders import (
     widths,
 )
 
-__all__ = ["box", "from_arrays"]
-
 MOST = 2**31 - 1  # cells of a box
 
 

@@ -42,8 +42,6 @@ from rigidfx.domain.gmsh_model import domain_of, find_file, gmsh_session
 from rigidfx.domain.gmsh_script import check_order, mesh_model, tell
 from rigidfx.domain.silence import silent
 
-__all__ = ["list_cad", "read_cad"]
-
 EVEN = 1e-5  # relative: what is constant; of a surface's size over its radius: what is flat
 LOST = 0.01  # of the volume: more than that is told
 CELLS = 20  # along the diagonal of the geometry, where no size is given

@@ -13,8 +13,6 @@ from rigidfx.base.inputs import shown
 from rigidfx.base.types import Array
 from rigidfx.domain.domain import KINDS
 
-__all__ = ["Cad", "CadEntity", "Which", "named_surfaces", "named_volumes", "numbers_of"]
-
 ROWS = 40  # of volumes and of surfaces in a message
 CALLED = {3: "volumes", 2: "surfaces"}
 

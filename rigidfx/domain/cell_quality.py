@@ -24,8 +24,6 @@ from rigidfx.base.types import Array, Indices
 from rigidfx.base.warning import warn
 from rigidfx.domain.node_orders import collapsed
 
-__all__ = ["CHUNK", "check_cells", "check_points", "determinants", "naming", "volume"]
-
 FLAT = 1e-12  # det J below this part of (cell diameter)³ counts as zero volume
 FINEST = 6  # degree of the finest rule over cells: that of masses in scenes of second order
 CHUNK = 20_000  # cells looked at in one go, to bound the memory
@@ -69,12 +67,7 @@ def determinants(mesh: dmesh.Mesh, cells: Indices, points: Array) -> tuple[Array
 
 
 def check_points(cell: basix.CellType, degree: int) -> Array:
-    """Corners of the reference cell and the points of a Gauss rule, shape (points, 3).
-
-    Args:
-        cell: Kind of the cell.
-        degree: Order of its geometry.
-    """
+    """Corners of the reference cell and the points of a Gauss rule, shape (points, 3)."""
     gauss, _ = basix.make_quadrature(cell, 2 * degree)
     return np.vstack([basix.geometry(cell), gauss])
 

@@ -29,8 +29,6 @@ from scipy.spatial import KDTree
 from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.types import Array, Bools, Ints
 
-__all__ = ["ConnectedParts", "connected_parts", "hinges", "touching"]
-
 STRAIGHT = 1e-6  # of the length of a row of nodes: how far beside a line they may lie
 COINCIDENT = 1e-6  # of the size of a cell; what is further apart than that does not touch
 AT_ONCE = 4096  # edges whose cells are looked at together
@@ -211,11 +209,7 @@ class ConnectedParts:
     upper: Array
 
     def place(self, part: int) -> str:
-        """Where a part is and how large, for messages.
-
-        Args:
-            part: Its number.
-        """
+        """Where a part is and how large, for messages."""
         middle = ", ".join(f"{x:.4g}" for x in (self.lower[part] + self.upper[part]) / 2)
         size = " × ".join(f"{x:.4g}" for x in self.upper[part] - self.lower[part])
         return f"the part of {size} m around ({middle}) m"

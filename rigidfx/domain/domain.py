@@ -37,8 +37,6 @@ from rigidfx.base.warning import warn
 from rigidfx.domain.cell_quality import check_cells
 from rigidfx.domain.edges import count_loose, edges_within
 
-__all__ = ["CELLS", "KINDS", "Domain", "EntitySet", "Marker"]
-
 Marker = Callable[[Array], Bools]
 
 KINDS = {3: "cells", 2: "facets", 1: "edges", 0: "vertices"}
@@ -55,11 +53,7 @@ ALONE = _references([object()], 0)  # of what only a list refers to, however Pyt
 
 
 def keep(mesh: Any) -> None:
-    """Keep a mesh until all that is made on it has gone; drop others whose time has come.
-
-    Args:
-        mesh: A DOLFINx mesh.
-    """
+    """Keep a mesh until all that is made on it has gone; drop others whose time has come."""
     let_go()
     # The object of C++, which function spaces and forms refer to as well.
     if not any(mesh._cpp_object is other for other in _kept):

@@ -12,8 +12,6 @@ from dolfinx import la
 from rigidfx.base import compat
 from rigidfx.base.types import Indices, Ints
 
-__all__ = ["by_corners", "count_between", "count_loose", "edges_within", "nodes_of"]
-
 
 def nodes_of(mesh: dmesh.Mesh, dim: int, entities: Indices) -> Indices:
     """Nodes of the geometry in the closure of entities, corners first. Collective.
@@ -79,13 +77,7 @@ def edges_within(mesh: dmesh.Mesh, dim: int, marker: Callable[[Any], Any]) -> In
 
 
 def count_loose(mesh: dmesh.Mesh, vertices: Indices, edges: Indices) -> int:
-    """Number of vertices at which none of the edges ends. Collective.
-
-    Args:
-        mesh: The mesh.
-        vertices: Local vertices, ghosts included.
-        edges: Local edges, ghosts included.
-    """
+    """Number of vertices at which none of the edges ends. Collective."""
     mesh.topology.create_connectivity(1, 0)
     marks = la.vector(mesh.topology.index_map(0), 1, dtype=np.float64)
     marks.array[dmesh.compute_incident_entities(mesh.topology, edges, 1, 0)] = 1.0
@@ -95,12 +87,7 @@ def count_loose(mesh: dmesh.Mesh, vertices: Indices, edges: Indices) -> int:
 
 
 def count_between(mesh: dmesh.Mesh, vertices: Indices) -> int:
-    """Number of edges with both ends among some vertices. Collective.
-
-    Args:
-        mesh: The mesh.
-        vertices: Local vertices, ghosts included.
-    """
+    """Number of edges with both ends among some vertices. Collective."""
     mesh.topology.create_entities(1)
     mesh.topology.create_connectivity(1, 0)
     owned = mesh.topology.index_map(1).size_local

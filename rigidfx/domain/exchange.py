@@ -10,8 +10,6 @@ from petsc4py import PETSc
 
 from rigidfx.base.types import Array
 
-__all__ = ["Exchange"]
-
 Int = PETSc.IntType
 
 

@@ -18,8 +18,6 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.text_files import decoded
 from rigidfx.domain.domain import KINDS
 
-__all__ = ["Header", "Names", "name_of", "names_in_header", "take_groups"]
-
 # gmsh's numbers of the cells that DOLFINx and rigidfx know, and of their facets.
 KNOWN = {4: "tetrahedra", 5: "hexahedra", 11: "second-order tetrahedra", 12: "27-node hexahedra"}
 FACETS = {4: 2, 5: 3, 11: 9, 12: 10}
@@ -35,9 +33,6 @@ def names_in_header(path: str | Path) -> dict[tuple[int, int], str]:
     """Names that the header of a .msh file declares.
 
     gmsh keeps only the first of several equal ones in files of version 2.
-
-    Args:
-        path: A .msh file.
     """
     found: dict[tuple[int, int], str] = {}
     with open(path, "rb") as file:
@@ -74,13 +69,7 @@ def _groups(model: Any, header: Header) -> list[tuple[int, str, int]]:
 
 
 def name_of(call: Callable[[int, int], str], dim: int, tag: int) -> str:
-    """A name that gmsh tells, also where it is not in UTF-8.
-
-    Args:
-        call: gmsh's function.
-        dim: Dimension.
-        tag: Number.
-    """
+    """A name that gmsh tells, also where it is not in UTF-8."""
     try:
         return call(dim, tag)
     except UnicodeDecodeError as error:

@@ -30,8 +30,6 @@ from rigidfx.domain.edges import by_corners
 from rigidfx.domain.gmsh_groups import Header, Names, names_in_header, take_groups
 from rigidfx.domain.silence import silent_files
 
-__all__ = ["domain_of", "find_file", "from_gmsh", "gmsh_session", "read_msh"]
-
 # Suffixes of geometry without a mesh, and the function that reads it.
 GEOMETRY = {".geo": "read_geo", ".geo_unrolled": "read_geo"} | dict.fromkeys(
     (".step", ".stp", ".brep", ".iges", ".igs"), "read_cad"
@@ -57,9 +55,6 @@ OF_ELEMENTS = "8"  # the kind of a group's member that is an element
 
 def check_unv(path: Path) -> None:
     """Refuse groups of elements that are not there.
-
-    Args:
-        path: The file.
 
     Raises:
         SceneError: With the group's name and the element.

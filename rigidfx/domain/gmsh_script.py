@@ -36,8 +36,6 @@ from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_model import domain_of, find_file
 from rigidfx.domain.silence import silent
 
-__all__ = ["check_order", "mesh_model", "read_geo", "tell"]
-
 DEEPEST = 20  # files that include each other
 
 LAST: dict[Path, tuple[float, bytes]] = {}  # of each file, the last size and a mesh's digest

@@ -21,8 +21,6 @@ from rigidfx.domain.inp_cells import InpMesh, element_name
 from rigidfx.domain.inp_mesh import mesh_of
 from rigidfx.domain.inp_model import model_of
 
-__all__ = ["read_inp"]
-
 
 def read_inp(
     path: str | Path,

@@ -17,9 +17,6 @@ import numpy as np
 from rigidfx.base.errors import SceneError
 from rigidfx.base.text_files import Decoder
 
-__all__ = ["BEFORE", "Card", "Where", "cards_of", "entries_of", "folded", "is_number"]
-
-
 DEEPEST = 9  # files that include each other
 BEFORE = "**"  # which begins a comment, and no card
 BLANKS = " \t\v\f"  # others may be halves of letters, in encodings that are not known
@@ -43,9 +40,6 @@ def folded(name: str) -> str:
 
     Other letters stay, as CalculiX leaves them, and one behind them, which may be the second half
     of a letter of GB18030.
-
-    Args:
-        name: As it is written.
     """
     return re.sub(r"(?<![^\x00-\x7f])[a-z]+", lambda found: found[0].upper(), name)
 
@@ -127,10 +121,6 @@ def cards_of(path: Path, decoder: Decoder) -> Iterator[Card]:
     """The cards of a file and of those it includes, in order.
 
     Lines before the first card, which CalculiX passes over, are one of keyword `BEFORE`.
-
-    Args:
-        path: The file.
-        decoder: Reads its letters.
 
     Raises:
         SceneError: If a file cannot be read, or has data and no card.

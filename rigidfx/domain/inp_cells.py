@@ -9,8 +9,6 @@ import numpy as np
 from rigidfx.base.types import Array, Ints
 from rigidfx.domain.node_orders import CORNERS, widths
 
-__all__ = ["InpMesh", "Numbers", "edges_of", "element_name", "faces_of", "kind_of"]
-
 
 @dataclass
 class InpMesh:
@@ -61,12 +59,7 @@ def edges_of(kind: str) -> list[tuple[int, int]]:
 
 
 def element_name(elements: list[tuple[str, Ints]], cell: int) -> str:
-    """The name of a cell in the file.
-
-    Args:
-        elements: As of `InpMesh`.
-        cell: Its row.
-    """
+    """The name of a cell in the file."""
     for instance, numbers in elements:
         if cell < len(numbers):
             return f"element {numbers[cell]}" + (f" of instance '{instance}'" if instance else "")

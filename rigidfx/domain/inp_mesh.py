@@ -15,8 +15,6 @@ from rigidfx.domain.inp_cells import InpMesh, Numbers, edges_of, element_name, f
 from rigidfx.domain.inp_model import Group, Instance, Model
 from rigidfx.domain.node_orders import CORNERS, advice_on, collapsed, widths
 
-__all__ = ["mesh_of"]
-
 
 def mesh_of(model: Model, path: Path, corners: bool) -> InpMesh:
     """The mesh of a model.

@@ -29,9 +29,6 @@ from rigidfx.domain.inp_cards import (
     is_number,
 )
 
-__all__ = ["Group", "Instance", "Model", "Place", "model_of"]
-
-
 # Types of elements, and how many nodes they have. Membranes are flat, trusses are neither.
 SOLIDS = r"[A-Z]{0,2}3D([4-9]|\d\d+)"
 FLAT = r"(?:CPS|CPE|CAX|DC2D|M3D|R3D|SFM3D|STRI|DS|S)([346789])\D*$"
@@ -135,10 +132,6 @@ class Model:
 
 def model_of(path: Path, decoder: Decoder) -> Model:
     """Read a file.
-
-    Args:
-        path: The file.
-        decoder: Reads its letters.
 
     Raises:
         SceneError: If a card cannot be understood; the message names its line.

@@ -12,9 +12,6 @@ import numpy as np
 
 from rigidfx.base.types import Array, Ints
 
-__all__ = ["CORNERS", "advice_on", "collapsed", "degree_of", "in_dolfinx_order", "widths"]
-
-
 CORNERS = {"hexahedron": 8, "tetrahedron": 4}
 SECOND = {"hexahedron": 27, "tetrahedron": 10}  # nodes of a cell of second order
 ROUND = (0, 1, 3, 2, 4, 5, 7, 6)  # of a hexahedron round its bottom and its top: DOLFINx's order

@@ -28,8 +28,6 @@ from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.domain.domain import Domain, EntitySet
 from rigidfx.domain.edges import by_corners, nodes_of
 
-__all__ = ["redistribute"]
-
 NOWHERE = -1  # rank of a cell that has none yet
 
 

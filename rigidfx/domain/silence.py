@@ -12,8 +12,6 @@ from contextlib import contextmanager
 from functools import wraps
 from typing import Any
 
-__all__ = ["silent", "silent_files"]
-
 
 @contextmanager
 def silent() -> Iterator[None]:
@@ -35,11 +33,7 @@ def silent() -> Iterator[None]:
 
 @contextmanager
 def silent_files(gmsh: Any) -> Iterator[None]:
-    """Let a function of a user read and write files in silence; what it prints itself stays.
-
-    Args:
-        gmsh: The module.
-    """
+    """Let a function of a user read and write files in silence; what it prints itself stays."""
     calls = (gmsh, "open"), (gmsh, "merge"), (gmsh, "write"), (gmsh.model.occ, "importShapes")
     own = [getattr(owner, name) for owner, name in calls]
     try:

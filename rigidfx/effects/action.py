@@ -20,8 +20,6 @@ from rigidfx.effects.motion import Forces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.element import Element
 
-__all__ = ["Action", "FormTerm", "Structure", "Touch"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Structure:

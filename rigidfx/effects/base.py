@@ -16,19 +16,6 @@ from rigidfx.base.taken import Checks, check_fields, take_fields
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, FormTerm, Structure
 
-__all__ = [
-    "WHOLE",
-    "Effect",
-    "Scaled",
-    "Table",
-    "TimeFunction",
-    "Vector",
-    "Windowed",
-    "bends_of",
-    "check_vector",
-    "vector_at",
-]
-
 Vector = tuple[float, float, float]
 WHOLE = "all cells"  # what goes by this name is not a set of cells but the whole domain
 

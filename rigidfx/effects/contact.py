@@ -20,9 +20,6 @@ from rigidfx.effects.contacts.pair_surface import PairSurface, pair_of, refuse_o
 from rigidfx.effects.contacts.pairs import PairForces
 from rigidfx.effects.contacts.surface import ContactSurface, surface_of
 
-__all__ = ["Contact"]
-
-
 NEGLIGIBLE = 1e-6  # of the distance of nodes: overlap at the start that is not worth a word
 TOO_DEEP = 0.5, 0.1  # of it: overlap that is refused, with an obstacle and with a surface
 

@@ -20,8 +20,6 @@ from rigidfx.effects.base import Windowed
 from rigidfx.mechanics.element import Element, Portion
 from rigidfx.mechanics.schemes import Law, initial_stiffness_times
 
-__all__ = ["KelvinVoigt", "NumericalDamping", "StiffnessDamping", "warn_of_ratio"]
-
 
 class ViscousTerm(FormTerm):
     """A stress S = η ΔE/Δt in the compiled forms."""

@@ -13,17 +13,6 @@ from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import is_function, numbers
 from rigidfx.base.types import Array, Indices, Ints
 
-__all__ = [
-    "PlaceAndTime",
-    "VectorField",
-    "check_values",
-    "of_place",
-    "some_points",
-    "values_at",
-    "values_of",
-]
-
-
 # Positions, shape (3, n) [m], and a time [s] → vectors, shape (3, n).
 VectorField = Callable[[Array, float], npt.ArrayLike]
 PlaceAndTime = VectorField | Callable[[float], tuple[float, float, float]]

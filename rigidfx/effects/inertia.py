@@ -31,8 +31,6 @@ from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Effect, Windowed
 from rigidfx.effects.motion import Forces, Motion, Tangent
 
-__all__ = ["Centrifugal", "MassDamping", "StaticForces", "StepDrag"]
-
 
 class MassForces(Action):
     """A resistance s M x; `destroy` frees its work vectors."""

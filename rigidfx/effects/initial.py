@@ -23,15 +23,6 @@ from rigidfx.effects.base import Effect, Vector
 from rigidfx.effects.fields import values_of
 from rigidfx.effects.supports.support import Fixed
 
-__all__ = [
-    "InitialDisplacement",
-    "InitialVelocity",
-    "agree_with_support",
-    "given_velocity",
-    "places_at_start",
-]
-
-
 # Relative error of the difference quotient for a path whose velocity is not given.
 CONTRADICTION = 1e-5
 

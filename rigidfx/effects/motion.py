@@ -17,8 +17,6 @@ from rigidfx.base.types import Array, Ints
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 
-__all__ = ["Forces", "ForcesOfNodes", "Instant", "Motion", "Tangent"]
-
 
 @dataclass(frozen=True)
 class Instant:

@@ -25,8 +25,6 @@ from rigidfx.effects.action import Structure
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion, Tangent
 from rigidfx.mechanics.bodies import Bodies
 
-__all__ = ["LinearNodes", "Nodes", "SharedNodes", "on_all_ranks"]
-
 
 class Nodes:
     """Some nodes of this rank; arrays have those in no body first, and then each body's.

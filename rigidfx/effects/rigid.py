@@ -13,8 +13,6 @@ from rigidfx.base.inputs import numbers, positive, shown
 from rigidfx.base.taken import Checks
 from rigidfx.effects.base import WHOLE, Effect
 
-__all__ = ["Reduced", "Rigid"]
-
 SYMMETRY = 1e-6  # of a given tensor, relative to its largest entry; the rest is averaged out
 
 

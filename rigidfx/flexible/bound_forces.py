@@ -9,8 +9,6 @@ from dolfinx import fem
 
 from rigidfx.flexible.kernels import Kernel
 
-__all__ = ["BoundForces", "Taken", "Variant"]
-
 
 @dataclass(frozen=True)
 class BoundForces:

@@ -11,8 +11,6 @@ from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.scene.scene import Scene
 
-__all__ = ["CellStrains", "finite"]
-
 
 def finite(values: Array, comm: MPI.Intracomm) -> Array:
     """Values, if they are finite on all ranks. Collective.

@@ -20,9 +20,6 @@ from rigidfx.base import compat
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.domain.exchange import Exchange
 
-__all__ = ["DealtCells"]
-
-
 NOWHERE = -1
 
 

@@ -29,8 +29,6 @@ from rigidfx.base.form_cache import compile_values
 from rigidfx.mechanics.assumed import AssumedWork
 from rigidfx.mechanics.enhanced import Elimination, Enhancement, Note, ProjectedWork
 
-__all__ = ["alive", "eliminate", "library_of"]
-
 MOVES, STRAINS, BLOCKS, PORTIONS, WORKS, READS, LARGEST = 4, 8, 4, 8, 4, 16, 1024  # as in C
 SLOTS = 1024  # kernels that may live at a time
 

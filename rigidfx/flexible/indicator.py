@@ -9,8 +9,6 @@ from dolfinx import fem
 from rigidfx.base.types import Array, Indices
 from rigidfx.flexible.internal_forces import Cells
 
-__all__ = ["Indicator"]
-
 
 class Indicator(Protocol):
     """A measure of flexible cells in a step.
@@ -48,11 +46,7 @@ class Indicator(Protocol):
         ...
 
     def measure(self, dt: float) -> Array:
-        """Measure the bound cells in the step that the forms' u₀ and u₁ hold, in their order.
-
-        Args:
-            dt: Δt [s].
-        """
+        """Measure the bound cells in the step that the forms' u₀ and u₁ hold, in their order."""
         ...
 
     def strains(self) -> Array:

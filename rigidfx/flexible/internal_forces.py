@@ -28,8 +28,6 @@ from rigidfx.flexible.surface import Surface
 from rigidfx.mechanics.schemes import initial_stiffness_times, stored_energy
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Cells", "Facets", "InternalForces"]
-
 Cells = Mapping[int, Indices]
 Facets = Mapping[int, Indices]
 Terms = tuple[str, tuple[int, ...]]  # the kind of what gives ξ, if it acts; terms of effects
@@ -92,11 +90,7 @@ class InternalForces:
     # Which terms act ----------------------------------------------------------------------------
 
     def select(self, acting: Sequence[Effect]) -> None:
-        """Limit the forms bound from now on to the terms of these effects. Collective.
-
-        Args:
-            acting: The effects that act.
-        """
+        """Limit the forms bound from now on to the terms of these effects. Collective."""
         damping = {e.kind: e.numerical_damping for e in acting if e.numerical_damping is not None}
         damped = next(iter(damping), "")
         self._xi.value = sum(damping.values())
@@ -106,9 +100,6 @@ class InternalForces:
 
     def select_static(self, acting: Sequence[Effect]) -> list[tuple[int, FormTerm]]:
         """Limit the loads on facets to those of these effects; damping has no part in statics.
-
-        Args:
-            acting: The effects that act.
 
         Returns:
             Number and term of each of these loads.
@@ -123,10 +114,6 @@ class InternalForces:
 
     def set_time(self, t: float, dt: float) -> None:
         """Set the values of forms that depend on the step. Collective.
-
-        Args:
-            t: Its midpoint [s].
-            dt: Its length [s].
 
         Raises:
             SceneError: On every rank, if a user's function fails on any.

@@ -23,9 +23,6 @@ from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import Kernel, add_vector
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Inversion", "InvertedCells"]
-
-
 LARGEST_STRETCH = 1e6  # beyond it a cell counts as torn apart
 
 

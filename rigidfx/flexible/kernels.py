@@ -34,8 +34,6 @@ from rigidfx.flexible.dealt_cells import DealtCells
 from rigidfx.flexible.elimination import eliminate
 from rigidfx.mechanics.enhanced import Enhancement, Note
 
-__all__ = ["FLAGS", "Kernel", "add_vector", "integral", "jit_options"]
-
 FLAGS = "RIGIDFX_KERNEL_FLAGS"  # environment variable: the compiler's flags, as in a shell
 
 

@@ -18,8 +18,6 @@ from rigidfx.mechanics.element import Portion
 from rigidfx.mechanics.schemes import second_piola_kirchhoff, static_virtual_work
 from rigidfx.scene.scene import Scene
 
-__all__ = ["LinearForms"]
-
 
 class LinearForms:
     """Compiled forms about a shape, each when it is first asked for; then that is collective.

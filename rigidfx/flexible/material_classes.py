@@ -19,8 +19,6 @@ from rigidfx.mechanics.materials import Energy
 from rigidfx.mechanics.schemes import Law
 from rigidfx.scene.scene import Scene
 
-__all__ = ["MaterialClass", "material_classes"]
-
 
 @dataclass(frozen=True)
 class MaterialClass:

@@ -38,8 +38,6 @@ from rigidfx.base.types import Array, Indices
 from rigidfx.flexible.stress import PointStress, Recovered, chunks
 from rigidfx.scene.scene import Scene
 
-__all__ = ["NodalStress", "extrapolation", "material_groups", "summed"]
-
 
 class NodalStress:
     """Measures stress and strain at all nodes, for each material that meets there.

@@ -18,8 +18,6 @@ from rigidfx.flexible.kernels import Kernel
 from rigidfx.mechanics.schemes import static_virtual_work
 from rigidfx.scene.scene import Scene
 
-__all__ = ["static_forces"]
-
 
 def static_forces(
     scene: Scene,

@@ -18,8 +18,6 @@ from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import Kernel, add_vector
 from rigidfx.scene.scene import Scene
 
-__all__ = ["StrainRates"]
-
 
 class StrainRates:
     """Measures strain rates of the cells it is bound to."""
@@ -72,11 +70,7 @@ class StrainRates:
         self.values[others] = 0.0
 
     def measure(self, dt: float) -> Array:
-        """Strain rates of the bound cells in the step that u₀ and u₁ hold, in their order [1/s].
-
-        Args:
-            dt: Δt [s].
-        """
+        """Strain rates of the bound cells in the step that u₀ and u₁ hold, in their order [1/s]."""
         rates = np.asarray(self._integrated(self._form) / dt)
         self.values[self.cells] = rates
         return rates

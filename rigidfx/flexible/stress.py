@@ -47,16 +47,6 @@ from rigidfx.mechanics.rotation import nearest_rotations
 from rigidfx.mechanics.schemes import second_piola_kirchhoff
 from rigidfx.scene.scene import Scene
 
-__all__ = [
-    "SYMMETRIC",
-    "CauchyStress",
-    "PointStress",
-    "Recovered",
-    "chunks",
-    "tensors",
-    "von_mises",
-]
-
 SYMMETRIC = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))  # components that are computed
 PLACES = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where each of all nine is among them
 AT_ONCE = 1 << 14  # cells, so that what is in between does not take more memory than the result
@@ -140,11 +130,7 @@ class PointStress:
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Compile the expressions. Collective.
-
-        Args:
-            scene: The problem.
-        """
+        """Compile the expressions. Collective."""
         self._mesh = scene.mesh
         cell = getattr(basix.CellType, scene.mesh.topology.cell_name())
         self.points, self.weights = basix.make_quadrature(cell, scene.quadrature_degree)

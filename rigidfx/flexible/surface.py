@@ -11,9 +11,6 @@ from rigidfx.flexible.kernels import Kernel
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.scene.scene import Scene
 
-__all__ = ["SMALL_WAY", "Surface"]
-
-
 SMALL_WAY = 1e-4  # of a cell, by which nodes are displaced to see how forces or stiffness change
 
 

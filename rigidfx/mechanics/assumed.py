@@ -35,8 +35,6 @@ from rigidfx.base.errors import SceneError
 from rigidfx.mechanics.element import Portion
 from rigidfx.mechanics.enhanced import EnhancedElement, Note
 
-__all__ = ["AssumedElement", "AssumedStrains", "AssumedWork"]
-
 
 @dataclass(frozen=True)
 class AssumedStrains:

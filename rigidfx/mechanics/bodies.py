@@ -21,9 +21,6 @@ from rigidfx.mechanics.rigid_body import Body, BodyMotion, Frozen, RigidBody
 from rigidfx.mechanics.rotation import UNIT_SKEWS, skew
 from rigidfx.mechanics.shapes import Shapes, ShapesOfBodies, times
 
-__all__ = ["BODIES", "TRANSLATIONS", "Bodies", "Ensemble", "times"]
-
-
 # How a body's twelve numbers depend on its translation, see `Increments.L`.
 TRANSLATIONS = np.eye(12, 6)
 TRANSLATIONS[:, 3:] = 0.0
@@ -89,9 +86,6 @@ class Ensemble:
 
     def holding(self, count: int) -> tuple[Indices, Array, Array]:
         """Which of the first nodes are bodies', found once.
-
-        Args:
-            count: Number of nodes.
 
         Returns:
             Number of each node's body, -1 if it has none, its body-fixed [1, V] and its

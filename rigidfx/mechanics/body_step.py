@@ -30,9 +30,6 @@ from rigidfx.base.types import Array, Ints
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rotation import IDENTITY, orthonormalized, skew
 
-__all__ = ["Increments", "StaticStep", "Step", "prepare"]
-
-
 # f̂ v̂ = v fᵀ - (f·v) I from v fᵀ, both row by row.
 COUPLES = np.eye(9) - np.outer(IDENTITY, IDENTITY)
 SOURCE = Path(__file__).with_suffix(".c")

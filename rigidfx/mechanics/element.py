@@ -13,8 +13,6 @@ from typing import Any, ClassVar, Literal, Protocol
 
 import ufl
 
-__all__ = ["Element", "Portion", "StandardElement"]
-
 
 @dataclass(frozen=True)
 class Portion:

@@ -68,8 +68,6 @@ from ufl.algorithms.analysis import extract_coefficients, extract_constants
 
 from rigidfx.mechanics.element import Portion, StandardElement
 
-__all__ = ["Elimination", "EnhancedElement", "Enhancement", "Note", "ProjectedWork"]
-
 _STANDARD = StandardElement()
 _PAIRS = (0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2)  # as in `Enhancement`
 

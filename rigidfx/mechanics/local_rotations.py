@@ -22,9 +22,6 @@ from rigidfx.base.c_library import c_library
 from rigidfx.base.types import Array, Indices
 from rigidfx.mechanics.rotation import IDENTITY
 
-__all__ = ["LocalRotations", "polar_factors", "turn_vectors"]
-
-
 SOURCE = Path(__file__).with_suffix(".c")
 DECLARED = """
 void spread(int, int, const int *, const double *, const double *, double *);

@@ -20,8 +20,6 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive, shown
 from rigidfx.base.taken import take_fields
 
-__all__ = ["Hyperelastic", "Material", "MooneyRivlin", "NeoHooke", "StVenantKirchhoff"]
-
 Energy = Callable[..., Any]
 
 

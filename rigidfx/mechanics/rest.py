@@ -15,8 +15,6 @@ from rigidfx.base.types import Array
 from rigidfx.mechanics.materials import Isotropic, Material
 from rigidfx.mechanics.schemes import initial_stiffness_times
 
-__all__ = ["evaluated", "rest_moduli"]
-
 NUMBERS = classes.ConstantValue, classes.MultiIndex, classes.Label
 
 
@@ -49,9 +47,6 @@ def rest_moduli(material: Material) -> tuple[float, float] | None:
 
     The isotropic part is the mean over all rotations: with K = ℂ_iijj/9 the mean bulk modulus,
     μ = (ℂ_ijij - 3 K)/10 and λ = K - 2μ/3.
-
-    Args:
-        material: Any.
 
     Returns:
         None if UFL cannot evaluate its energy, as it depends on the place, or if they are not those

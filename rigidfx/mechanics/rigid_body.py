@@ -16,8 +16,6 @@ from rigidfx.base.taken import seal
 from rigidfx.base.types import Array, Indices
 from rigidfx.mechanics.shapes import Shapes
 
-__all__ = ["Body", "BodyMotion", "Frozen", "RigidBody", "at_rest"]
-
 
 @dataclass(frozen=True)
 class Frozen:

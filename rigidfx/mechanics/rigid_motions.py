@@ -11,9 +11,6 @@ from scipy.linalg import null_space, qr
 from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.mechanics.rotation import nearest_rotations
 
-__all__ = ["RIGID", "best_rotation", "free_motions", "independent", "rigid_motions", "spanning"]
-
-
 RIGID = 1e-6  # part of a body's length by which places on a line may be off it
 
 

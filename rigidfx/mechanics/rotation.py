@@ -12,17 +12,6 @@ import numpy.typing as npt
 
 from rigidfx.base.types import Array
 
-__all__ = [
-    "AXES",
-    "axial",
-    "cayley",
-    "cross",
-    "nearest_rotations",
-    "orthonormalized",
-    "skew",
-]
-
-
 IDENTITY = np.eye(3)
 # The skew matrices of the unit vectors, one per row.
 UNIT_SKEWS = np.array(

@@ -51,20 +51,6 @@ from rigidfx.base.inputs import shown
 from rigidfx.mechanics.element import Element, Portion
 from rigidfx.mechanics.materials import Energy
 
-__all__ = [
-    "EnergyMomentum",
-    "Law",
-    "Midpoint",
-    "Scheme",
-    "Trapezoidal",
-    "initial_stiffness_times",
-    "rounding_of_energy",
-    "scheme_of",
-    "second_piola_kirchhoff",
-    "static_virtual_work",
-    "stored_energy",
-]
-
 GUARD = 1e-6  # M:M below which the correction of the discrete gradient may be rounding only
 TINY = 1e-13  # M:M below which it is so for any energy that can be computed with
 NOISE = 16 * sys.float_info.epsilon  # of the numbers that a stored energy is the difference of

@@ -33,8 +33,6 @@ from rigidfx.mechanics.body_step import Increments, Step
 from rigidfx.mechanics.rotation import IDENTITY, axial, cayley, skew
 from rigidfx.mechanics.shapes import ShapesOfBodies, contracted, times
 
-__all__ = ["ShapedIncrements", "increments_of"]
-
 
 def increments_of(step: Step, unknowns: Array) -> Increments:
     """A trial step.

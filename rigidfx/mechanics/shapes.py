@@ -43,8 +43,6 @@ from rigidfx.base.taken import seal
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.mechanics.rotation import IDENTITY, axial, skew
 
-__all__ = ["Shapes", "ShapesOfBodies"]
-
 
 @dataclass(frozen=True)
 class Shapes:
@@ -155,12 +153,7 @@ class ShapesOfBodies:
         return np.asarray(out.reshape(len(q), self.most + 1, 9))
 
     def added_inertia(self, q: Array, E: Array) -> Array:
-        """Addition of the shapes to J, shape (some, 3, 3) [kg m²].
-
-        Args:
-            q: The coordinates.
-            E: See `weighted`.
-        """
+        """Addition of the shapes to J, shape (some, 3, 3) [kg m²]."""
         Y = (E[:, 0] + (q[:, None] @ E[:, 1:])[:, 0]).reshape(-1, 3, 3)
         return np.asarray(np.trace(Y, axis1=1, axis2=2)[:, None, None] * IDENTITY - Y)
 

@@ -43,8 +43,6 @@ from rigidfx.report.report import Report
 from rigidfx.report.start import check_report, check_scene
 from rigidfx.scene.scene import Scene
 
-__all__ = ["read_bodies", "read_joints", "write_bodies"]
-
 FORMAT = "rigidfx bodies 2"
 READ_ME = (
     "SI units. mass, centre, inertia (about the centre, in space), velocity and angular_velocity "

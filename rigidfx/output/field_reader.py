@@ -18,8 +18,6 @@ from rigidfx.flexible.stress import tensors
 from rigidfx.output.paraview import Body
 from rigidfx.output.vtkhdf import hdf
 
-__all__ = ["RecordedFields", "grid_of", "read_fields"]
-
 Array = npt.NDArray[Any]
 Values = dict[str, Array]
 

@@ -39,8 +39,6 @@ from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 
-__all__ = ["Fields", "clouds_of"]
-
 Values = dict[str, npt.NDArray[Any]]
 
 

@@ -78,18 +78,6 @@ from rigidfx.report.probe_stress import StressAt
 from rigidfx.report.report import Report
 from rigidfx.report.resolved_forces import resolved
 
-__all__ = [
-    "Written",
-    "columns_of",
-    "components",
-    "history_columns",
-    "history_row",
-    "joint_columns",
-    "read_history",
-    "resolved_columns",
-]
-
-
 SCALARS = (
     *("step", "t", "dt", "iterations", "tangents", "linear_iterations", "cuts"),
     "unknowns",
@@ -246,11 +234,7 @@ def _of_joints(
 
 
 def joint_columns(reports: Iterable[Report]) -> dict[str, Array]:
-    """Steps and the columns of joints of some reports, as in history.csv.
-
-    Args:
-        reports: Reports of one run.
-    """
+    """Steps and the columns of joints of some reports, as in history.csv."""
     steps = list(reports)
     joints: dict[str, list[str]] = {}
     for report in steps:
@@ -332,11 +316,7 @@ def read_history(path: str | Path) -> Any:
 
 
 def resolved_columns(h: Mapping[str, Array]) -> dict[str, Array]:
-    """Forces of supports and joints and efforts of motors without unresolved vibration, by name.
-
-    Args:
-        h: Columns of a table.
-    """
+    """Forces of supports and joints and efforts of motors without unresolved vibration, by name."""
     names = [name for name in h if re.match(FORCES, name)]
     if not names or not {"step", "dt", "unknowns", "impact_energy"} <= set(h):
         return {}

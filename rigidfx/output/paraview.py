@@ -26,8 +26,6 @@ from dolfinx import fem, plot
 from rigidfx.base.types import Indices
 from rigidfx.output.whole_writes import ChangedFile
 
-__all__ = ["Body", "Cloud", "Series"]
-
 Array = npt.NDArray[Any]
 
 HEAD = b'<VTKFile type="Collection" version="0.1">\n<Collection>\n'

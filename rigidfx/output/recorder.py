@@ -45,8 +45,6 @@ from rigidfx.report.report import Report
 from rigidfx.report.start import check_report, check_scene
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Recorder"]
-
 
 class Recorder:
     """Writes the reports of a run into a folder; a context manager.

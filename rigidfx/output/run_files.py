@@ -43,8 +43,6 @@ from rigidfx.output.vtkhdf import HdfSeries, hdf
 from rigidfx.output.whole_writes import ChangedFile
 from rigidfx.report.report import BodyReport, Report
 
-__all__ = ["CsvFile", "RunFiles", "body_rows", "event_rows", "kinds_of"]
-
 KINDS: dict[str, type[Series] | type[HdfSeries]] = {"pvd": Series, "vtkhdf": HdfSeries}
 VIEW = Path(__file__).with_name("view.py")  # runs in ParaView's Python
 EVENT = (
@@ -97,10 +95,6 @@ class CsvFile:
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
         """Lock the file; one without rows gets its header.
-
-        Args:
-            path: The file.
-            columns: Names of the columns.
 
         Raises:
             BlockingIOError: If it is open here already, or in another process.
@@ -193,9 +187,6 @@ class LogFile(logging.FileHandler):
 
     def __init__(self, path: Path) -> None:
         """Open it.
-
-        Args:
-            path: The file.
 
         Raises:
             OSError: If it cannot be written.

@@ -29,8 +29,6 @@ from rigidfx.flexible.stress import SYMMETRIC
 from rigidfx.output.paraview import Body, Cloud
 from rigidfx.output.whole_writes import ChangedFile, WholeWrites
 
-__all__ = ["HdfSeries", "hdf"]
-
 Array = npt.NDArray[Any]
 
 DOUBLE = ("displacement",)  # small strains are differences of large displacements

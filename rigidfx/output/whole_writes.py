@@ -14,8 +14,6 @@ from errno import EIO, ENOSPC
 from pathlib import Path
 from typing import Any
 
-__all__ = ["ChangedFile", "WholeWrites"]
-
 
 class ChangedFile(OSError):
     """A file lacks content that a checkpoint tells of, or has another one."""
@@ -35,9 +33,6 @@ class WholeWrites(io.RawIOBase):
 
     def __init__(self, path: Path) -> None:
         """Make the file, empty.
-
-        Args:
-            path: The file.
 
         Raises:
             OSError: If it cannot be made.

@@ -13,8 +13,6 @@ from rigidfx.plot.pictures import FRAMES, pictures
 from rigidfx.plot.renders import VIEW
 from rigidfx.plot.web import web
 
-__all__ = ["main"]
-
 
 def _scale(text: str) -> float | str:
     """A number, or "auto"."""

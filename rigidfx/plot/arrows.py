@@ -16,9 +16,6 @@ from rigidfx.base.types import Array
 from rigidfx.plot.curves import prefixed
 from rigidfx.report.report import Report
 
-__all__ = ["Arrows", "add_arrows", "arrows_of", "ends_of", "largest_of", "told"]
-
-
 KINDS = {"force": ("#d62728", "red", "N"), "moment": ("#1f77b4", "blue", "N m")}
 LONGEST = 0.4  # length of the longest arrow, over the radius of the body
 SMALL = 0.03  # length over that of the longest arrow, below which one is left out; and of largest
@@ -68,27 +65,14 @@ def largest_of(several: Sequence[Arrows | None], radius: float) -> dict[str, flo
 
 
 def ends_of(arrows: Arrows, largest: Mapping[str, float], radius: float) -> Array:
-    """The points of the arrows, shape (arrows, 3) [m].
-
-    Args:
-        arrows: The arrows.
-        largest: As of `largest_of`.
-        radius: Of the body [m].
-    """
+    """The points of the arrows, shape (arrows, 3) [m]."""
     reach = LONGEST * radius
     ends = [arrows.places + reach / top * getattr(arrows, kind) for kind, top in largest.items()]
     return np.concatenate([np.empty((0, 3)), *ends])
 
 
 def add_arrows(plotter: Any, arrows: Arrows, largest: Mapping[str, float], radius: float) -> None:
-    """Draw arrows from the places of joints along their forces and moments.
-
-    Args:
-        plotter: pyvista's.
-        arrows: The arrows.
-        largest: As of `largest_of`.
-        radius: Of the body [m].
-    """
+    """Draw arrows from the places of joints along their forces and moments."""
     import pyvista as pv
 
     for kind, top in largest.items():

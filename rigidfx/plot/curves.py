@@ -22,18 +22,6 @@ from rigidfx.base.taken import take_fields
 from rigidfx.base.types import Array
 from rigidfx.output.history import columns_of
 
-__all__ = [
-    "Curve",
-    "check_time",
-    "curves",
-    "figure_of",
-    "histories",
-    "is_table",
-    "on_first_rank",
-    "prefixed",
-    "save",
-]
-
 STYLE = {
     "font.size": 12,
     "axes.grid": True,

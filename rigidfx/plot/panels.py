@@ -17,8 +17,6 @@ from rigidfx.output.history import columns_of, joint_columns, resolved_columns
 from rigidfx.plot.curves import Curve, curves, is_table, on_first_rank, prefixed
 from rigidfx.report.report import Report
 
-__all__ = ["Panels", "joints", "of_joints", "of_probes"]
-
 Panels = dict[str, tuple[list[Curve], str]]  # heading → curves, and title of the ordinate
 
 SEEN = 0.01  # of the largest value in a panel: what is never as large is left out

@@ -28,10 +28,8 @@ from rigidfx.plot.curves import (
     Curve,
     check_time,
     curves,
-    figure_of,
     histories,
     on_first_rank,
-    save,
 )
 from rigidfx.plot.panels import of_joints, of_probes
 from rigidfx.plot.renders import (
@@ -44,19 +42,6 @@ from rigidfx.plot.renders import (
     surface_of,
 )
 from rigidfx.plot.shapes import Scale, check_scale, factor_of
-
-__all__ = [
-    "FRAMES",
-    "Curve",
-    "chosen_times",
-    "curves",
-    "figure_of",
-    "histories",
-    "on_first_rank",
-    "pictures",
-    "save",
-    "spent",
-]
 
 Camera = tuple[Sequence[float], Sequence[float]]
 

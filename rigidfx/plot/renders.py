@@ -26,26 +26,6 @@ from rigidfx.base.types import Array
 from rigidfx.plot.arrows import Arrows, add_arrows, ends_of, largest_of, told
 from rigidfx.plot.curves import DPI, figure_of, prefixed, save
 
-__all__ = [
-    "FIELDS",
-    "LEVELS",
-    "LOGARITHMIC",
-    "OF_CELLS",
-    "VIEW",
-    "Look",
-    "Photograph",
-    "check_camera",
-    "film",
-    "images",
-    "key",
-    "plain",
-    "pyvista",
-    "range_of",
-    "sheet",
-    "surface_of",
-    "tell_scale",
-]
-
 VIEW = (1.0, -0.6, 0.5)  # direction from the body to the camera, unless told otherwise
 SIDE = 2.9  # inches of a photograph in a sheet
 # Of the levels of cells, in the order of their numbers; light and dark as in the paper's Fig. 6.

@@ -40,8 +40,6 @@ from rigidfx.report.report import Report
 from rigidfx.report.start import check_report, check_scene
 from rigidfx.scene.scene import Scene
 
-__all__ = ["SHOWN", "Scale", "Shapes", "check_scale", "factor_of", "show"]
-
 Colour = Literal["displacement", "velocity", "rigid", "von_mises"]
 SHOWN = 0.1  # largest displacement that is drawn, over the diagonal of the body
 Scale = float | Literal["auto"]

@@ -35,8 +35,6 @@ from rigidfx.plot.renders import (
 )
 from rigidfx.plot.shapes import Scale, check_scale, factor_of
 
-__all__ = ["web"]
-
 Array = npt.NDArray[Any]
 
 

@@ -18,8 +18,6 @@ from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Account", "Pay", "Whereabouts", "beginning"]
-
 FEWEST = 10  # steps of a kind, from which on their mean is told
 
 
@@ -27,12 +25,7 @@ class Whereabouts:
     """Follows a run, and says on rank 0 how far it is and how long it may still take."""
 
     def __init__(self, comm: MPI.Intracomm, t_end: float) -> None:
-        """Begin.
-
-        Args:
-            comm: Ranks of the run.
-            t_end: Its end [s].
-        """
+        """Begin."""
         self._comm, self._t_end = comm, t_end
         self._began = self._told = perf_counter()  # of the run; when something was said
         self._first: float | None = None  # time of the first report [s]
@@ -152,12 +145,7 @@ class Account:
     remembered: ClassVar[Remembered] = same("_steps", "_iterations", "_switches") | {"_pay": PART}
 
     def __init__(self, comm: MPI.Intracomm, t_end: float) -> None:
-        """Begin.
-
-        Args:
-            comm: Ranks of the run.
-            t_end: Its end [s].
-        """
+        """Begin."""
         self._comm, self._t_end = comm, t_end
         self._whereabouts = Whereabouts(comm, t_end)
         self._steps = self._iterations = self._switches = 0

@@ -14,8 +14,6 @@ from rigidfx.report.report import Look
 from rigidfx.scene.scene import Scene
 from rigidfx.step.length.given import SMOOTH
 
-__all__ = ["ADVICE", "OF_ALL", "RESOLVED", "Adviser", "Row"]
-
 NOTICED = 0.05  # of the peak of a force, or of the energy of a body: what is worth a word, and ...
 OF_ALL = 0.01  # ... of all such forces or energies
 RESOLVED = 10  # steps of half a sine whose peak is known to some 3 %; half as many lose a tenth
@@ -176,20 +174,11 @@ class Adviser(Look):
     remembered: ClassVar[Remembered] = same("said")
 
     def __init__(self, scene: Scene) -> None:
-        """Begin before the first report.
-
-        Args:
-            scene: The problem.
-        """
+        """Begin before the first report."""
         self._scene, self._comm = scene, scene.comm
         self.said: set[str] = set()
 
     def advise(self, row: str, **values: Any) -> None:
-        """Warn on rank 0, and never again by this row.
-
-        Args:
-            row: Key of the row.
-            values: What its sentence names.
-        """
+        """Warn on rank 0, and never again by this row."""
         self.said.add(row)
         warn(self._comm, ADVICE[row].sentence.format(**values))

@@ -32,8 +32,6 @@ from rigidfx.report.report import Report
 from rigidfx.report.resolved_forces import own_time, resolved_time
 from rigidfx.scene.scene import Scene
 
-__all__ = ["BriefContacts", "BriefStops", "rounded_down"]
-
 STEPS, CELLS = "a blow on a contact", "the peak of a contact's force"  # rows of advice
 WORTH_A_WARNING = 0.01  # of the largest Σ m|v| so far: impulse of an impact that matters
 
@@ -87,11 +85,7 @@ class BriefContacts(Adviser):
         self._most = 0.0  # largest Σ m|v| so far [N s]
 
     def follow(self, report: Report) -> None:
-        """Look at a report. Collective.
-
-        Args:
-            report: The next one.
-        """
+        """Look at a report. Collective."""
         if len(self.said) == 2:
             return
         self._most = max(self._most, report.momentum_scale)
@@ -211,11 +205,7 @@ class BriefStops(Adviser):
         self._most = 0.0  # largest Σ m|v| so far [N s]
 
     def follow(self, report: Report) -> None:
-        """Look at a report.
-
-        Args:
-            report: The next one.
-        """
+        """Look at a report."""
         if self.said or not (report.joints.blows or self._cables):
             return
         self._most = max(self._most, report.momentum_scale)

@@ -18,8 +18,6 @@ from rigidfx.report.advice import ADVICE, Adviser
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
-__all__ = ["EnergyBalance"]
-
 OFF, LOST = "the balance of energy is off", "the balance of energy is lost"  # rows of advice
 ROUNDED = "rounding dominates energies"
 LARGE = ADVICE[ROUNDED].bound

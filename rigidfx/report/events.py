@@ -9,8 +9,6 @@ import numpy as np
 
 from rigidfx.base.types import Array, Indices
 
-__all__ = ["BodyChange", "Event"]
-
 
 @dataclass(frozen=True)
 class BodyChange:

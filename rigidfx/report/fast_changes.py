@@ -41,8 +41,6 @@ from rigidfx.step.length.given import SMOOTH, Given, given_loads, is_given
 from rigidfx.step.watches.alternation import FIRST, WORTH_A_WARNING, Alternation
 from rigidfx.step.watches.jumps import Jumps
 
-__all__ = ["AlternatingForces", "FastLoads"]
-
 NOTHING = WORTH_A_WARNING  # of the largest force or way: next to none, or rounding
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(RESOLVED // 2)
 

@@ -11,8 +11,6 @@ from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.state import State
 
-__all__ = ["Former"]
-
 
 class Former:
     """Results of the error motion: bodies have shapes in its place, and act with them."""

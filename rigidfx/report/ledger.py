@@ -37,8 +37,6 @@ from rigidfx.state import State
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.system import System
 
-__all__ = ["THIN", "Entry", "Ledger", "Ledgers", "Rigidity"]
-
 TINY = 1e-300
 ACCOUNTS = "frozen", "time", "damping", "rigidity", "measured"
 Sure = Literal["estimate", "unknown"]
@@ -271,11 +269,7 @@ class Ledgers:
     remembered: ClassVar[Remembered] = same("_damped", "_struck") | {"_deformation": PART}
 
     def __init__(self, stepper: Stepper) -> None:
-        """Nothing has been spent. Collective.
-
-        Args:
-            stepper: Makes the steps.
-        """
+        """Nothing has been spent. Collective."""
         self._stepper = stepper
         self._deformation = Deformation(stepper.scene)
         self._damped = 0.0

@@ -43,8 +43,6 @@ from rigidfx.scene.damped import Damped
 from rigidfx.scene.scene import Scene
 from rigidfx.step.system.supports import Impact
 
-__all__ = ["Jolts", "LumpedInertia", "Overdamped", "Stillness", "TurnedSprings"]
-
 NEGLIGIBLE = ADVICE["a load does nothing, nothing acts"].bound
 OTHERS = Preload, SpringDamper, Reduced  # tensions, and shapes that have masses of their own
 TURNED_OF_ALL = 1e-3  # of the largest energy: what springs have stored by a rotation that matters
@@ -57,11 +55,7 @@ class Jolts(Adviser):
     remembered: ClassVar[Remembered] = Adviser.remembered | same("_energy", "_most", "_found")
 
     def __init__(self, scene: Scene) -> None:
-        """Begin before the first report. Collective.
-
-        Args:
-            scene: The problem.
-        """
+        """Begin before the first report. Collective."""
         super().__init__(scene)
         mass = scene.sum(scene.nodal_mass[: scene.owned_nodes].sum())
         self._floor = 0.5 * mass * (NEGLIGIBLE * scene.mean_cell_size) ** 2  # [J s²]
@@ -70,11 +64,7 @@ class Jolts(Adviser):
         self._found: tuple[Impact, float] | None = None  # in the last report, and its part
 
     def follow(self, report: Report) -> None:
-        """Look at a report.
-
-        Args:
-            report: The next one.
-        """
+        """Look at a report."""
         if self.said:
             return
         impact, before = report.impact, self._energy
@@ -119,11 +109,7 @@ class Stillness(Adviser):
     remembered: ClassVar[Remembered] = same("_still")
 
     def __init__(self, scene: Scene) -> None:
-        """Begin before the first report. Collective.
-
-        Args:
-            scene: The problem.
-        """
+        """Begin before the first report. Collective."""
         super().__init__(scene)
         self._still, self._t = True, 0.0
         mass = scene.sum(scene.nodal_mass[: scene.owned_nodes].sum())
@@ -131,11 +117,7 @@ class Stillness(Adviser):
         self._impulse, self._floor = mass * way, 0.5 * mass * way**2  # [N s²], [J s²]
 
     def follow(self, report: Report) -> None:
-        """Look at a report.
-
-        Args:
-            report: The next one.
-        """
+        """Look at a report."""
         self._t = report.t
         per_step = 1 / report.dt**2 if report.dt else 0.0  # joints at rest move by rounding
         works = report.energy, abs(report.work_of_loads), abs(report.work_of_supports)
@@ -155,21 +137,13 @@ class LumpedInertia(Adviser):
     remembered: ClassVar[Remembered] = Adviser.remembered
 
     def __init__(self, scene: Scene) -> None:
-        """Begin before the first report.
-
-        Args:
-            scene: The problem.
-        """
+        """Begin before the first report."""
         super().__init__(scene)
         self._lumped = scene.mass == "lumped"
         self._seen: object = None  # the bodies that were looked at last
 
     def follow(self, report: Report) -> None:
-        """Look at the bodies of a report.
-
-        Args:
-            report: The next one.
-        """
+        """Look at the bodies of a report."""
         bodies = report.rigid
         if self.said or not self._lumped or not bodies.of.excessive:
             return
@@ -195,11 +169,7 @@ class TurnedSprings(Adviser):
     remembered: ClassVar[Remembered] = Adviser.remembered | same("_most")
 
     def __init__(self, scene: Scene) -> None:
-        """Find the nodes of springs. Collective.
-
-        Args:
-            scene: The problem.
-        """
+        """Find the nodes of springs. Collective."""
         super().__init__(scene)
         self._most = 0.0
         n = scene.owned_nodes

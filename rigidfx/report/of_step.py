@@ -24,8 +24,6 @@ from rigidfx.step.system.supports import Impact
 from rigidfx.step.system.system import StepResult
 from rigidfx.withheld.recovery import Recovery
 
-__all__ = ["amended", "held_at_start", "report_of"]
-
 
 class Reported(Protocol):
     """The maker of a step, or a load step."""

@@ -20,8 +20,6 @@ from rigidfx.flexible.stress import tensors, von_mises
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Peak", "Peaks"]
-
 
 @dataclass(frozen=True)
 class Peak:

@@ -26,8 +26,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.withheld.recovery import Carried
 
-__all__ = ["Holder", "ProbeStress", "Probes", "Strained", "StressAt"]
-
 Strained = Callable[[], Carried]
 
 

@@ -14,8 +14,6 @@ from rigidfx.base.types import Array, Bools
 from rigidfx.flexible.stress import CauchyStress
 from rigidfx.report.report import Report
 
-__all__ = ["recovered_stress"]
-
 
 def recovered_stress(report: Report, stress: CauchyStress) -> tuple[Array, Bools]:
     """Cauchy stress of all cells at a report, recovered in rigid parts. Collective.

@@ -31,8 +31,6 @@ from rigidfx.step.system.supports import Impact
 from rigidfx.step.system.system import Work
 from rigidfx.withheld.recovery import Recovery
 
-__all__ = ["Look", "Report"]
-
 
 @dataclass(frozen=True)
 class BodyReport:

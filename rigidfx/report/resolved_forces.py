@@ -51,15 +51,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.alternation import FIRST
 from rigidfx.step.watches.alternation import WORTH_A_WARNING as NOTHING
 
-__all__ = [
-    "ResolvedForces",
-    "own_time",
-    "resolved",
-    "resolved_part",
-    "resolved_time",
-    "trailing_mean",
-]
-
 Steps = list[tuple[float, float]]  # length [s] and force [N] of the last steps
 
 
@@ -102,21 +93,13 @@ class ResolvedForces:
     remembered: ClassVar[Remembered] = same("_steps")
 
     def __init__(self, scene: Scene) -> None:
-        """Begin before the first report.
-
-        Args:
-            scene: The problem.
-        """
+        """Begin before the first report."""
         self._scene = scene
         self._times: dict[str, float] = {}  # that the mesh resolves, once a contact has closed [s]
         self._steps: dict[str, Steps] = {}  # of contacts that press, or have just pressed
 
     def of(self, report: Report) -> Report:
-        """A report with resolved forces. Collective.
-
-        Args:
-            report: The next one.
-        """
+        """A report with resolved forces. Collective."""
         found = {}
         for contact in self._scene.named(Contact):
             touch = report.touches.get(contact.title)

@@ -17,8 +17,6 @@ from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 
-__all__ = ["Start", "check_about", "check_report", "check_scene", "start_of"]
-
 
 def check_scene(owner: str, scene: Any) -> None:
     """Check that a scene is one.

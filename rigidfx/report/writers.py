@@ -11,8 +11,6 @@ from mpi4py import MPI
 
 from rigidfx.base.remembered import Remembered, same
 
-__all__ = ["Writer", "Writers"]
-
 
 class Writer(Protocol):
     """Writes reports into files of a folder."""
@@ -65,9 +63,6 @@ class Writers:
         """Where files of a writer ended at the checkpoint; None if it knows none.
 
         They may have moved together with the checkpoint.
-
-        Args:
-            name: Of the writer.
         """
         if name not in self._known and self._was is not None and os.path.isabs(name):
             name = os.path.normpath(os.path.join(self._was, os.path.relpath(name, self._before)))

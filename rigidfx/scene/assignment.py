@@ -20,8 +20,6 @@ from rigidfx.domain.domain import Domain
 from rigidfx.mechanics.materials import Hyperelastic, Material
 from rigidfx.mechanics.rest import evaluated
 
-__all__ = ["assign"]
-
 STEP = 1e-3  # of C, for differences of W about rest
 STRESSED = 1e-2  # stress at rest over stiffness; differences know it to 1e-3
 

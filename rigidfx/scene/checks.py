@@ -25,20 +25,6 @@ from rigidfx.effects import rigid_faces
 from rigidfx.mechanics.schemes import Scheme
 from rigidfx.scene.mesh_checks import warn_of_bending
 
-__all__ = [
-    "STIFFNESS_DEGREE",
-    "cells_of",
-    "check_discretisation",
-    "check_masses",
-    "check_rigid",
-    "check_supports",
-    "check_together",
-    "effects_of",
-    "in_order",
-    "points",
-    "warn_of_locking",
-]
-
 # Degree of the one quadrature rule that W, H and the residual share, by polynomial degree.
 STIFFNESS_DEGREE = {1: 2, 2: 4}
 NEARLY_INCOMPRESSIBLE = 0.49  # ν above which first-order cells are warned of

@@ -35,8 +35,6 @@ from rigidfx.mechanics.materials import Isotropic
 from rigidfx.mechanics.rest import rest_moduli
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Damped", "comes_back", "holding"]
-
 DAMPING = KelvinVoigt, MassDamping, NumericalDamping, StiffnessDamping
 SPREAD = 1e-6  # of nodes that are held, the second axis over the first, squared: they form no line
 
@@ -45,9 +43,6 @@ def holding(scene: Scene) -> list[Support]:
     """Supports that by themselves hold a structure of one part, from the start to the end.
 
     Collective.
-
-    Args:
-        scene: The problem.
     """
     if scene.parts.count > 1:
         return []

@@ -23,8 +23,6 @@ from rigidfx.mechanics.enhanced import EnhancedElement
 from rigidfx.mechanics.rest import rest_moduli
 from rigidfx.mechanics.schemes import EnergyMomentum
 
-__all__ = ["ELEMENTS", "element_of", "thickness_axes"]
-
 Moduli = Sequence[tuple[float, float]]
 
 

@@ -12,9 +12,6 @@ from rigidfx.base.types import Array, Bools
 from rigidfx.base.warning import warn
 from rigidfx.effects.supports.support import FLAT
 
-__all__ = ["warn_of_idle"]
-
-
 LOADS: tuple[Any, ...] = (fx.DeadLoad, fx.Pressure)  # whose forces are on nodes of a set
 
 

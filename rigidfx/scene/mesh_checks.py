@@ -48,8 +48,6 @@ from rigidfx.domain.connected import ConnectedParts, connected_parts, hinges, to
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.edges import count_between
 
-__all__ = ["ThinPart", "parts_in_words", "thin_parts", "warn_of_bending", "warn_of_mesh"]
-
 DIGITS = 1e-9  # error of a cell's size that is warned of
 
 
@@ -191,9 +189,6 @@ def _warn_of_distance(domain: Domain) -> None:
     A number of size |x| is known to ε|x|, so that lengths h of cells, and with them volumes and
     strains, are known to ε|x|/h: a body 10¹⁵ times its length away loses 2 % of its mass.
     Collective.
-
-    Args:
-        domain: Mesh and names.
     """
     mesh, comm = domain.mesh, domain.comm
     nodes = mesh.geometry.x[cell_geometry_dofs(mesh)[: mesh.topology.index_map(3).size_local]]
@@ -211,12 +206,7 @@ def _warn_of_distance(domain: Domain) -> None:
 
 
 def parts_in_words(domain: Domain, most: int = 8) -> list[str]:
-    """A line for each part that shares no nodes with others; none if all is one. Collective.
-
-    Args:
-        domain: Mesh and names.
-        most: Most lines.
-    """
+    """A line for each part that shares no nodes with others; none if all is one. Collective."""
     parts = connected_parts(domain.mesh, 0)
     if parts.count == 1:
         return []

@@ -20,15 +20,9 @@ from rigidfx.domain.domain import EntitySet
 from rigidfx.effects import Contact
 from rigidfx.scene.scene import Scene
 
-__all__ = ["mesh_hash", "mesh_order", "scene_hashes"]
-
 
 def mesh_order(scene: Scene) -> MeshOrder:
-    """Numbers of this rank's cells and nodes. Collective.
-
-    Args:
-        scene: The problem.
-    """
+    """Numbers of this rank's cells and nodes. Collective."""
     nodes, cells = scene.space.dofmap.index_map, scene.mesh.topology.index_map(3)
     local = nodes.local_to_global(np.arange(nodes.size_local + nodes.num_ghosts, dtype=np.int32))
     of_cells = _owned_cells(scene)
@@ -51,11 +45,7 @@ def mesh_order(scene: Scene) -> MeshOrder:
 
 
 def mesh_hash(scene: Scene) -> str:
-    """A hash of the cells and the nodes of the mesh's geometry, on all ranks. Collective.
-
-    Args:
-        scene: The problem.
-    """
+    """A hash of the cells and the nodes of the mesh's geometry, on all ranks. Collective."""
     geometry = scene.mesh.geometry
     owned = scene.mesh.topology.index_map(3).size_local
     gathered = scene.comm.gather(
@@ -73,9 +63,6 @@ def scene_hashes(scene: Scene) -> dict[str, str]:
     """Hashes of all that a scene was made of, by its name, its sets included. Collective.
 
     Functions cannot be compared; of them only their breakpoints are.
-
-    Args:
-        scene: The problem.
     """
     out = {}
     for name, value in items(scene.given):

@@ -19,17 +19,11 @@ from rigidfx.base.warning import warn
 from rigidfx.domain.connected import connected_parts
 from rigidfx.domain.domain import Domain, EntitySet, replace_sets
 
-__all__ = ["count_pieces", "divide", "pieces_in_words", "warn_of_pieces"]
-
 
 def divide(
     domain: Domain, effects: Sequence[fx.Effect]
 ) -> tuple[Domain, tuple[fx.Effect, ...], Mapping[str, int]]:
     """Make a part of each piece, where that is asked for or the part deforms. Collective.
-
-    Args:
-        domain: Mesh and names.
-        effects: All effects.
 
     Returns:
         The domain, which also knows the pieces by the names "nut 1", "nut 2", ...; the effects, a
@@ -113,12 +107,7 @@ def count_pieces(domain: Domain, rigid: fx.Rigid) -> int:
 
 
 def warn_of_pieces(domain: Domain, effects: Sequence[fx.Effect]) -> None:
-    """Warn of a name with several pieces, where nothing says whether they are one body. Collective.
-
-    Args:
-        domain: Mesh and names.
-        effects: All effects.
-    """
+    """Warn of a name with several pieces if nothing says that they are one body. Collective."""
     named: list[Any] = [effect for effect in effects if effect.is_rigid]
     for rigid in named:
         if rigid.each is not None:

@@ -20,17 +20,6 @@ from rigidfx.effects import Contact
 from rigidfx.effects.joints.joint import Between
 from rigidfx.scene.scene import Scene
 
-__all__ = [
-    "Point",
-    "far_apart",
-    "find_probes",
-    "linked",
-    "met",
-    "owned_part",
-    "parts_of_nodes",
-    "weights_at",
-]
-
 
 @dataclass(frozen=True)
 class Point:

@@ -19,9 +19,6 @@ from rigidfx.base.warning import warn
 from rigidfx.effects import Contact
 from rigidfx.effects.contacts.surface import area_vectors, triangles_of
 
-__all__ = ["warn_of_facets"]
-
-
 FLAT = 0.01  # rad: facets that meet at less are one
 SHARP = 0.9  # rad, above an octagon's 45°: facets that meet at more are an edge of a part
 ROLLS = 0.5  # of the distance from the middle of a part: least radius of what rolls

@@ -7,8 +7,6 @@ from mpi4py import MPI
 
 from rigidfx.base.types import Array, Ints
 
-__all__ = ["spread"]
-
 Place = tuple[int, int, int]
 
 # Parts of the longest side to which places are told, for their last bits depend on the rank.

@@ -54,16 +54,11 @@ from rigidfx.scene.summary import description, in_a_line
 from rigidfx.scene.units import warn_of_units
 from rigidfx.scene.weights import inertial_masses, nodal_weights, point_masses
 
-__all__ = ["Scene"]
-
 MUCH = 1e8  # ratio of stiffness from which on rounding of a stiff part's forces is looked at
 
 
 def stiff_parts(scene: Any) -> ConnectedParts | None:
     """Connected parts of the cells that are stiffer than the softest by `MUCH`. Collective.
-
-    Args:
-        scene: The problem.
 
     Returns:
         Parts, with -1 for other cells; None if all are alike.

@@ -11,8 +11,6 @@ from rigidfx.base.inputs import names, number, positive, shown
 from rigidfx.base.taken import take_fields
 from rigidfx.scene.scene import Scene
 
-__all__ = ["StepControl", "check_probes", "fraction", "probe_names"]
-
 LEAST = 1e-3  # of the largest step: the smallest one, unless told otherwise
 FINEST = 1e-12  # part of a displacement that rounding leaves something of
 

@@ -24,8 +24,6 @@ from rigidfx.scene.mesh_checks import parts_in_words
 from rigidfx.scene.pieces import pieces_in_words
 from rigidfx.scene.weights import inertial_masses
 
-__all__ = ["FURTHER", "description", "effects_table", "in_a_line", "in_words", "phases"]
-
 ELSEWHERE = ("where", "joint", "components", "since", "until", "a", "b")  # not among the values
 
 # What modules that come later in the flow of data add to a description, from the scene, the time
@@ -102,11 +100,7 @@ def _element(scene: Any) -> str:
 
 
 def _extent(scene: Any) -> str:
-    """Mass, box and number of dofs of a scene. Collective.
-
-    Args:
-        scene: The scene.
-    """
+    """Mass, box and number of dofs of a scene. Collective."""
     n, X = scene.owned_nodes, scene.start_places
     mass = scene.sum(inertial_masses(scene).sum())
     low = np.min(scene.comm.allgather(X[:n].min(axis=0, initial=np.inf)), axis=0)

@@ -10,8 +10,6 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive, shown
 from rigidfx.base.instants import resolution
 
-__all__ = ["Timeline"]
-
 WIDEST = 1e100  # s, and as many parts of one: the cube of a step is a number
 LEAST = 1000  # a step in numbers that lie apart there, so that it can be cut and divided
 

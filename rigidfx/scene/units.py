@@ -19,8 +19,6 @@ from rigidfx.effects import Contact, Gravity, NodalForce, Resultant, SpringDampe
 from rigidfx.effects.damping import warn_of_ratio
 from rigidfx.scene.weights import inertial_masses
 
-__all__ = ["warn_of_short_steps", "warn_of_units"]
-
 NOTHING = 1e-5  # of a scene's weight: a walker on a large bridge has more
 HEAVY = 1e7  # kg: a steel part of 0.1 m weighs more if millimetres are taken for metres
 LIGHT = 0.1  # kg/m³: aerogels have 1

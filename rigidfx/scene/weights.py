@@ -12,8 +12,6 @@ from rigidfx.base.form_cache import form_on
 from rigidfx.base.types import Array, Indices
 from rigidfx.effects import PointMass
 
-__all__ = ["inertial_masses", "nodal_weights", "point_masses"]
-
 
 def nodal_weights(
     space: fem.FunctionSpace, density: Any, kind: Literal["dx", "ds"], where: Indices

@@ -11,8 +11,6 @@ from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.shapes.part import Part
 from rigidfx.shapes.responses import Responses
 
-__all__ = ["Excess"]
-
 
 class Excess:
     """The expansion of a part at one displacement: see `Expanded`.

@@ -30,8 +30,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.shapes.orthonormal import Basis, columns, normalised
 from rigidfx.shapes.stiffness import times
 
-__all__ = ["Expanded"]
-
 
 class Expanded:
     """Stiffness, mass and forces of cells about a state; `destroy` frees them.

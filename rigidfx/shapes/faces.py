@@ -14,17 +14,12 @@ from rigidfx.scene.scene import Scene
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.samples import interleaved
 
-__all__ = ["of_faces"]
-
 
 def of_faces(responses: Responses) -> Array:
     """Unit forces on the points that joints and springs hold, and unit couples. Collective.
 
     A face whose turn matters has three forces and three couples, whatever the joint: parts turn
     against each other, and motors come and go.
-
-    Args:
-        responses: Of the whole structure.
 
     Returns:
         In balance with inertia, of norm 1, those of all points in turn, shape (owned nodes, 3, k).

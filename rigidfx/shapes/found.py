@@ -21,8 +21,6 @@ from rigidfx.shapes.linear import resolved
 from rigidfx.shapes.orthonormal import INDEPENDENT, columns, to_one
 from rigidfx.shapes.part import LACKING
 
-__all__ = ["Found"]
-
 
 class Found(Expanded):
     """Stiffness and mass of a body about the shape that it is frozen in; `destroy` frees them."""
@@ -43,10 +41,6 @@ class Found(Expanded):
 
     def modes(self, dt: float, above: float) -> tuple[Array, float]:
         """Its own modes that Δt resolves, where it moves freely: see `resolved`. Collective.
-
-        Args:
-            dt: Δt [s].
-            above: ω above which [1/s].
 
         Returns:
             φ at its nodes, shape (nodes, 3, k); and the lowest ω that is left out [1/s].

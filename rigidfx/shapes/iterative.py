@@ -18,8 +18,6 @@ from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.step.linear.linear_solver import default_options
 from rigidfx.step.newton.two_levels import CoarseGrid
 
-__all__ = ["conjugate_gradients"]
-
 PREFIX = "rigidfx_shapes_"
 # Residual over the right side: responses are then exact to 1e-7 of their size in slender parts, a
 # tenth of what makes a vector a new one (`INDEPENDENT`).

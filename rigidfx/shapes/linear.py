@@ -18,9 +18,6 @@ from rigidfx.shapes.responses import Responses
 from rigidfx.step.linear.definite import solver_of
 from rigidfx.step.linear.eigenpairs import EigenControl, clusters, lowest
 
-__all__ = ["MODES", "Linear", "resolved"]
-
-
 # Modes that a body begins with, at most: set-up and steps take longer with each.
 MODES = 20
 DIFFERENT = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
@@ -57,9 +54,6 @@ class Linear:
     def modes(self, dt: float) -> tuple[Array, float]:
         """Modes that steps of Δt resolve: see `resolved`. Collective.
 
-        Args:
-            dt: Δt [s].
-
         Returns:
             φ at the owned nodes, φᵀMφ = 1, shape (owned nodes, 3, modes) [1/√kg]; and the lowest ω
             left out [1/s].
@@ -73,12 +67,7 @@ class Linear:
         return stiffness.at_nodes(y), cut
 
     def step(self, F: Array, dt: float) -> Array:
-        """Displacements by forces that begin with a step. Collective.
-
-        Args:
-            F: Forces on nodes [N].
-            dt: Δt [s].
-        """
+        """Displacements by forces that begin with a step. Collective."""
         if self._step is None or not np.isclose(self._step[0], dt, rtol=1e-6):
             self._drop()
             A = self._K.copy()

@@ -10,9 +10,6 @@ from rigidfx.shapes.orthonormal import columns
 from rigidfx.shapes.stiffness import Stiffness
 from rigidfx.step.system.rigid_motion import FREE, motions_of_parts
 
-__all__ = ["Motions"]
-
-
 # Internal forces over K's diagonal and the extent of the structure: rounding.
 ROUNDING = 1e3 * float(np.finfo(np.float64).eps)
 
@@ -28,11 +25,7 @@ class Motions:
     """
 
     def __init__(self, stiffness: Stiffness) -> None:
-        """Find them. Collective.
-
-        Args:
-            stiffness: The stiffness.
-        """
+        """Find them. Collective."""
         scene = stiffness.scene
         parts, n = scene.parts, scene.owned_nodes
         self.part = part = parts_of_nodes(scene)[:n]

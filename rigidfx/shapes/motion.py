@@ -20,9 +20,6 @@ from rigidfx.shapes.stiffness import times
 from rigidfx.state import State
 from rigidfx.step.system.division import Hold
 
-__all__ = ["of_state", "of_supports", "pulled"]
-
-
 # Kinetic energy of the rotation over that of a rigid motion, and square of a motion of supports
 # that is not rigid over that of all: below, a pattern is left out.
 SMALL = 1e-4

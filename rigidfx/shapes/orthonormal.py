@@ -9,9 +9,6 @@ from mpi4py import MPI
 
 from rigidfx.base.types import Array
 
-__all__ = ["INDEPENDENT", "Basis", "columns", "normalised", "slowest", "to_one", "whole_groups"]
-
-
 # Part of a vector's size that is to be left once all earlier ones are taken out of it. Solves leave
 # 3e-6 of the deformation where soft springs let a plate move by 3e4 times as much, 1e-9 in others;
 # a load's response may lack 0.01.

@@ -25,9 +25,6 @@ from rigidfx.shapes.orthonormal import (
 )
 from rigidfx.shapes.responses import Responses
 
-__all__ = ["BLOCK", "LACKING", "MOST", "Part", "PartShapes"]
-
-
 # Part of a static response, in the norm of the strain energy, that shapes may lack.
 LACKING = 0.01
 MOST = 36  # shapes that a part gets unasked; Ω and the inertia of second order are full

@@ -30,8 +30,6 @@ from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.system.division import Hold
 
-__all__ = ["of_springs", "patterns", "unit_loads"]
-
 
 def patterns(responses: Responses, state: State, until: float, hold: Hold | None = None) -> Array:
     """Forces on nodes by all that acts from the present time on. Collective.
@@ -58,9 +56,6 @@ def patterns(responses: Responses, state: State, until: float, hold: Hold | None
 
 def of_springs(responses: Responses) -> Array:
     """Forces of springs by each rigid motion of connected parts. Collective.
-
-    Args:
-        responses: Of the whole structure.
 
     Returns:
         Patterns as of `patterns`, those of each spring apart.

@@ -24,9 +24,6 @@ from rigidfx.shapes.solver import Solver
 from rigidfx.shapes.stiffness import Stiffness
 from rigidfx.state import State
 
-__all__ = ["Responses"]
-
-
 BALANCED = 1e-9  # part of forces that rounding leaves where inertia balances them
 
 

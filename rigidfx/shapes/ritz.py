@@ -14,9 +14,6 @@ from rigidfx.shapes.orthonormal import Basis, columns, slowest, whole_groups
 from rigidfx.shapes.part import BLOCK, MOST, Part, PartShapes
 from rigidfx.shapes.responses import Responses
 
-__all__ = ["RESOLVED", "ritz", "shapes_of"]
-
-
 # Vectors from each load, at most. A bar that falls on one end errs by 29, 15, 1 % of the peak force
 # with 4, 6, 10.
 DEPTH = 10

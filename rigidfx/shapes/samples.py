@@ -15,9 +15,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.shapes.orthonormal import columns
 from rigidfx.shapes.responses import Responses
 
-__all__ = ["compressed", "instants", "interleaved"]
-
-
 # Size of a pattern over the largest one of its load: to leave it out alters the load's response by
 # a tenth of the error that is allowed, 0.01.
 DIFFERS = 1e-3

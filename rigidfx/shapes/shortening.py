@@ -36,9 +36,6 @@ from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.part import LACKING
 from rigidfx.shapes.responses import Responses
 
-__all__ = ["About", "Shortening"]
-
-
 Key = tuple[float, ...]
 ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))  # of q, over the length of a body
 
@@ -80,11 +77,7 @@ class Shortening:
         self._units: dict[int, Array] = {}  # g by responses, shape (owned nodes, 3, 3 · probes)
 
     def at_probes(self, bodies: Bodies) -> dict[str, tuple[Array, Array]]:
-        """δ [m] and its rate [m/s] at each probe; nothing where no body bends by much. Collective.
-
-        Args:
-            bodies: The bodies.
-        """
+        """δ [m] and its rate [m/s] at each probe; empty where no body bends by much. Collective."""
         counting = self._those(bodies) if self._points else []
         if not counting:
             return {}
@@ -102,9 +95,6 @@ class Shortening:
         """δ [m] and its rate [m/s] at the owned nodes; None where no body bends by much.
 
         Collective.
-
-        Args:
-            bodies: The bodies.
         """
         counting = self._those(bodies)
         if not counting:

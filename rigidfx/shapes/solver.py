@@ -15,9 +15,6 @@ from rigidfx.shapes.iterative import conjugate_gradients
 from rigidfx.shapes.stiffness import Stiffness, times
 from rigidfx.step.linear.definite import solver_of
 
-__all__ = ["Solver"]
-
-
 # Part of forces that a solve may leave. More is left where K is singular, or slender parts make
 # rounding of K u large; then a correction by the rest is below √SOLVED where K is not singular.
 SOLVED = 1e-6
@@ -156,10 +153,6 @@ def size_of_factors(scene: Scene, unknowns: int) -> float:
     Of a box of a ≥ b ≥ c nodes and n = 3abc unknowns they have 9 n c (4 + log₂(b/c)) entries,
     fitted to bars, plates and blocks of 25 000 to 400 000. A structure counts as a box of its
     nodes with the two largest extents of its own. Collective.
-
-    Args:
-        scene: The problem.
-        unknowns: Of the stiffness.
     """
     x = scene.mesh.geometry.x
     ends = np.array([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])

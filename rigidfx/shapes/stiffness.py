@@ -26,8 +26,6 @@ from rigidfx.shapes.orthonormal import columns
 from rigidfx.state import State
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 
-__all__ = ["Stiffness", "times"]
-
 
 class Stiffness:
     """K by the free dofs and by six numbers of each body, M by nodes; `destroy` frees them.

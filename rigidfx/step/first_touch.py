@@ -22,8 +22,6 @@ from rigidfx.base.remembered import Remembered, same
 from rigidfx.effects import Contact
 from rigidfx.step.stepper import Stepper
 
-__all__ = ["FirstTouch"]
-
 SETTLED = 4  # steps that a contact has been open before its next touch is a first one
 LEAST = 1e-2  # of a step: shorter ones are not worth it, at its start or its end
 

@@ -30,8 +30,6 @@ from rigidfx.step.system.system import StepResult
 from rigidfx.step.watches.alternation import NEGLIGIBLE
 from rigidfx.step.watches.judge import INVERTED, course, overload, remedy
 
-__all__ = ["LoadPath", "PathControl"]
-
 
 @dataclass(frozen=True)
 class SettlingControl:

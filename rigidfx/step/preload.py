@@ -15,8 +15,6 @@ from rigidfx.step.system.division import Division
 from rigidfx.step.system.rigid_motion import free_to_move
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 
-__all__ = ["apply_preload"]
-
 
 def apply_preload(
     scene: Scene,

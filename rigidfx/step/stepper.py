@@ -31,8 +31,6 @@ from rigidfx.step.watches.judge import Attempt, Judge, Measuring, Watch
 from rigidfx.step.watches.jumps import JumpingObstacles, Jumps
 from rigidfx.step.watches.rotation_per_step import RotationPerStep
 
-__all__ = ["Stepper"]
-
 MAX_CUTS = 8  # a step is cut to at least 1/256 before it is given up
 
 
@@ -293,10 +291,6 @@ class Stepper:
 
     def press(self, contacts: Sequence[Contact], before: Measures) -> Impact | None:
         """The energy that contacts which begin or end bring in, or take away. Collective.
-
-        Args:
-            contacts: These contacts.
-            before: Energies before they did.
 
         Returns:
             The difference; None if there is none.

@@ -29,8 +29,6 @@ from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.scene.scene import Scene
 from rigidfx.step.newton.parted import parted
 
-__all__ = ["Closing", "check_stops", "implied_rows", "warn_of_jumps"]
-
 
 class Closing:
     """Corrects velocities for the joints, at fixed places."""

@@ -23,8 +23,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.switch.exchange import freeze
 
-__all__ = ["collapse"]
-
 
 def collapse(
     scene: Scene,

@@ -44,8 +44,6 @@ from rigidfx.switch.exchange import Works, faces_within, freeze
 from rigidfx.switch.faces import with_faces
 from rigidfx.switch.projected_velocities import Field, RigidFields
 
-__all__ = ["ConsistentExchange"]
-
 NEGLIGIBLE = 1e-15  # of the largest: difference velocities that need not be kept
 CONTINUOUS = 1e-13  # of the largest: difference of velocities at an interface that is only rounding
 ROUNDING = 1e-13  # of the energy: what is too little to find the scale of a field by
@@ -65,14 +63,7 @@ class Present:
     """
 
     def __init__(self, scene: Scene, forces: InternalForces, state: State, mass: PETSc.Mat) -> None:
-        """Add up momenta and energy. Collective.
-
-        Args:
-            scene: The problem.
-            forces: Internal forces.
-            state: Velocities, and bodies.
-            mass: See the attribute.
-        """
+        """Add up momenta and energy. Collective."""
         self.mass = mass
         self.nodal: Array = state.v.x.array[: 3 * scene.owned_nodes].copy()
         outside = self.nodal.copy()
@@ -115,22 +106,13 @@ class WholeMass:
     """Assembles M once for the same bodies of given mass: masses do not change with the motion."""
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
-        """Nothing is assembled.
-
-        Args:
-            scene: The problem.
-            forces: Internal forces.
-        """
+        """Nothing is assembled."""
         self._scene, self._forces = scene, forces
         self._without: set[int] | None = None  # numbers of the bodies whose mass is given
         self._matrix: PETSc.Mat | None = None
 
     def matrix(self, bodies: Sequence[RigidBody]) -> PETSc.Mat:
-        """M, one row per owned dof, which stays this object's own. Collective.
-
-        Args:
-            bodies: All bodies.
-        """
+        """M, one row per owned dof, which stays this object's own. Collective."""
         scene, given = self._scene, [body for body in bodies if body.given]
         without = {body.number for body in given}
         if self._matrix is not None and without == self._without:
@@ -161,12 +143,7 @@ class ConsistentExchange:
     scales = True
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
-        """Keep the problem.
-
-        Args:
-            scene: The problem.
-            forces: Internal forces.
-        """
+        """Keep the problem."""
         self._scene, self._forces = scene, forces
         self._mass = WholeMass(scene, forces)
         self.shape: Callable[[Body], Body] | None = None

@@ -33,8 +33,6 @@ from rigidfx.state import State
 from rigidfx.step.system.division import Division
 from rigidfx.switch.mass_properties import excess_of_lumping, mass_properties
 
-__all__ = ["Exchange", "LumpedExchange", "Works", "faces_within", "freeze"]
-
 
 class Works(NamedTuple):
     """Work of the impulses that keep given velocities at a switch [J].
@@ -177,12 +175,7 @@ class LumpedExchange:
     scales = False
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
-        """Keep the problem.
-
-        Args:
-            scene: The problem.
-            forces: Internal forces.
-        """
+        """Keep the problem."""
         self._scene, self._forces = scene, forces
         self.shape: Callable[[Body], Body] | None = None
 

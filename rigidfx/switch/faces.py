@@ -24,8 +24,6 @@ from rigidfx.state import State
 from rigidfx.switch.exchange import freeze
 from rigidfx.switch.mass_properties import THIN, mass_properties
 
-__all__ = ["face_bodies", "has_bodies", "with_faces"]
-
 
 def face_bodies(
     scene: Scene,

@@ -52,9 +52,6 @@ from rigidfx.switch.resonance import Resonance
 from rigidfx.switch.spun_joints import SpinLimits, off_by
 from rigidfx.withheld.body_forces import BodyForces
 
-__all__ = ["Growth", "Looked"]
-
-
 # Part of a body's length below which ν of its motion is that of rounding.
 ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))
 

@@ -28,8 +28,6 @@ from rigidfx.step.system.supports import dofs_of, supports_of
 from rigidfx.switch.exchange import freeze
 from rigidfx.switch.faces import face_bodies
 
-__all__ = ["about_start", "check_clamps", "divide"]
-
 CHAIN = (
     "{} has nodes held by the support on '{}'. A body on a support would be a kinematic chain: "
     "leave a layer of flexible cells between them, or clamp all components (xyz) of at least three "

@@ -27,9 +27,6 @@ from rigidfx.flexible.internal_forces import Cells
 from rigidfx.mechanics.rotation import skew
 from rigidfx.scene.scene import Scene
 
-__all__ = ["THIN", "MassProperties", "excess_of_lumping", "mass_properties"]
-
-
 THIN = 1e-10  # least over largest principal moment below which a body counts as a line
 
 

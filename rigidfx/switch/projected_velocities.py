@@ -22,8 +22,6 @@ from rigidfx.step.linear.definite import solver_of
 from rigidfx.step.linear.linear_solver import conjugate_gradients
 from rigidfx.switch.closing import Closing
 
-__all__ = ["Field", "RigidFields"]
-
 
 @dataclass(frozen=True)
 class Field:

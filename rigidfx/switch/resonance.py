@@ -22,9 +22,6 @@ from rigidfx.base.types import Array, Indices
 from rigidfx.scene.scene import Scene
 from rigidfx.switch.growth_control import GrowthControl
 
-__all__ = ["Resonance"]
-
-
 # ΩΔt that rounding may make of none.
 LEAST = float(np.sqrt(np.finfo(np.float64).eps))
 

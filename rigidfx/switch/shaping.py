@@ -40,9 +40,6 @@ from rigidfx.step.system.held_bodies import guided
 from rigidfx.switch.inventory import about_start
 from rigidfx.switch.spent import Spent, whole_modes
 
-__all__ = ["Shaping"]
-
-
 # Square of a spin over that of the lowest frequency, above which spin stiffens: frequencies are
 # off by half of it without.
 STIFFENING = 1e-4

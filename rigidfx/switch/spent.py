@@ -18,8 +18,6 @@ from rigidfx.shapes.responses import Responses
 from rigidfx.state import State
 from rigidfx.switch.spun_joints import SpinLimits, off_by
 
-__all__ = ["Spent", "whole_modes"]
-
 
 class Spent:
     """ν of the parts of a run that are named `Reduced`.

@@ -20,8 +20,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.shapes.part import LACKING
 from rigidfx.state import State
 
-__all__ = ["SpinLimits", "off_by"]
-
 
 def off_by(ratio: float) -> float:
     """Bound of the relative error of amplitudes, by the share of energy that shapes lack.
@@ -38,11 +36,7 @@ class SpinLimits:
     """Says which parts between joints spin too fast for their shapes."""
 
     def __init__(self, scene: Scene) -> None:
-        """Nothing is computed.
-
-        Args:
-            scene: The problem.
-        """
+        """Nothing is computed."""
         self._scene, self._joints = scene, scene.named(Joint)
         self._lowest: dict[tuple[int, int], float] = {}
         self._slow = float(np.sqrt(LACKING / off_by(1.0)))  # spin over the lowest frequency

@@ -47,8 +47,6 @@ from rigidfx.switch.inventory import check_clamps, divide
 from rigidfx.switch.mass_properties import mass_properties
 from rigidfx.switch.shaping import Shaping
 
-__all__ = ["Switch"]
-
 
 class Switch:
     """Divides the cells of a stepper: at the start, as decisions say, and as effects come and go.
@@ -308,9 +306,6 @@ class Switch:
 
     def apply(self, decision: Decision) -> Event | None:
         """Release and freeze, so that the bodies are those of a decision. Collective.
-
-        Args:
-            decision: The decision.
 
         Returns:
             The event; None if there was none.

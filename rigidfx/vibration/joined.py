@@ -29,8 +29,6 @@ from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.step.equations.constraints import Constraints
 
-__all__ = ["FreeMotions", "HeldRows"]
-
 
 class HeldRows:
     """The rows that hold a state which vibrates, and the stiffness of their forces.

@@ -37,9 +37,6 @@ from rigidfx.step.linear.eigenpairs import clusters, lowest
 from rigidfx.vibration.problem import Problem
 from rigidfx.vibration.spin import NEGLECTED
 
-__all__ = ["Modes", "modes", "periods", "periods_in_words"]
-
-
 CHEAP = 12_000  # unknowns up to which a description has periods unasked
 SAME = 1e-6  # relative distance of two ω² below which any combination of both shapes is a mode
 

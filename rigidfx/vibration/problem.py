@@ -41,9 +41,6 @@ from rigidfx.switch.shaping import Shaping
 from rigidfx.vibration.joined import FreeMotions, HeldRows
 from rigidfx.vibration.spin import Spin, softening, spin_of
 
-__all__ = ["Problem"]
-
-
 BALANCED = float(np.cbrt(np.finfo(np.float64).eps))  # part of the loads that rounding may leave
 
 

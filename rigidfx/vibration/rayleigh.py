@@ -11,8 +11,6 @@ from rigidfx.base.inputs import positive
 from rigidfx.effects import MassDamping, StiffnessDamping
 from rigidfx.effects.damping import warn_of_ratio
 
-__all__ = ["rayleigh"]
-
 
 def rayleigh(
     first: float, second: float, ratio: float, second_ratio: float | None = None

@@ -25,9 +25,6 @@ from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 
-__all__ = ["NEGLECTED", "Spin", "softening", "spin_of"]
-
-
 # Part of an energy: of the kinetic one, by which a motion that turns may differ from a rigid one;
 # of a mode's, by a spin that changes no frequency by more than half of it.
 NEGLECTED = 0.01
@@ -59,12 +56,7 @@ class Spin:
 
 
 def spin_of(scene: Scene, state: State) -> Spin:
-    """How a state turns, by the velocities of its nodes. Collective.
-
-    Args:
-        scene: The problem.
-        state: The state.
-    """
+    """How a state turns, by the velocities of its nodes. Collective."""
     n, count = scene.owned_nodes, scene.parts.count
     part, middle = parts_of_nodes(scene), np.asarray(scene.centre_of_mass)
     m = scene.averaging_mass[:n]

@@ -36,8 +36,6 @@ from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt, Watch
 from rigidfx.withheld.parts import Parts, watched
 
-__all__ = ["BodyForces", "Withheld"]
-
 # What PETSc's log calls this part of a run.
 _BEARING = PETSc.Log.Event("rigidfxBodyForces")
 

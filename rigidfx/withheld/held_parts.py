@@ -22,8 +22,6 @@ from rigidfx.step.system.supports import PrescribedDofs
 from rigidfx.step.system.system import System
 from rigidfx.step.watches.judge import Attempt, Watch
 
-__all__ = ["HeldParts"]
-
 
 class HeldParts(Watch):
     """The parts named rigid that supports hold, in the shape and at the place that they have."""

@@ -15,8 +15,6 @@ from rigidfx.mechanics.rigid_motions import independent, rigid_motions
 from rigidfx.mechanics.rotation import axial, skew
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Parts", "mass_of", "watched"]
-
 
 class Parts:
     """Rows of the nodes of some bodies, which share none; each body has its own frame.

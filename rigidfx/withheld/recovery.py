@@ -26,8 +26,6 @@ from rigidfx.withheld.held_parts import HeldParts
 from rigidfx.withheld.parts import Parts
 from rigidfx.withheld.whole import Whole, small_enough
 
-__all__ = ["AtRest", "Carried", "Recovery"]
-
 BENDS = 0.02  # part of its length that a part may move within itself by a linear response
 
 

@@ -28,9 +28,6 @@ from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.equations import Equations
 from rigidfx.step.system.supports import PrescribedDofs
 
-__all__ = ["Whole", "small_enough"]
-
-
 LONG = 1e4  # times the time so far: a step in which nothing but stiffness counts
 UP_TO = 100_000  # unknowns that are factored for that: their factors take 2 GB, and ten seconds
 BALANCED = 1e-5  # part of the forces that may be out of balance at the end
@@ -50,12 +47,7 @@ class Whole:
     """
 
     def __init__(self, stepper: Stepper, parts: Sequence[RigidBody]) -> None:
-        """Bind all that acts to it. Collective.
-
-        Args:
-            stepper: Solves the steps.
-            parts: The parts.
-        """
+        """Bind all that acts to it. Collective."""
         scene, state, forces = stepper.scene, stepper.state, stepper.forces
         state.rebuild()
         self._stepper, self._parts, self._forces = stepper, parts, forces
@@ -142,9 +134,6 @@ class Whole:
 
     def displaced(self, forces: Sequence[Array]) -> list[Array] | None:
         """How far forces move the nodes of each part. Collective.
-
-        Args:
-            forces: As of `energy`.
 
         Returns:
             Shape (nodes, 3) [m] of each part; None where no balance is found.

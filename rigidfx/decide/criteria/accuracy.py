@@ -27,8 +27,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl, check_probes, fraction, probe_names
 from rigidfx.scene.timeline import Timeline
 
-__all__ = ["Accuracy", "controlled"]
-
 FINER = 4  # a twin's Δt
 OF_XI = 0.3  # of the ξ with which damping would take as much as it may, were it to go on as it does
 ALL = 0.95  # of the energy: what damping takes more than that does not tell how fast it does
@@ -287,12 +285,6 @@ def _less(ledger: Ledger, scene: Scene, budget: float) -> str:
 
 def controlled(accuracy: Any, scene: Scene, dt: Any, rigidify: Any) -> StepControl:
     """How Δt is chosen in a run with an `Accuracy`.
-
-    Args:
-        accuracy: The record.
-        scene: The problem.
-        dt: Largest Δt [s].
-        rigidify: A criterion besides it.
 
     Raises:
         SceneError: If accuracy is none, there is such a criterion, dt is no length, a probe is

@@ -35,8 +35,6 @@ from rigidfx.report.ledger import Rigidity
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
-__all__ = ["BudgetRule", "Spending", "level"]
-
 PER_OCTAVE, OCTAVES = 4, 400  # levels between which contributions are told apart
 
 

@@ -37,8 +37,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import fraction
 from rigidfx.scene.timeline import Timeline
 
-__all__ = ["RateRule", "Relative", "StrainRate", "Tolerances"]
-
 ENCLOSED = 1.5  # tolerances, up to which a cell may strain that others enclose
 MARGIN = 1.25  # an automatic window in longest periods
 FEWEST = 8  # steps of an automatic window

@@ -30,15 +30,6 @@ from rigidfx.scene.timeline import Timeline
 from rigidfx.state import State
 from rigidfx.step.stepper import Stepper
 
-__all__ = [
-    "CHANGE",
-    "Criterion",
-    "Observation",
-    "Rule",
-    "judged_cells",
-    "never_rigid",
-]
-
 CHANGE = 0.1  # part of its largest value so far by which a load has changed, by default
 LEAST = 2  # cells of a body: one alone hardly saves anything
 WORTH = 0.05  # of all cells: what is less saves less than its switches cost

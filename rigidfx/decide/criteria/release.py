@@ -10,8 +10,6 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, shown
 from rigidfx.base.taken import taken
 
-__all__ = ["Release"]
-
 
 @dataclass(frozen=True)
 class Release:

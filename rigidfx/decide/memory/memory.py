@@ -39,8 +39,6 @@ from rigidfx.effects import Effect, Support, Touch, Windowed
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
-__all__ = ["BackOff", "ContactChanges", "LoadChanges", "Memory", "Window"]
-
 NOTHING = np.zeros(4)
 REST = 1e-3  # of its largest value so far, by which a load at rest may change
 

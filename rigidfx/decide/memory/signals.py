@@ -19,9 +19,6 @@ from rigidfx.scene.points import far_apart
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 
-__all__ = ["Signals", "longest_period"]
-
-
 TELLTALES = 8  # nodes whose distances are recorded
 CYCLES = 3.0  # cycles of a signal in a record before its period is believed
 EXCITED = 0.05  # amplitude relative to the largest swing at which a mode counts as excited
@@ -51,12 +48,7 @@ class Signals:
         self._longest, self._looked_at, self._added = float("nan"), 0, 0
 
     def add(self, state: State, loads: Array) -> None:
-        """Record a state. Collective.
-
-        Args:
-            state: The state.
-            loads: Components of the loads.
-        """
+        """Record a state. Collective."""
         x = state.positions(self._nodes)
         if self._comm.size > 1:
             x = np.concatenate(self._comm.allgather(x))

@@ -17,8 +17,6 @@ from rigidfx.effects.joints.pieces import Pieces
 from rigidfx.effects.joints.remote import OnFace, RemoteNodes, tie
 from rigidfx.effects.joints.sides import Surface
 
-__all__ = ["PointMass"]
-
 
 @dataclass(frozen=True)
 class PointMass(OnFace):

@@ -18,8 +18,6 @@ from rigidfx.effects.joints.remote import OnFace, RemoteNodes
 from rigidfx.effects.joints.sides import Surface
 from rigidfx.effects.nodes import LinearNodes
 
-__all__ = ["Spring"]
-
 Stiffness = float | Sequence[float] | Sequence[Sequence[float]]
 
 

@@ -30,9 +30,6 @@ from rigidfx.effects.joints.joint import Between
 from rigidfx.effects.joints.remote import RemoteMotion, RemoteNodes
 from rigidfx.effects.joints.sides import GROUND, end_of
 
-__all__ = ["SpringDamper", "SpringDamperReport"]
-
-
 TAUT = float(np.sqrt(np.finfo(np.float64).eps))  # of its length, by which a taut cable may be short
 
 

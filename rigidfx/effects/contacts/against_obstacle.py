@@ -30,8 +30,6 @@ from rigidfx.effects.contacts.surface import ContactSurface
 from rigidfx.effects.motion import Instant, Motion, Tangent
 from rigidfx.effects.nodes import Nodes
 
-__all__ = ["Friction", "ObstacleForces", "Points"]
-
 IDENTITY = np.eye(3)
 
 

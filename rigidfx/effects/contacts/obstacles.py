@@ -26,8 +26,6 @@ from rigidfx.base.taken import Checks, check_fields, take_fields
 from rigidfx.base.types import Array
 from rigidfx.effects.base import Vector
 
-__all__ = ["TINY", "Approach", "AskedObstacle", "Cylinder", "Obstacle", "Plane", "Sphere"]
-
 TINY = float(np.finfo(np.float64).tiny)
 
 

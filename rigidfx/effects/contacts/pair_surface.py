@@ -26,9 +26,6 @@ from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.effects.contacts.surface import area_vectors, once, surface_of, triangles_of
 from rigidfx.effects.nodes import on_all_ranks
 
-__all__ = ["PairSurface", "pair_of", "projected", "refuse_overlap"]
-
-
 NEAREST = 12  # triangles that are looked at for a node
 BESIDE = 1e-6  # of a triangle: how far beside it a node may be and still meet it
 FLAT = 1e-9  # of the cosine of two normals

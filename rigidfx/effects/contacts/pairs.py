@@ -30,9 +30,6 @@ from rigidfx.effects.contacts.penalty import CLOSED, ContactForces, secant, soon
 from rigidfx.effects.motion import Instant, Motion, Tangent
 from rigidfx.effects.nodes import SharedNodes
 
-__all__ = ["PairForces"]
-
-
 _SEARCH = PETSc.Log.Event("rigidfxSearch")  # PETSc's log of the search for triangles
 
 

@@ -15,9 +15,6 @@ from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import Action, Structure, Touch
 from rigidfx.effects.motion import Instant
 
-__all__ = ["CLOSED", "STALE", "ContactForces", "secant", "soonest", "stored"]
-
-
 CLOSED = 1e-12  # of a point's coordinates: a gap that statics take for closed, as it rounds to zero
 STALE = 0.05  # change of a derivative, which is k/2 at most, by k: a tangent does not fit any more
 

@@ -25,16 +25,6 @@ from rigidfx.base.form_cache import form_on
 from rigidfx.base.types import Array, Ints
 from rigidfx.mechanics.materials import Material
 
-__all__ = [
-    "ContactSurface",
-    "area_vectors",
-    "modulus_of",
-    "once",
-    "surface_of",
-    "triangles_of",
-]
-
-
 LAYERS = 5.0  # default stiffness in those of a layer of cells
 STRAIN = 1e-4  # at which a material's modulus is measured
 

@@ -46,19 +46,6 @@ from rigidfx.base.types import Array, Ints
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.mechanics.rotation import nearest_rotations, skew
 
-__all__ = [
-    "Average",
-    "Averages",
-    "FaceSide",
-    "FaceVector",
-    "Grounded",
-    "Sided",
-    "Vector",
-    "motion_at",
-    "turn_map",
-    "value_at",
-]
-
 
 @dataclass(frozen=True)
 class Average:

@@ -34,8 +34,6 @@ from rigidfx.effects.joints.elements import (
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.pieces import Coordinate, Coordinates
 
-__all__ = ["Drives", "Element"]
-
 Element = Motor | JointSpring | Stop
 
 APART = float(np.sqrt(np.sqrt(np.finfo(np.float64).eps)))  # of a large coordinate: a jump

@@ -28,19 +28,6 @@ from rigidfx.base.warning import warn
 from rigidfx.effects.base import Effect, TimeFunction, Windowed
 from rigidfx.effects.joints.joint import Joint
 
-__all__ = [
-    "Blow",
-    "Elastic",
-    "JointSpring",
-    "Motor",
-    "OfJoint",
-    "Stop",
-    "coordinate_of",
-    "efforts_of",
-    "end_rates",
-    "titles_of",
-]
-
 KINDS = {
     "torque": ("angle", False),
     "angle": ("angle", True),

@@ -31,20 +31,6 @@ from rigidfx.effects.joints.sides import (
 )
 from rigidfx.effects.supports.support import Support, Symmetry
 
-__all__ = [
-    "Axial",
-    "Between",
-    "Cylindrical",
-    "Joint",
-    "Mirrored",
-    "Prismatic",
-    "Revolute",
-    "Spherical",
-    "Tied",
-    "Universal",
-    "cut_by_symmetry",
-]
-
 Supports = tuple[tuple[Support, Indices], ...]
 RIGHT_ANGLE = 1e-6  # cosine that the axes of a universal joint may have at the start
 

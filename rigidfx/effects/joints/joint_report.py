@@ -13,8 +13,6 @@ from rigidfx.effects.joints.elements import Blow
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.sides import GROUND
 
-__all__ = ["JointReport", "JointReports", "told_of"]
-
 
 @dataclass(frozen=True)
 class JointReport:

@@ -34,8 +34,6 @@ from rigidfx.effects.joints.vectors import BoundAverages, Vectors, stiff_rows
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion
 from rigidfx.mechanics.bodies import Bodies
 
-__all__ = ["JointRows", "Linkage"]
-
 
 class JointRows:
     """The rows of all joints, those left out that others imply.

@@ -35,8 +35,6 @@ from rigidfx.base.matrices import Matrix, Pattern
 from rigidfx.base.types import Array, Ints
 from rigidfx.effects.joints.averages import Sided, Vector
 
-__all__ = ["Angle", "Coordinate", "Coordinates", "Pieces", "Row", "Terms", "Travel"]
-
 SMALL = 1e-5  # gain of invariants, in lengths of a joint or none, whose cube is rounding
 
 

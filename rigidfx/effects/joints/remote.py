@@ -36,17 +36,6 @@ from rigidfx.effects.joints.pieces import Pieces
 from rigidfx.effects.joints.sides import Surface, check_sides, side_of
 from rigidfx.mechanics.rigid_body import BodyMotion, RigidBody
 
-__all__ = [
-    "OnFace",
-    "Points",
-    "RemoteMotion",
-    "RemoteNodes",
-    "RemotePoint",
-    "RemoteTangent",
-    "body_of",
-    "tie",
-]
-
 SMALL = 0.02  # radius of gyration over the size of the face; 1e-3 drowns low modes in rounding
 Heed = Callable[[Action, str], Callable[..., Any]]
 RemoteTangent = list[tuple[Ints, Ints, Array]]

@@ -23,22 +23,6 @@ from rigidfx.effects.base import Vector as Point
 from rigidfx.effects.joints.averages import Average, Averages, FaceSide, Grounded, Sided, Vector
 from rigidfx.effects.supports.support import Support
 
-__all__ = [
-    "GROUND",
-    "MeanFace",
-    "RigidFace",
-    "Side",
-    "Surface",
-    "check_side",
-    "check_sides",
-    "cylinder_of",
-    "end_of",
-    "rigid_faces",
-    "side_name",
-    "side_of",
-    "sphere_of",
-]
-
 GROUND = "ground"
 ROUND = 0.02  # part of the normals' squares along the axis, or of the radius, that may be off
 FAR = 20.0  # times its own size, that a surface may be away from its joint or remote point

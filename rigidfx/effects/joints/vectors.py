@@ -23,8 +23,6 @@ from rigidfx.effects.nodes import Nodes
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.mechanics.rotation import AXES, cross, nearest_rotations, skew
 
-__all__ = ["BoundAverages", "StiffRow", "Vectors", "stiff_rows"]
-
 
 @dataclass(frozen=True)
 class StiffRow:

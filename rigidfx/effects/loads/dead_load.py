@@ -26,8 +26,6 @@ from rigidfx.effects.motion import Forces
 from rigidfx.effects.nodes import Nodes
 from rigidfx.mechanics.rigid_body import RigidBody
 
-__all__ = ["BodyForce", "DeadForces", "DeadLoad", "Gravity", "NodalForce", "Traction"]
-
 
 @dataclass(frozen=True)
 class DeadLoad(Scaled):

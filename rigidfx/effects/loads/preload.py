@@ -18,8 +18,6 @@ from rigidfx.effects.joints.joint import Axial
 from rigidfx.effects.loads.dead_load import DeadLoad
 from rigidfx.effects.supports.prescribed import PrescribedRotation
 
-__all__ = ["Preload"]
-
 PARALLEL = float(np.cbrt(np.finfo(np.float64).eps))  # sine of an angle between equal axes
 
 

@@ -29,8 +29,6 @@ from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.element import Element
 from rigidfx.mechanics.rotation import IDENTITY
 
-__all__ = ["Pressure"]
-
 
 @dataclass(frozen=True)
 class Pressure(Scaled):

@@ -20,8 +20,6 @@ from rigidfx.effects.loads.dead_load import DeadForces
 from rigidfx.effects.motion import Forces
 from rigidfx.mechanics.rotation import skew
 
-__all__ = ["Resultant"]
-
 
 @dataclass(frozen=True)
 class Resultant(OnFace, Scaled):

@@ -29,8 +29,6 @@ from rigidfx.effects.base import Vector
 from rigidfx.effects.fields import PlaceAndTime, of_place, values_at
 from rigidfx.effects.supports.support import Support, slope_after
 
-__all__ = ["PathAndVelocity", "PrescribedMotion", "PrescribedRotation"]
-
 
 @dataclass(frozen=True)
 class GuidedSupport(Support):

@@ -16,8 +16,6 @@ from rigidfx.base.types import Array
 from rigidfx.effects.base import Effect, Windowed, check_vector
 from rigidfx.effects.fields import check_values, some_points
 
-__all__ = ["FLAT", "Fixed", "ResolvedForces", "Support", "Symmetry", "slope_after"]
-
 FLAT = 1e-9  # of the size of the mesh: extent of a plane along its normal
 
 

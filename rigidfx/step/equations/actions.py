@@ -24,8 +24,6 @@ from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Action, Effect, Structure, Touch
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion, Tangent
 
-__all__ = ["Actions", "Jumping", "OwnMethods", "bound"]
-
 # Methods that a step calls.
 METHODS = ("load", "resist", "stiffen", "stored", "taken", "accept", "touch", "creep_for")
 STORES = ("taken", "stored")  # those whose results are of an action's kind
@@ -98,13 +96,7 @@ class Jumping:
     """The actions whose derivatives may jump."""
 
     def __init__(self, contacts: Sequence[Action], own: OwnMethods, comm: MPI.Intracomm) -> None:
-        """Find them.
-
-        Args:
-            contacts: Contacts that act.
-            own: Their methods.
-            comm: Ranks that take part.
-        """
+        """Find them."""
         self._comm = comm
         self._outdated = own.calls(contacts, "outdated")
         self._stiffen = own.calls(contacts, "stiffen")

@@ -26,9 +26,6 @@ from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.motion import Forces, Motion
 from rigidfx.mechanics.bodies import Bodies
 
-__all__ = ["Constraints"]
-
-
 # Of a joint's size, that a row without a force may be open by: rounding and poses make some 1e-9.
 OPEN = float(np.cbrt(np.finfo(np.float64).eps))
 

@@ -18,8 +18,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions
 
-__all__ = ["Energies", "Measures", "Momenta"]
-
 
 @dataclass(frozen=True)
 class Measures:

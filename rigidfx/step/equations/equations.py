@@ -36,8 +36,6 @@ from rigidfx.step.equations.constraints import Constraints
 from rigidfx.step.equations.round_off import Lost, Rounding
 from rigidfx.step.equations.shape_damping import ShapeDamping
 
-__all__ = ["Equilibrium", "Trial"]
-
 WELL_CONDITIONED = 50.0  # cells that the fastest wave passes in a step; its square is the condition
 
 

@@ -43,8 +43,6 @@ from rigidfx.mechanics.rotation import axial, skew
 from rigidfx.scene.scene import Scene
 from rigidfx.step.equations.actions import Actions
 
-__all__ = ["Lost", "Rounding"]
-
 TINY = 1e-200  # J, and kg m/s; what is relative to less than that would be beyond all numbers
 
 

@@ -24,8 +24,6 @@ from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.mechanics.shapes import times
 from rigidfx.scene.scene import Scene
 
-__all__ = ["ShapeDamping"]
-
 
 class ShapeDamping:
     """The damping of the shapes of some bodies by the effects that act."""

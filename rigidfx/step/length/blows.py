@@ -28,9 +28,6 @@ from rigidfx.effects import Contact, Touch
 from rigidfx.scene.points import met, parts_of_nodes
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Blows"]
-
-
 LONGER = 4.0  # times a step: the force in one so long tells nothing of that at its ends, but is
 # next to nothing where it gives less than this step: a step that ends at a touch may press a little
 SETTLED = 4  # steps that a contact has been open before it closes with a blow

@@ -37,8 +37,6 @@ from rigidfx.effects import Contact
 from rigidfx.scene.damped import Damped
 from rigidfx.scene.scene import Scene
 
-__all__ = ["NUMBERS", "Controller", "ControllerNumbers", "Moves", "RunError"]
-
 STAGES = 4  # of both filters: a flight that goes with t³ has no amplitude
 OF_CUT = 0.5  # of ω_b: the frequency that is damped at δ_b, and above which A_b is found
 PERIODS = 12.0  # over ½ω_b, the time in which an amplitude fades: two periods
@@ -155,11 +153,7 @@ class RunError:
         self.largest = max(self.largest, self.error)
 
     def left(self, time: float) -> float:
-        """Error that is left after a time in which no step errs [m].
-
-        Args:
-            time: [s].
-        """
+        """Error that is left after a time in which no step errs [m]."""
         slower = np.maximum.accumulate(self._errors * np.exp(-self.rates * time))
         return float((slower + 2 * self._sizes).min())
 

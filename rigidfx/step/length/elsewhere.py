@@ -20,8 +20,6 @@ import numpy as np
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.types import Array
 
-__all__ = ["Elsewhere"]
-
 
 class Elsewhere:
     """Knows how far points have moved, those that are asked for and all others."""

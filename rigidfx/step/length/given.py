@@ -27,8 +27,6 @@ from rigidfx.scene.sample import spread
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
-__all__ = ["Breakpoints", "Given", "Onsets", "given_loads", "is_given"]
-
 Signal = Callable[[float, float], npt.ArrayLike]
 
 NODES = 1000  # at which a function of place is evaluated, at most

@@ -24,8 +24,6 @@ from rigidfx.step.length.tracked import Tracked
 from rigidfx.step.system.system import System
 from rigidfx.step.watches.judge import Attempt, WarnsOnce
 
-__all__ = ["TimeControl"]
-
 
 class TimeControl(WarnsOnce):
     """Says where steps end, and whether one errs by too much.

@@ -29,9 +29,6 @@ import numpy as np
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.types import Array
 
-__all__ = ["TimeError"]
-
-
 DIFFERENCES = 3  # that ĵ is the mean of: two let a ringing from step to step through
 TURN = 3.0  # over ω, the time in which squares fade: half a period
 

@@ -21,9 +21,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.system.system import System
 
-__all__ = ["Tracked"]
-
-
 NODES = 32  # of its own choice
 ROUNDING = 1e-9  # of a probe's weights of nodes, which add up to one
 
@@ -39,12 +36,7 @@ class Tracked:
     """
 
     def __init__(self, scene: Scene, names: Sequence[str]) -> None:
-        """Find the points. Collective.
-
-        Args:
-            scene: The problem.
-            names: Names of probes.
-        """
+        """Find the points. Collective."""
         self._scene, probes = scene, find_probes(scene) if names else {}
         points = [probes[name] for name in names]
         own = np.concatenate([np.empty(0, np.int64), *(p.nodes for p in points)])

@@ -11,8 +11,6 @@ from petsc4py import PETSc
 
 from rigidfx.step.linear.linear_solver import default_options
 
-__all__ = ["DEFAULTS", "PREFIX", "cholmod_factor", "cholmod_solver", "has_cholmod", "solver_of"]
-
 PREFIX = "rigidfx_error_"  # of the options of all of them
 # Unknowns up to which METIS takes more time than its order saves: at 4536 to 7203 factors by AMD's
 # are there in .55 to .74 of the time, solves take 1.0 to 1.2; 1.9 in a plate of 14 406.

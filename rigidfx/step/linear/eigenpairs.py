@@ -28,8 +28,6 @@ from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.step.linear import definite
 from rigidfx.step.linear.linear_solver import PREFIX, default_options
 
-__all__ = ["EigenControl", "Eigenpairs", "clusters", "lowest"]
-
 MOST = 1000  # restarts of the iteration
 OWN = PREFIX + "modes_"  # prefix of the options of the solver with K + σM
 

@@ -16,16 +16,6 @@ from petsc4py import PETSc
 
 from rigidfx.base.errors import StepError
 
-__all__ = [
-    "PREFIX",
-    "QUICK_UP_TO",
-    "configure",
-    "conjugate_gradients",
-    "default_options",
-    "forget_failed",
-    "prefers_direct",
-]
-
 PREFIX = "rigidfx_"
 # With the preconditioner on the left, a step by LU took 2.4 ms at 78, 3.9 ms at 150 and 5.0 ms at
 # 258 unknowns; by GMRES 2.3, 3.2 and 3.8 ms. Up to here LU costs no more, and it never gives up.
@@ -115,11 +105,7 @@ def configure(
 
 
 def forget_failed(ksp: PETSc.KSP) -> None:
-    """Renew factors that have failed: MUMPS would raise an error of its own. Collective.
-
-    Args:
-        ksp: A linear solver.
-    """
+    """Renew factors that have failed: MUMPS would raise an error of its own. Collective."""
     pc = ksp.getPC()
     if ksp.comm.tompi4py().allreduce(int(pc.getFailedReason())):
         pc.reset()
@@ -133,11 +119,6 @@ def _ordering() -> str:
 
 def conjugate_gradients(mass: PETSc.Mat, rhs: PETSc.Vec, x: PETSc.Vec) -> None:
     """Solve a well-conditioned system to rounding, as reduced mass matrices are. Collective.
-
-    Args:
-        mass: Symmetric positive definite matrix.
-        rhs: Right-hand side.
-        x: Solution, overwritten.
 
     Raises:
         StepError: If it does not converge.

@@ -37,8 +37,6 @@ from rigidfx.base.inputs import shown
 from rigidfx.base.warning import warn
 from rigidfx.step.linear.linear_solver import PREFIX, default_options
 
-__all__ = ["SolverOptions", "monitor_solves", "take_arguments"]
-
 Monitor = Callable[[int, float], None]
 
 FAMILIES = ("snes_", "ksp_", "pc_", "mat_", "sub_", "mg_")
@@ -140,11 +138,7 @@ class SolverOptions:
             _monitor.reset(token)
 
     def warn_of_unasked(self, comm: MPI.Intracomm) -> None:
-        """Warn, once, of options that nobody has asked for; after linear systems were solved.
-
-        Args:
-            comm: Ranks that take part.
-        """
+        """Warn, once, of options that nobody has asked for; after linear systems were solved."""
         if not self._unasked:
             return
         names = ", ".join(f"'{name}'" for name in sorted(self._unasked))

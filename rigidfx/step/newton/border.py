@@ -38,8 +38,6 @@ from rigidfx.mechanics.rotation import AXES, nearest_rotations
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.newton.parted import Shared, parted
 
-__all__ = ["Border", "BorderedFactors", "small_system"]
-
 Solve = Callable[[PETSc.Vec, PETSc.Vec], None]
 Factors = Callable[[Array, Array], tuple[Array, Array]]
 
@@ -115,11 +113,7 @@ class Border:
     """
 
     def __init__(self, equilibrium: Equilibrium) -> None:
-        """Keep the equations.
-
-        Args:
-            equilibrium: The equations.
-        """
+        """Keep the equations."""
         self._equilibrium, self._rows = equilibrium, equilibrium.constraints
         self.ports = 0
         if self._rows is None:
@@ -259,11 +253,7 @@ class BorderedFactors:
     """
 
     def __init__(self, equilibrium: Equilibrium) -> None:
-        """Create the solver within. Collective.
-
-        Args:
-            equilibrium: The equations.
-        """
+        """Create the solver within. Collective."""
         self.inner = PETSc.KSP().create(equilibrium.prolongation.comm)
         self._equilibrium, self._border = equilibrium, Border(equilibrium)
 

@@ -29,8 +29,6 @@ from rigidfx.step.newton.low_rank import LowRank
 from rigidfx.step.newton.stopping_test import ChordTest
 from rigidfx.step.newton.two_levels import TwoLevels
 
-__all__ = ["Chord", "pays", "worn"]
-
 # Price of a tangent, with as many entries in factors as in itself, from which tangents are kept.
 # Steps took .86 of the time by Newton's method at 1.5 (108 unknowns), .96 at 1.9 (135), .34 to .79
 # from 2.5 on (189 to 486), 1.23 at 1.4 (144 of a slender bar), 1.2 to 1.3 below .5 (6 and 36). With
@@ -126,12 +124,7 @@ class Chord:
     """
 
     def __init__(self, equilibrium: Equilibrium, stop: ChordTest) -> None:
-        """Create the solver. Collective.
-
-        Args:
-            equilibrium: The equations.
-            stop: Stopping test.
-        """
+        """Create the solver. Collective."""
         self.stop = stop
         self.tangents = 0
         self._equilibrium, p = equilibrium, equilibrium.prolongation
@@ -187,11 +180,7 @@ class Chord:
         return fill(self._equilibrium.tangent_matrix)
 
     def begin(self, dt: float) -> None:
-        """Begin a step, or an attempt at it. Collective.
-
-        Args:
-            dt: Δt [s].
-        """
+        """Begin a step, or an attempt at it. Collective."""
         suited = self._suited(dt)
         if type(self._kept.inverse) is not suited:
             self._kept.replace(suited(self._equilibrium))

@@ -17,8 +17,6 @@ from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear import definite
 from rigidfx.step.linear.linear_solver import PREFIX, QUICK_UP_TO, configure
 
-__all__ = ["SKEW", "Cholesky", "Factors"]
-
 OWN = PREFIX + "cholesky_"  # prefix of its options
 # Skew part, relative to all of a tangent, in Frobenius' norm. A residual falls to 2 to 14 times
 # that in an iteration.

@@ -20,9 +20,6 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rotation import IDENTITY, axial, cayley, skew
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Guess", "predict"]
-
-
 SMALL = 1e-3  # rotation per step [rad] below which a straight line is as good a guess
 SINGULAR = 1e-9  # ratio of a principal moment of inertia to the largest that counts as none
 

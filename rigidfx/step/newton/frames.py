@@ -17,8 +17,6 @@ from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.local_rotations import LocalRotations, turn_vectors
 from rigidfx.mechanics.rotation import IDENTITY
 
-__all__ = ["Frames"]
-
 
 class Frames:
     """The frames of the nodes and bodies that the unknowns of a layout belong to.

@@ -12,8 +12,6 @@ from petsc4py import PETSc
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear.linear_solver import PREFIX, configure, default_options
 
-__all__ = ["IncompleteFactors"]
-
 OWN = PREFIX + "incomplete_"  # prefix of its options
 REDUCTION = 1e-2  # of the residual in a solve
 MAX_ITERATIONS = 100
@@ -80,9 +78,6 @@ def _of_ranks(bodies: bool) -> dict[str, str]:
     With the rows round its own, in the order that one rank would take, a rank's factors are as good
     as those of all: at 27 000 unknowns on two ranks a step took 37 iterations, 37 on one rank, 52
     by blocks without others' rows.
-
-    Args:
-        bodies: Whether there are any.
     """
     return {
         "pc_type": "asm",

@@ -25,8 +25,6 @@ from rigidfx.step.newton.frames import Frames
 from rigidfx.step.newton.incomplete import IncompleteFactors
 from rigidfx.step.newton.low_rank import LowRank
 
-__all__ = ["Inverse", "KeptTangent", "Secants"]
-
 NEAR = 0.1  # change of Δt that a tangent survives
 Inverse = Factors | IncompleteFactors  # solvers with a tangent that has been assembled once
 MOST = 12  # pairs that are kept

@@ -27,8 +27,6 @@ from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.contacts.penalty import STALE
 from rigidfx.step.newton.frames import Frames
 
-__all__ = ["LowRank"]
-
 Solve = Callable[[PETSc.Vec, PETSc.Vec], None]
 
 
@@ -187,11 +185,7 @@ class LowRank:
         self._factors = lu_factor(np.eye(self.columns) + self._W @ self._C)
 
     def mend(self, z: PETSc.Vec) -> None:
-        """Turn a solution with the tangent, in its frame, into one with the correction. Collective.
-
-        Args:
-            z: Solution, changed in place.
-        """
+        """Turn a solution with the tangent, in its frame, into a corrected one. Collective."""
         if self._factors is not None:
             z.array[:] -= lu_solve(self._factors, self._W @ self._at_rows(z.array_r)) @ self._Y
 

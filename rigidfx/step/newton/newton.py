@@ -38,8 +38,6 @@ from rigidfx.step.newton.stopping_test import (
     reason_name,
 )
 
-__all__ = ["Conserving", "Newton"]
-
 CONSERVED = 3e-3  # of the tolerance of residuals, what a step may take from energy and momenta
 SLOW = 0.5  # factor by which what falls in an iteration is no rounding
 GROWN = 2.0  # a residual that has grown by that belongs to no solution any more
@@ -85,11 +83,7 @@ class Conserving:
         return bool(self._lost)
 
     def grown(self, residual: float) -> bool:
-        """Whether an iterate is none to go on from. True ends the step.
-
-        Args:
-            residual: ‖R‖ there [N].
-        """
+        """Whether an iterate is none to go on from. True ends the step."""
         self.best = residual <= GROWN * self._residual
         return not self.best
 
@@ -172,12 +166,7 @@ class Newton:
     """
 
     def __init__(self, equilibrium: Equilibrium, scene: Scene) -> None:
-        """Create the SNES. Collective.
-
-        Args:
-            equilibrium: The equations.
-            scene: The problem.
-        """
+        """Create the SNES. Collective."""
         self.equilibrium = equilibrium
         self._y = equilibrium.unknowns()
         self._r, self._saved = self._y.duplicate(), self._y.duplicate()
@@ -352,12 +341,7 @@ class Newton:
         return float(self._r.norm())
 
     def ended(self, iteration: int, norm: float) -> int:
-        """SNES's reason to stop, or 0 to go on. Collective.
-
-        Args:
-            iteration: Number of the iterate.
-            norm: ‖R‖ there [N].
-        """
+        """SNES's reason to stop, or 0 to go on. Collective."""
         reason, conserving = self.stop(iteration, norm), self.conserving
         if conserving.following:
             if conserving.grown(norm):

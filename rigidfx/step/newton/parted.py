@@ -17,8 +17,6 @@ from scipy.sparse.csgraph import connected_components
 
 from rigidfx.base.types import Array, Ints
 
-__all__ = ["Shared", "parted"]
-
 
 @dataclass(frozen=True)
 class Shared:

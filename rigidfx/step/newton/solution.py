@@ -6,8 +6,6 @@ from dataclasses import dataclass, replace
 
 from rigidfx.base.types import Array
 
-__all__ = ["Solution"]
-
 
 @dataclass(frozen=True)
 class Solution:

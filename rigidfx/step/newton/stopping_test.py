@@ -13,15 +13,6 @@ from itertools import pairwise
 import numpy as np
 from petsc4py import PETSc
 
-__all__ = [
-    "MAX_ITERATIONS",
-    "RELATIVE_TOLERANCE",
-    "ChordTest",
-    "StoppingTest",
-    "judged",
-    "reason_name",
-]
-
 RELATIVE_TOLERANCE = 1e-12
 ROUNDING = 2.0  # safety on an estimated, or met, level of rounding
 STALL = 0.2  # Newton has met rounding where it reduces the residual by less than this ...
@@ -60,12 +51,7 @@ class StoppingTest:
         self.rounding = ROUNDING * float(np.finfo(np.float64).eps) * noise
 
     def __call__(self, iteration: int, norm: float) -> int:
-        """SNES's reason to stop, or 0 to go on.
-
-        Args:
-            iteration: Number of the iterate.
-            norm: ‖R‖ there [N].
-        """
+        """SNES's reason to stop, or 0 to go on."""
         Reason = PETSc.SNES.ConvergedReason
         self.history.append(norm)
         first = self.history[0]

@@ -27,8 +27,6 @@ from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear.linear_solver import configure
 from rigidfx.step.newton.incomplete import OWN, IncompleteFactors
 
-__all__ = ["CoarseGrid", "TwoLevels"]
-
 COARSE = OWN + "coarse_"  # prefix of the coarse solver's options
 Int = PETSc.IntType
 

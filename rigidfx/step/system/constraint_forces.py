@@ -37,8 +37,6 @@ from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.newton.parted import parted
 from rigidfx.step.system.supports import PrescribedDofs, ReducedMass
 
-__all__ = ["Added", "AddedForces", "MeanConstraints", "gained_across"]
-
 # Finds additions to multipliers of joints [N], and forces of these on vectors, shape (vectors, 3).
 Added = Callable[[], tuple[Array, Array]]
 
@@ -115,12 +113,7 @@ class AddedForces(ABC):
     """λ* - λ of the supports and joints of a division; `destroy` frees its vectors."""
 
     def __init__(self, equations: Equilibrium, prescribed: PrescribedDofs) -> None:
-        """Keep the equations of steps. Collective.
-
-        Args:
-            equations: The equations.
-            prescribed: Dofs that supports hold.
-        """
+        """Keep the equations of steps. Collective."""
         self._equations, self._prescribed = equations, prescribed
         joints, p = equations.constraints, equations.prolongation
         self._linkage, rows = None if joints is None else joints.linkage, p.layout.rows

@@ -12,8 +12,6 @@ from rigidfx.effects import Support
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.mechanics.bodies import Bodies
 
-__all__ = ["Division", "Hold"]
-
 
 @dataclass(frozen=True)
 class Hold:

@@ -31,8 +31,6 @@ from rigidfx.step.system.held_bodies import HeldBodies
 from rigidfx.step.system.linked import linked
 from rigidfx.step.system.supports import PrescribedDofs
 
-__all__ = ["Equations", "Kind"]
-
 Kind = Literal["step", "static", "linear"]
 OfSupports = tuple[dict[str, Array], dict[str, Array]]
 

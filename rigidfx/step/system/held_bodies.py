@@ -25,8 +25,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.step.system.division import Hold
 from rigidfx.step.system.supports import dofs_of
 
-__all__ = ["HeldBodies", "guided"]
-
 
 @dataclass(frozen=True)
 class _Points:

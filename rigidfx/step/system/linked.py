@@ -18,8 +18,6 @@ from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.remote import Points
 from rigidfx.step.equations.actions import OwnMethods, bound
 
-__all__ = ["elements_of", "linked"]
-
 
 def elements_of(scene: Any, acting: Sequence[Windowed]) -> tuple[Motor | JointSpring | Stop, ...]:
     """Actions along free coordinates of joints: motors that act, springs and stops.

@@ -38,8 +38,6 @@ from rigidfx.step.newton.factors import entries_of
 from rigidfx.step.system.constraint_forces import Added, AddedForces, gained_across
 from rigidfx.step.system.supports import PrescribedDofs
 
-__all__ = ["ResolvedConstraints"]
-
 # Strain by which forces are differentiated: rounding, and products of velocities, leave as much of
 # K v as this is of the strain of one cell that moves alone.
 STRAIN = float(np.cbrt(np.finfo(np.float64).eps))
@@ -53,11 +51,7 @@ class PresentTangent:
     """
 
     def __init__(self, equilibrium: Equilibrium) -> None:
-        """Create the solver. Collective.
-
-        Args:
-            equilibrium: The equations.
-        """
+        """Create the solver. Collective."""
         self._equilibrium, p = equilibrium, equilibrium.prolongation
         self._factors = BorderedFactors(equilibrium)
         configure(self._factors.inner, True, p.size, len(p.layout.bodies) > 0)
@@ -82,12 +76,7 @@ class PresentTangent:
             others.destroy()
 
     def solve(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
-        """Response to forces. Collective.
-
-        Args:
-            r: Right-hand side.
-            z: Solution, overwritten.
-        """
+        """Response to forces. Collective."""
         self._factors.apply(None, r, z)
 
     def _free(self) -> None:
@@ -106,14 +95,7 @@ class ResolvedConstraints(AddedForces):
     def __init__(
         self, equations: Equilibrium, mass: Mass, prescribed: PrescribedDofs, scene: Scene
     ) -> None:
-        """Make a solver. Collective.
-
-        Args:
-            equations: The equations.
-            mass: The mass of nodes.
-            prescribed: Dofs that supports hold.
-            scene: The problem.
-        """
+        """Make a solver. Collective."""
         super().__init__(equations, prescribed)
         self._tangent, p = PresentTangent(equations), equations.prolongation
         self._mass, self._cell, self._comm = mass, scene.mean_cell_size, p.comm

@@ -29,8 +29,6 @@ from rigidfx.scene.weights import inertial_masses
 from rigidfx.step.system.linked import elements_of
 from rigidfx.step.system.supports import PrescribedDofs
 
-__all__ = ["FREE", "following_energy", "free_to_move", "motions_of_parts"]
-
 FREE = 1e-10  # of the largest eigenvalue of BᵀB: motions that B does not see
 NOTHING = float(np.sqrt(np.finfo(np.float64).eps))  # of a motion: what asks less asks nothing
 

@@ -30,8 +30,6 @@ from rigidfx.step.newton.solution import Solution
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.system import System, Work
 
-__all__ = ["StaticSystem"]
-
 
 class StaticSystem(System):
     """The equations of statics of one division; `destroy` frees them.

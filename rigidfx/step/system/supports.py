@@ -27,8 +27,6 @@ from rigidfx.state import State
 from rigidfx.step.linear.linear_solver import conjugate_gradients
 from rigidfx.step.watches.jumps import Jumps
 
-__all__ = ["Impact", "PrescribedDofs", "ReducedMass", "impose_velocity", "supports_of"]
-
 
 @dataclass(frozen=True)
 class Impact:

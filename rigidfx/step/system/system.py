@@ -45,8 +45,6 @@ from rigidfx.step.system.resolved_forces import ResolvedConstraints
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 from rigidfx.step.watches.jumps import Jumps
 
-__all__ = ["StepResult", "System", "Work"]
-
 Links = tuple[JointReports, Mapping[str, SpringDamperReport]]
 
 

@@ -21,8 +21,6 @@ from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.judge import Attempt, WarnsOnce
 
-__all__ = ["NEGLIGIBLE", "WORTH_A_WARNING", "Alternation", "Unresolved"]
-
 BACK = -0.6  # r of a period of 1.6 steps, below which motion counts as alternating
 LARGE = 0.25  # of displacements: smaller increments do not matter
 FIRST = 4  # steps that are looked at together; twice as many each next time
@@ -46,11 +44,7 @@ class Unresolved(WarnsOnce):
     remembered: ClassVar[Remembered] = WarnsOnce.remembered | same("_moved")
 
     def __init__(self, scene: Scene) -> None:
-        """Begin before the first step. Collective.
-
-        Args:
-            scene: The problem.
-        """
+        """Begin before the first step. Collective."""
         super().__init__(scene.comm)
         self._least = NEGLIGIBLE * scene.mean_cell_size
         self._moved = 0.0

@@ -19,9 +19,6 @@ from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.judge import Attempt, WarnsOnce, name_of_cell
 
-__all__ = ["Compression"]
-
-
 LEAST = 0.75  # stretch that is warned of
 EVERY = 8  # steps
 

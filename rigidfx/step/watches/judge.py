@@ -32,19 +32,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.step.newton.solution import Solution
 from rigidfx.step.newton.stopping_test import MARGIN
 
-__all__ = [
-    "INVERTED",
-    "Attempt",
-    "Judge",
-    "Measuring",
-    "WarnsOnce",
-    "Watch",
-    "course",
-    "name_of_cell",
-    "overload",
-    "remedy",
-]
-
 INVERTED = ". There det F ≤ 0 at an integration point, or a stretch is above 10⁶."
 
 

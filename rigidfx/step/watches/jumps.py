@@ -26,8 +26,6 @@ from rigidfx.effects import Contact, Obstacle, Support, Touch
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.judge import Attempt, WarnsOnce
 
-__all__ = ["JumpingObstacles", "Jumps", "jump_of"]
-
 Path = Callable[[float], Array]
 
 SUDDEN = 2.0  # times what the path gained in the step before
@@ -46,11 +44,7 @@ class Gains:
     remembered: ClassVar[Remembered] = {"_before": ByObject()}
 
     def __init__(self, scene: Scene) -> None:
-        """Begin before the first step. Collective.
-
-        Args:
-            scene: The problem.
-        """
+        """Begin before the first step. Collective."""
         self._least = 2 * NEGLIGIBLE * scene.mean_cell_size  # a jump is half of it or more
         # By identity, what each path gained in its last step, and in the attempt under way.
         self._before: dict[int, float] = {}
@@ -88,11 +82,7 @@ class Jumps(WarnsOnce):
     remembered: ClassVar[Remembered] = WarnsOnce.remembered | {"_gains": PART}
 
     def __init__(self, scene: Scene) -> None:
-        """Begin before the first step. Collective.
-
-        Args:
-            scene: The problem.
-        """
+        """Begin before the first step. Collective."""
         super().__init__(scene.comm)
         self._gains, self._found = Gains(scene), ""
 

@@ -18,9 +18,6 @@ from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.judge import Attempt, WarnsOnce, name_of_cell
 
-__all__ = ["RotationPerStep", "cell_rotations"]
-
-
 WORTH_A_WARNING = 1.0  # |θ|, where a free rotation is 7 % too slow
 ONE_PER_CENT = 0.33  # |θ| where, also after Δt is rounded for a message, it is 1 % too slow
 EVERY = 8  # steps: cells that turn too far do so for long, and a look costs what inversion's does
