@@ -2,6 +2,5 @@
 
 from rigidfx.command.main import main
 
-
 if __name__ == "__main__":
     main(prog="python3 -m rigidfx.command")
