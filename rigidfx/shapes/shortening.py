@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import permutations
 from typing import ClassVar
 
 import numpy as np
@@ -55,6 +56,21 @@ class About:
     Q: Array
 
 
+@dataclass(frozen=True)
+class Terms:
+    """Forces F_kl = K'[φ_k] φ_l of a body, against responses to unit forces at probes and shapes.
+
+    Attributes:
+        at: g·F_kl of the whole response, shape (3 · probes, m, m) [1/m].
+        along: φ_j·F_kl, the same in any order, shape (m, m, m) [N/m²].
+        C: g·F_kl without what shapes follow, shape (3 · probes, m, m) [1/m].
+    """
+
+    at: Array
+    along: Array
+    C: Array
+
+
 class Shortening:
     """δ of the bodies of a run, at probes and as a field."""
 
@@ -73,7 +89,7 @@ class Shortening:
         self._scene, self._points, self._about = scene, points, about
         self._small: dict[Key, float] = {}  # Σ |q| of each body up to which δ counts for little [m]
         self._counting: frozenset[Key] = frozenset()  # bodies whose δ is shown
-        self._terms: dict[Key, Array] = {}  # C of each, shape (3 · probes, m, m) [1/m]
+        self._terms: dict[Key, Terms] = {}  # of each body
         self._units: dict[int, Array] = {}  # g by responses, shape (owned nodes, 3, 3 · probes)
 
     def at_probes(self, bodies: Bodies) -> dict[str, tuple[Array, Array]]:
@@ -169,31 +185,42 @@ class Shortening:
         return [-found[:, :, k] @ turn for k in range(forces.shape[2])]
 
     def _of_probes(self, body: Body, about: About) -> Array:
-        """C of a body, found anew for other shapes. Collective."""
-        key, m, shapes = _key(body), body.data.deforms_by, body.data.shapes
-        assert shapes is not None
+        """C of a body; only pairs with a shape that has grown are new. Collective."""
+        key, m = _key(body), body.data.deforms_by
         known = self._terms.get(key)
-        if known is not None and known.shape[1] == m:
-            return known
-        out = np.zeros((3 * len(self._points), m, m))
+        if known is None or known.C.shape[1] < m:
+            known = self._terms[key] = self._grown(body, about, known)
+        return known.C
+
+    def _grown(self, body: Body, about: About, known: Terms | None) -> Terms:
+        """Terms of a body with those of the shapes that it had before. Collective."""
+        part, shapes, m = about.part, body.data.shapes, body.data.deforms_by
+        assert shapes is not None
         g = np.einsum("ab,nbp->nap", about.Q, self._unit(about.responses)[body.data.nodes])
         modes, weighted, inverse = _followed(shapes, about)
-        g = g - modes @ (inverse @ about.part.dot(weighted, g))
         h = np.sqrt(SMALL_WAY) * self._scene.mean_cell_size  # strains by h φ are small
+        first, at, along = 0, np.zeros((g.shape[2], m, m)), np.zeros((m, m, m))
+        if known is not None:
+            first = known.C.shape[1]
+            at[:, :first, :first], along[:first, :first, :first] = known.at, known.along
 
-        whole = shapes.whole
+        def bent(*some: int) -> tuple[Array, Array]:
+            """Half of g·F_kk and φ_i·F_kk along the sum of some shapes."""
+            F = part.even(h * shapes.whole[:, some].sum(axis=1))[:, :, None] / h**2
+            return part.dot(g, F)[:, 0], part.dot(modes, F)[:, 0]
 
-        def bent(*some: int) -> Array:
-            even = about.part.even(h * whole[:, some].sum(axis=1))
-            return about.part.dot(g, even[:, :, None])[:, 0] / h**2
-
-        for k in range(m):
-            out[:, k, k] = 2 * bent(k)
+        for k in range(first, m):
+            shown, own = bent(k)
+            at[:, k, k] = 2 * shown
+            for i in range(k + 1):
+                _set(along, (i, k, k), 2 * own[i])
             for j in range(k):
-                sides = out[:, j, j] + out[:, k, k]
-                out[:, j, k] = out[:, k, j] = bent(j, k) - 0.5 * sides
-        self._terms[key] = out
-        return out
+                shown, own = bent(j, k)
+                at[:, j, k] = at[:, k, j] = shown - 0.5 * (at[:, j, j] + at[:, k, k])
+                for i in range(k):
+                    _set(along, (i, j, k), own[i] - 0.5 * (along[i, j, j] + along[i, k, k]))
+        follow = part.dot(g, weighted) @ inverse
+        return Terms(at, along, at - np.einsum("pi,ijk->pjk", follow, along))
 
     def _unit(self, responses: Responses) -> Array:
         """Responses to unit forces at the probes. Collective."""
@@ -204,6 +231,11 @@ class Shortening:
                     F[point.nodes, axis, p, axis] = point.weights
             self._units[id(responses)] = responses.solve(F.reshape(len(F), 3, -1))
         return self._units[id(responses)]
+
+
+def _set(symmetric: Array, at: tuple[int, ...], value: float) -> None:
+    for order in permutations(at):
+        symmetric[order] = value
 
 
 def _followed(shapes: Shapes, about: About) -> tuple[Array, Array, Array]:
