@@ -15,7 +15,6 @@ import signal
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from io import DEFAULT_BUFFER_SIZE
 from pathlib import Path
 from typing import Any
@@ -32,7 +31,16 @@ from rigidfx.output.whole_writes import ChangedFile, WholeWrites
 Array = npt.NDArray[Any]
 
 DOUBLE = ("displacement",)  # small strains are differences of large displacements
-ROWS = 64  # times in a chunk of their table, and for which datasets are made longer at once
+ROWS = 64  # times in a chunk of their table
+# Tables with a row for each time, and the row of a mesh that stays.
+STEPS: dict[str, Array] = {
+    "Values": np.array(0.0),
+    "PartOffsets": np.array(0),
+    "PointOffsets": np.array(0),
+    "NumberOfParts": np.array(1),
+    "CellOffsets": np.zeros(1, np.int64),
+    "ConnectivityIdOffsets": np.zeros(1, np.int64),
+}
 
 
 @contextmanager
@@ -70,120 +78,6 @@ def hdf(owner: str) -> Any:
     return h5py
 
 
-class _Chunks:
-    """Rows of a dataset, in chunks that are written as they are.
-
-    The first rows of a chunk make it. Others are put where it lies, without h5py, whose ways take
-    several times as long; that counts where there are few cells.
-    """
-
-    def __init__(self, disk: WholeWrites, data: Any) -> None:
-        """There are no rows."""
-        self._disk, self._data = disk, data
-        self._rows, *self.rest = data.chunks
-        self._none = (0,) * len(self.rest)
-        self._place: int | None = None  # of the last chunk in the file
-
-    def put(self, row: int, values: Array) -> None:
-        """Put rows behind all others, all of them in one chunk; those between stay empty."""
-        at, size = row % self._rows, values.nbytes // len(values)
-        if at and self._place is not None:
-            self._disk.put(self._place + at * size, values)
-            return
-        first = row - at, *self._none
-        if self._rows == len(values):
-            self._data.id.write_direct_chunk(first, values)
-            return
-        chunk = np.zeros(self._data.chunks, values.dtype)
-        chunk[at : at + len(values)] = values
-        self._data.id.write_direct_chunk(first, chunk)
-        self._place = self._data.id.get_chunk_info_by_coord(first).byte_offset
-
-    def resize(self, rows: int) -> None:
-        """Set the number of rows."""
-        self._data.id.set_extent((rows, *self.rest))
-
-
-class _Table:
-    """A table with a row for each time, with or without a number.
-
-    Some rows that are still empty follow the last one, as each change of its length is written,
-    too.
-    """
-
-    def __init__(
-        self,
-        disk: WholeWrites,
-        group: Any,
-        name: str,
-        rest: tuple[int, ...] = (),
-        kind: Any = np.int64,
-        all: int = 0,
-        at_once: int = ROWS,
-    ) -> None:
-        """Make it, empty; `all` is the value of empty rows, `at_once` how many are added."""
-        self.data = group.create_dataset(
-            name, (0, *rest), kind, maxshape=(None, *rest), chunks=(ROWS, *rest), fillvalue=all
-        )
-        self._chunks, self._kind, self._only_noughts = _Chunks(disk, self.data), kind, True
-        self.rows, self._at_once = 0, at_once
-
-    def enter(self, row: int, value: float) -> None:
-        """Put a value into the last row; nought is there already until there is another one."""
-        self.more(row)
-        self._only_noughts &= value == 0
-        if not self._only_noughts:
-            self._chunks.put(row, np.array([value], self._kind))
-
-    def more(self, row: int) -> None:
-        """Add rows up to a last one."""
-        self.rows = row + 1
-        if row % self._at_once == 0:
-            self._chunks.resize(row + self._at_once)
-
-    def cut(self) -> None:
-        """Leave out what follows the last row."""
-        self._chunks.resize(self.rows)
-
-
-@dataclass
-class _Field:
-    """A field in the file.
-
-    Attributes:
-        chunks: Its values, those of a time behind those of the time before.
-        places: Where the values of each time begin.
-        may_stay: Whether values that have not changed are not added again.
-        last: The last values that were added, then ...
-        place: ... where they begin ...
-        rows: ... and end.
-        length: Of the values, with empty rows behind.
-    """
-
-    chunks: _Chunks
-    places: _Table
-    may_stay: bool
-    last: Array | None
-    place: int
-    rows: int
-    length: int
-
-    def add(self, values: Array) -> None:
-        """Add the values of a time behind all others."""
-        self.last = values if self.may_stay else None
-        self.place, self.rows = self.rows, self.rows + len(values)
-        if self.rows > self.length:
-            self.length = self.place + ROWS * len(values)
-            self.chunks.resize(self.length)
-        if len(values):
-            self.chunks.put(self.place, values)
-
-    def cut(self) -> None:
-        """Leave out what follows the last values."""
-        self.chunks.resize(self.rows)
-        self.places.cut()
-
-
 class HdfSeries:
     """Writes a .vtkhdf file, time by time; used on rank 0 only.
 
@@ -205,13 +99,12 @@ class HdfSeries:
             SceneError: If there is no h5py.
         """
         h5py = hdf("Recorder")
-        self.path = path
-        self._count = 0
+        self.path, self._count = path, 0
         former = path.with_suffix(".former.vtkhdf")
         if kept[0] and not former.exists():  # else a kill has come while it was copied
             _check(h5py, path, kept[0])
             path.rename(former)
-        self._fields: dict[tuple[str, str], _Field] = {}
+        self._last: dict[str, tuple[Array | None, int]] = {}  # values of a field, and their place
         self._disk = WholeWrites(path)
         self._file = h5py.File(
             self._disk, "w", libver="earliest", meta_block_size=DEFAULT_BUFFER_SIZE
@@ -221,10 +114,9 @@ class HdfSeries:
         root = self._root = self._file.create_group("VTKHDF")
         root.attrs["Version"] = np.array((2, 0), np.int64)  # the first with times
         root.attrs.create("Type", np.bytes_("UnstructuredGrid"))
-        width = body.cells.shape[1]
         root["Points"] = body.points
         root["Connectivity"] = body.cells.reshape(-1).astype(np.int64)
-        root["Offsets"] = np.arange(len(body.cells) + 1, dtype=np.int64) * width
+        root["Offsets"] = np.arange(len(body.cells) + 1, dtype=np.int64) * body.cells.shape[1]
         root["Types"] = np.full(len(body.cells), body.vtk_type, np.uint8)
         sizes = {
             "NumberOfPoints": len(body.points),
@@ -233,24 +125,23 @@ class HdfSeries:
         }
         for name, size in sizes.items():
             root[name] = np.array([size], np.int64)
-        self._steps = steps = root.create_group("Steps")
-        steps.attrs["NSteps"] = np.int64(0)
-        self._written = h5py.h5a.open(steps.id, b"NSteps")
-        # VTK makes space for the times that there are, and reads the whole table into it.
-        self._times = _Table(self._disk, steps, "Values", (), np.float64, at_once=1)
-        # Tables with the same numbers are one table by several names.
-        nought = _Table(self._disk, steps, "PartOffsets")
-        of_cells = _Table(self._disk, steps, "CellOffsets", (1,))
-        steps["PointOffsets"], steps["ConnectivityIdOffsets"] = nought.data, of_cells.data
-        self._alike = nought, of_cells, _Table(self._disk, steps, "NumberOfParts", all=1)
+        root.create_group("Steps").attrs["NSteps"] = np.int64(0)
+        self._tables = {name: self._table(f"Steps/{name}", of) for name, of in STEPS.items()}
         for kind in ("Point", "Cell"):
             root.create_group(f"{kind}Data")
-            steps.create_group(f"{kind}DataOffsets")
+            root.create_group(f"Steps/{kind}DataOffsets")
         self._commit()
         if kept[0]:
             with h5py.File(former, "r") as file:
                 self._copy(file["VTKHDF"], kept[0])
         former.unlink(missing_ok=True)
+
+    def _table(self, name: str, row: Array, at_once: int = ROWS) -> Any:
+        """A new table of rows like one, empty."""
+        most, chunk = (None, *row.shape), (at_once, *row.shape)
+        return self._root.create_dataset(
+            name, (0, *row.shape), row.dtype, maxshape=most, chunks=chunk
+        )
 
     def _copy(self, root: Any, count: int) -> None:
         """Copy times of a former file."""
@@ -281,42 +172,34 @@ class HdfSeries:
         Raises:
             OSError: If they cannot be written; the file is as before then.
         """
+        rows = {"Values": np.array(t)}
         for kind, fields in (("Point", points), ("Cell", cells)):
             for name, values in fields.items():
-                self._add(kind, name, values)
-        self._times.enter(self._count, t)
-        for table in self._alike:
-            table.more(self._count)
-        self._written.write(np.array(self._count + 1))
+                place = self._placed(f"{kind}Data/{name}", _stored(name, values))
+                rows[f"{kind}DataOffsets/{name}"] = np.array(place)
+        for name, row in (STEPS | rows).items():
+            if name not in self._tables:
+                self._tables[name] = self._table(f"Steps/{name}", row)
+            _put(self._tables[name], self._count, row[None])
+        self._root["Steps"].attrs["NSteps"] = np.int64(self._count + 1)
         self._commit()
         self._count += 1
 
-    def _add(self, kind: str, name: str, values: Array) -> None:
-        """Add the values of a field, or where they are already."""
-        values = _stored(name, values)
-        field = self._fields.get((kind, name)) or self._made(kind, name, values)
-        if field.last is None or not np.array_equal(field.last, values):
-            field.add(values)
-        if field.places.rows == self._count:  # not for another field of the same table
-            field.places.enter(self._count, field.place)
+    def _placed(self, name: str, values: Array) -> int:
+        """Add the values of a field behind those of the time before; the place where they begin.
 
-    def _made(self, kind: str, name: str, values: Array) -> _Field:
-        """A new field; those of real numbers share a table of places, as all change."""
-        rest = values.shape[1:]
-        times = max(DEFAULT_BUFFER_SIZE // max(values.nbytes, 1), 1)  # a new chunk takes longer
-        chunk = (max(min(times, ROWS) * len(values), 1), *rest)
-        data = self._root[f"{kind}Data"].create_dataset(
-            name, (0, *rest), values.dtype, maxshape=(None, *rest), chunks=chunk
-        )
-        offsets, may_stay = self._steps[f"{kind}DataOffsets"], values.dtype.kind != "f"
-        shared = [f.places for (k, _), f in self._fields.items() if k == kind and not f.may_stay]
-        if shared and not may_stay:
-            places, offsets[name] = shared[0], shared[0].data
-        else:
-            places = _Table(self._disk, offsets, name)
-        return self._fields.setdefault(
-            (kind, name), _Field(_Chunks(self._disk, data), places, may_stay, None, 0, 0, 0)
-        )
+        Whole numbers that have not changed are there already.
+        """
+        if name not in self._tables:
+            row = np.zeros(values.shape[1:], values.dtype)
+            at_once = DEFAULT_BUFFER_SIZE // max(row.nbytes, 1)
+            self._tables[name] = self._table(name, row, max(at_once, len(values)))
+        last, place = self._last.get(name, (None, -len(values)))
+        if last is None or not np.array_equal(last, values):
+            place += len(values)
+            _put(self._tables[name], place, values)
+            self._last[name] = None if values.dtype.kind == "f" else values, place
+        return place
 
     def _commit(self) -> None:
         self._file.flush()
@@ -328,12 +211,13 @@ class HdfSeries:
         Raises:
             OSError: If it cannot be written to its end.
         """
-        if self._end.alive:
-            for table in (self._times, *self._alike):
-                table.cut()
-            for field in self._fields.values():
-                field.cut()
         self._end()
+
+
+def _put(table: Any, place: int, rows: Array) -> None:
+    """Put rows from a place on, behind all others."""
+    table.resize(place + len(rows), axis=0)
+    table[place:] = rows
 
 
 def _check(h5py: Any, path: Path, count: int) -> None:
