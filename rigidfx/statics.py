@@ -40,7 +40,7 @@ from rigidfx.report.of_step import report_of
 from rigidfx.report.probe_stress import Probes
 from rigidfx.report.report import Report
 from rigidfx.report.start import check_scene
-from rigidfx.scene.idle import warn_of_idle
+from rigidfx.scene.doubts import warn_of_idle
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 from rigidfx.shapes.shortening import Shortening

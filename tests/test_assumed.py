@@ -11,7 +11,7 @@ from scipy.sparse.linalg import spsolve
 
 import rigidfx as rf
 from rigidfx.base.compat import cell_geometry_dofs
-from rigidfx.scene.elements import thickness_axes
+from rigidfx.scene.cells import thickness_axes
 
 
 def scene_of(domain, *effects, thickness="outside", **options):

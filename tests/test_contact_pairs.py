@@ -11,7 +11,7 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.effects.contacts.pair_surface import PairSurface
+from rigidfx.effects.contacts.pairs import PairSurface
 from rigidfx.step.first_touch import FirstTouch
 
 # Bounces in long steps: balances hold at any Δt.

@@ -368,7 +368,8 @@ WORDS = (
 QUOTED = r"(?<!\w)('[^'\n]*')(?!\w)"
 FUNCTIONS = "read_cad|read_geo|read_inp|read_msh|simulate|static|modes"
 OWNER = re.compile(rf"^(?:gmsh: )?(?:{FUNCTIONS}|[A-Z]\w+): ")
-CLASSES = "|".join([*effects.__all__, "Accuracy", "NeoHooke", "Release", "StepControl"])
+EFFECTS = (name for name in vars(effects) if name != name.lower())
+CLASSES = "|".join([*EFFECTS, "Accuracy", "NeoHooke", "Release", "StepControl"])
 OTHERS = re.compile(
     rf"\brf\.\w+|\b(?:{CLASSES})\b|\bwith_\w+|\b[a-z]\w*=(?!=)|\((?:never|patience|leave_out\?)\)"
 )

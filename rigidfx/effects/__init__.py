@@ -25,7 +25,7 @@ from rigidfx.effects.joints.joint import (
     Tied,
     Universal,
 )
-from rigidfx.effects.joints.joint_report import JointReport, JointReports
+from rigidfx.effects.joints.linkage import JointReport, JointReports
 from rigidfx.effects.joints.sides import MeanFace, RigidFace, rigid_faces
 from rigidfx.effects.loads.dead_load import BodyForce, DeadLoad, Gravity, NodalForce, Traction
 from rigidfx.effects.loads.preload import Preload
@@ -34,62 +34,3 @@ from rigidfx.effects.loads.resultant import Resultant
 from rigidfx.effects.rigid import Reduced, Rigid
 from rigidfx.effects.supports.prescribed import PrescribedMotion, PrescribedRotation
 from rigidfx.effects.supports.support import Fixed, ResolvedForces, Support, Symmetry
-
-__all__ = [
-    "Action",
-    "BodyForce",
-    "Contact",
-    "Cylinder",
-    "Cylindrical",
-    "DeadLoad",
-    "Effect",
-    "Fixed",
-    "FormTerm",
-    "Gravity",
-    "InitialDisplacement",
-    "InitialVelocity",
-    "Joint",
-    "JointReport",
-    "JointReports",
-    "JointSpring",
-    "KelvinVoigt",
-    "MassDamping",
-    "MeanFace",
-    "Motor",
-    "NodalForce",
-    "NumericalDamping",
-    "Obstacle",
-    "Plane",
-    "PointMass",
-    "Preload",
-    "PrescribedMotion",
-    "PrescribedRotation",
-    "Pressure",
-    "Prismatic",
-    "Reduced",
-    "ResolvedForces",
-    "Resultant",
-    "Revolute",
-    "Rigid",
-    "RigidFace",
-    "Sphere",
-    "Spherical",
-    "Spring",
-    "SpringDamper",
-    "SpringDamperReport",
-    "StiffnessDamping",
-    "Stop",
-    "Structure",
-    "Support",
-    "Symmetry",
-    "Table",
-    "Tied",
-    "Touch",
-    "Traction",
-    "Universal",
-    "Windowed",
-    "bends_of",
-    "efforts_of",
-    "places_at_start",
-    "rigid_faces",
-]

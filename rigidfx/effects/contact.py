@@ -16,8 +16,7 @@ from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Windowed, check_vector
 from rigidfx.effects.contacts.against_obstacle import Friction, ObstacleForces
 from rigidfx.effects.contacts.obstacles import AskedObstacle, Obstacle
-from rigidfx.effects.contacts.pair_surface import PairSurface, pair_of, refuse_overlap
-from rigidfx.effects.contacts.pairs import PairForces
+from rigidfx.effects.contacts.pairs import PairForces, PairSurface, pair_of, refuse_overlap
 from rigidfx.effects.contacts.surface import ContactSurface, surface_of
 
 NEGLIGIBLE = 1e-6  # of the distance of nodes: overlap at the start that is not worth a word

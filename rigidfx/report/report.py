@@ -169,7 +169,7 @@ class Report(Former, Work, Measures):
         touches: Force and impulse of each contact of the scene in this step, by its title: see
             `rigidfx.effects.action.Touch`; zero in the initial state, and while it does not act.
         joints: Force and motion of each joint in this step, by its title: see
-            `rigidfx.effects.joints.joint_report.JointReport`; nothing in the initial state.
+            `rigidfx.effects.joints.linkage.JointReport`; nothing in the initial state.
         spring_dampers: Tension, length and its rate of each `SpringDamper` in this step, by its
             title: see `rigidfx.effects.attached.spring_damper.SpringDamperReport`; likewise.
         impact: Impact of a support that starts, or jumps in velocity, at the step's start; at t = 0

@@ -32,7 +32,7 @@ from rigidfx.mechanics.assumed import AssumedStrains
 from rigidfx.mechanics.element import Element
 from rigidfx.mechanics.materials import Material
 from rigidfx.mechanics.schemes import Scheme, scheme_of
-from rigidfx.scene.assignment import assign
+from rigidfx.scene.cells import assign, element_of
 from rigidfx.scene.checks import (
     STIFFNESS_DEGREE,
     cells_of,
@@ -46,12 +46,10 @@ from rigidfx.scene.checks import (
     points,
     warn_of_locking,
 )
-from rigidfx.scene.elements import element_of
+from rigidfx.scene.doubts import warn_of_facets, warn_of_units
 from rigidfx.scene.mesh_checks import warn_of_mesh
 from rigidfx.scene.pieces import divide, warn_of_pieces
-from rigidfx.scene.round_contacts import warn_of_facets
 from rigidfx.scene.summary import description, in_a_line
-from rigidfx.scene.units import warn_of_units
 from rigidfx.scene.weights import inertial_masses, nodal_weights, point_masses
 
 MUCH = 1e8  # ratio of stiffness from which on rounding of a stiff part's forces is looked at

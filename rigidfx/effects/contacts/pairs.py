@@ -12,6 +12,14 @@ By the rotation of the normal in a step ḡ drifts from the distance, by second 
 
 The derivative neglects the changes of n and N, which are of the size penetration over facet:
 Newton's method takes one or two more iterations for that.
+
+A surface may meet itself: then a node meets only facets that face it, and not those near and behind
+it in the reference, which are the other side of a thin wall. A mesh that overlaps itself is refused
+for that: a point inside a cell is in no other cell of a sound mesh.
+
+All ranks know both surfaces, by numbers that are the same everywhere: a contact couples nodes of
+any two ranks, and surfaces are small beside their parts. Which triangle a node may meet is found by
+SciPy's cKDTree over their centres.
 """
 
 from __future__ import annotations
@@ -20,15 +28,281 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from dolfinx import geometry
+from dolfinx import mesh as dmesh
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.spatial import cKDTree
 
-from rigidfx.base.types import Array, Ints
+from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
+from rigidfx.base.errors import SceneError, agree
+from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.effects.action import Structure, Touch
-from rigidfx.effects.contacts.pair_surface import PairSurface, projected
 from rigidfx.effects.contacts.penalty import CLOSED, ContactForces, secant, soonest
+from rigidfx.effects.contacts.surface import area_vectors, once, surface_of, triangles_of
 from rigidfx.effects.motion import Instant, Motion, Tangent
-from rigidfx.effects.nodes import SharedNodes
+from rigidfx.effects.nodes import SharedNodes, on_all_ranks
+
+NEAREST = 12  # triangles that are looked at for a node
+BESIDE = 1e-6  # of a triangle: how far beside it a node may be and still meet it
+FLAT = 1e-9  # of the cosine of two normals
+TINY = float(np.finfo(np.float64).tiny)
+EQUALLY = 9  # digits of a gap over the distance of nodes: what agrees in them is equally near
+INSIDE = 0.1  # of the way from a triangle to the middle of the cell behind: surfaces may touch
+DEEPEST = 0.5  # of the distance of nodes: what is deeper has come from the other side
+
+
+@dataclass(frozen=True)
+class PairSurface:
+    """Both surfaces; numbers count the nodes and triangles of both alike on any number of ranks.
+
+    Attributes:
+        nodes: Owned nodes of this rank in them.
+        numbers: Their numbers.
+        size: How many nodes there are in all.
+        slaves: Numbers of the nodes that are kept out, shape (n,).
+        stiffness: Their stiffnesses, shape (n,) [N/m].
+        triangles: Numbers of the nodes of the triangles, normals outwards, shape (m, 3).
+        reach: Distance within which a node may meet a triangle [m].
+        spacing: A typical distance of nodes [m].
+        X: Reference positions of all nodes, shape (size, 3) [m].
+        itself: Whether both are one surface.
+    """
+
+    nodes: Ints
+    numbers: Ints
+    size: int
+    slaves: Ints
+    stiffness: Array
+    triangles: Ints
+    reach: float
+    spacing: float
+    X: Array
+    itself: bool
+
+    def everywhere(self, comm: MPI.Intracomm, values: Array) -> Array:
+        """Values of all nodes from those of this rank's local ones, shape (size, 3). Collective."""
+        return on_all_ranks(comm, self.size, self.numbers, values[self.nodes])
+
+    def mates(self, x: Array, bodies: Ints) -> Ints:
+        """The triangle that each slave may meet, -1 where there is none, shape (n,).
+
+        Args:
+            x: Positions of all nodes, shape (size, 3) [m].
+            bodies: Body of each, -1 if none; surfaces of one body do not meet.
+        """
+        out = np.full(self.slaves.size, -1)
+        node, triangle = self._nearest(x)
+        slaves, of_triangles = self.slaves[node], self.triangles[triangle]
+        of = bodies[of_triangles]
+        one = (of == bodies[slaves, None]).all(axis=1) & (of[:, 0] >= 0)
+        one |= (of_triangles == slaves[:, None]).any(axis=1)  # its own
+        node, triangle = node[~one], triangle[~one]
+        g, _, N = projected(x[self.slaves[node]], x[self.triangles[triangle]])
+        may = np.flatnonzero((N.min(axis=1, initial=1.0) > -BESIDE) & (g > -DEEPEST * self.spacing))
+        if self.itself:
+            may = may[~self._of_one_wall(node[may], triangle[may])]
+        node, triangle, g = node[may], triangle[may], np.abs(g[may]) / self.spacing
+        order = np.lexsort((triangle, g.round(EQUALLY), node))
+        node, first = np.unique(node[order], return_index=True)
+        out[node] = triangle[order][first]
+        return out
+
+    def _nearest(self, x: Array) -> tuple[Ints, Ints]:
+        """Slaves and the triangles near them, or near and facing them, shapes (n,) and (n,).
+
+        A surface that may meet itself is all near: its triangles are looked for by their places and
+        normals together, and those that look the same way as the node are far.
+        """
+        centres, p = x[self.triangles].mean(axis=1), x[self.slaves]
+        low, high = centres.min(axis=0) - self.reach, centres.max(axis=0) + self.reach
+        near = np.flatnonzero(((p >= low) & (p <= high)).all(axis=1))
+        low = p[near].min(axis=0, initial=np.inf) - self.reach
+        high = p[near].max(axis=0, initial=-np.inf) + self.reach
+        facing = np.flatnonzero(((centres >= low) & (centres <= high)).all(axis=1))
+        if not near.size or not facing.size:
+            return np.empty(0, np.int64), np.empty(0, np.int64)
+        places, wanted, farthest = centres[facing], p[near], self.reach
+        if self.itself:
+            normals, at_nodes = self._normals(x)
+            places = np.c_[places, self.reach * normals[facing]]
+            wanted = np.c_[wanted, -self.reach * at_nodes[self.slaves[near]]]
+            # At 60° within reach, at a right angle nowhere: not the next side of its own edge.
+            farthest *= np.sqrt(2.0)
+        count = min(NEAREST, facing.size)
+        far, found = cKDTree(places).query(wanted, k=count, distance_upper_bound=farthest)
+        far, found = far.reshape(near.size, -1), found.reshape(near.size, -1)
+        row, column = np.nonzero(np.isfinite(far))
+        return near[row], facing[found[row, column]]
+
+    def _normals(self, x: Array) -> tuple[Array, Array]:
+        """Unit normals of triangles, and means of theirs at all nodes, shapes (m, 3) and (size, 3).
+
+        All count alike at a node: by areas, the rim of a thin plate would look as its sides do.
+        """
+        normals, at_nodes = _unit(area_vectors(x[self.triangles])), np.zeros((self.size, 3))
+        np.add.at(at_nodes, self.triangles, normals[:, None])
+        return normals, _unit(at_nodes)
+
+    def _of_one_wall(self, node: Ints, triangle: Ints) -> Bools:
+        """Whether nodes are near triangles in the reference, and behind: on a wall's other side."""
+        X, corners = self.X[self.slaves[node]], self.X[self.triangles[triangle]]
+        g, _, _ = projected(X, corners)
+        apart = np.linalg.norm(X - corners.mean(axis=1), axis=1)
+        return np.asarray((g < 0) & (apart < 2 * self.reach))
+
+    @property
+    def flat(self) -> bool:
+        """Whether all triangles look the same way in the reference."""
+        normals, _ = self._normals(self.X)
+        return bool((normals @ normals[0] > 1 - FLAT).all())
+
+    def gaps(self, x: Array) -> tuple[Ints, Array]:
+        """Slaves near a triangle at positions x, and distances from its plane, both (n,) [m]."""
+        mate = self.mates(x, np.full(self.size, -1))
+        near = np.flatnonzero(mate >= 0)
+        slaves = self.slaves[near]
+        g, _, _ = projected(x[slaves], x[self.triangles[mate[near]]])
+        return slaves, g
+
+
+def _unit(v: Array) -> Array:
+    """Vectors of length one, shape (n, 3)."""
+    return np.asarray(v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), TINY))
+
+
+def projected(p: Array, corners: Array) -> tuple[Array, Array, Array]:
+    """Gaps, normals and weights of points p, shape (n, 3), over planes of triangles, (n, 3, 3) [m].
+
+    Returns:
+        Shapes (n,) [m], (n, 3) and (n, 3); p - Σ N corners is the gap along the normal.
+    """
+    a, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal = np.cross(e1, e2)
+    area = np.linalg.norm(normal, axis=1)
+    n = normal / area[:, None]
+    g = ((p - a) * n).sum(axis=1)
+    q = p - a - g[:, None] * n
+    second = (np.cross(q, e2) * n).sum(axis=1) / area
+    third = (np.cross(e1, q) * n).sum(axis=1) / area
+    return g, n, np.stack([1 - second - third, second, third], axis=1)
+
+
+def pair_of(
+    scene: Any, where: str, against: str, stiffness: float | None, owner: str
+) -> PairSurface:
+    """The surfaces of two sets of facets; found once for a scene. Collective.
+
+    Nodes of `where` are kept out of `against`; stiffness and errors are those of `surface_of`.
+    """
+    key = where, against, stiffness
+    return once(scene, key, lambda: _found(scene, where, against, stiffness, owner))
+
+
+def _found(
+    scene: Any, where: str, against: str, stiffness: float | None, owner: str
+) -> PairSurface:
+    surface = surface_of(scene, where, stiffness, owner)
+    surface_of(scene, against, stiffness, owner)  # which refuses facets inside the mesh
+    triangles = _on_all_ranks(scene, against, owner)
+    named = np.concatenate([_on_all_ranks(scene, where, owner), triangles]).ravel()
+    every, first, number = np.unique(named, return_index=True, return_inverse=True)
+    order = np.argsort(first)  # numbers are in the order in which triangles name nodes
+    number = np.argsort(order)[number.ravel()]
+    begin, end = scene.space.dofmap.index_map.local_range
+    numbers = np.flatnonzero((every[order] >= begin) & (every[order] < end))
+    nodes = every[order][numbers] - begin
+    of_nodes = np.c_[surface.stiffness, scene.space.tabulate_dof_coordinates()][nodes]
+    k, X = np.split(on_all_ranks(scene.comm, every.size, numbers, of_nodes), [1], axis=1)
+    slaves = np.flatnonzero(k)
+    triangles = number[-triangles.size :].reshape(-1, 3)
+    edges = X[triangles] - X[np.roll(triangles, 1, axis=1)]
+    return PairSurface(
+        nodes,
+        numbers,
+        every.size,
+        slaves,
+        k[slaves, 0],
+        triangles,
+        reach=float(np.linalg.norm(edges, axis=2).max(initial=0.0)) + surface.size,
+        spacing=surface.size,
+        X=X,
+        itself=where == against,
+    )
+
+
+def _on_all_ranks(scene: Any, where: str, owner: str) -> Ints:
+    """Triangles of a set by global numbers of nodes, shape (m, 3). Collective.
+
+    They have the order of the cells in the mesh as it was given, whatever ranks have them.
+    """
+    cells, nodes = triangles_of(scene, where, owner)
+    number = scene.space.dofmap.index_map.local_to_global
+    corners = number(nodes.reshape(-1).astype(np.int32)).reshape(-1, 3)
+    parts = scene.comm.allgather((scene.mesh.topology.original_cell_index[cells], corners))
+    of_cells, every = (np.concatenate(of) for of in zip(*parts, strict=True))
+    return np.asarray(every[np.argsort(of_cells, kind="stable")])
+
+
+# Where a mesh overlaps itself -----------------------------------------------------------------
+
+
+def refuse_overlap(scene: Any, where: str, owner: str) -> None:
+    """Refuse a surface, by its name, behind which there are cells in cells. Collective.
+
+    Raises:
+        SceneError: On every rank, with the places, if there are such cells.
+    """
+    comm, X = scene.comm, scene.space.tabulate_dof_coordinates()
+    cells, triangles = triangles_of(scene, where, owner)
+    dofmap = scene.space.dofmap
+    dofs, number = dofmap.list, dofmap.index_map.local_to_global
+    on = X[triangles].mean(axis=1)
+    inside = on + INSIDE * (X[dofs[cells]].mean(axis=1) - on)
+    each = dofs.shape[1]  # a rank may have none of the facets, or no cell at all
+    of_cells = number(dofs[cells].reshape(-1).astype(np.int32)).reshape(-1, each)
+    points = np.concatenate(comm.allgather(inside))
+    nodes = np.concatenate(comm.allgather(of_cells))
+    point, cell = _hits(scene.mesh, points)
+    hit = number(dofs[cell].reshape(-1).astype(np.int32)).reshape(-1, each)
+    shared = np.zeros(point.size, dtype=bool)
+    for a in range(hit.shape[1]):  # nodes of one cell
+        shared |= (nodes[point] == hit[:, a, None]).any(axis=1)
+    point, cell = point[~shared], cell[~shared]
+    held = [_holds(scene.mesh, c, points[p]) for p, c in zip(point, cell, strict=True)]
+    every = np.unique(np.concatenate(comm.allgather(point[np.array(held, dtype=bool)])))
+    problem = None
+    if every.size:
+        x, y, z = points[every[0]]
+        problem = (
+            f"{owner}: the mesh overlaps itself at ({x:.6g}, {y:.6g}, {z:.6g}) m, and behind "
+            f"{every.size} of {len(points)} triangles of '{where}' in all: a surface that may meet "
+            "itself has to begin free of itself. Move its parts out of each other."
+        )
+    agree(comm, problem, SceneError)
+
+
+def _hits(mesh: Any, points: Array) -> tuple[Any, Any]:
+    """Points, and owned cells whose convex hulls they are in, by numbers, one for each pair."""
+    owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+    if not owned.size or not len(points):
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    tree = geometry.bb_tree(mesh, 3, entities=owned)
+    candidates = geometry.compute_collisions_points(tree, points)
+    hits = geometry.compute_colliding_cells(mesh, candidates, points)
+    return np.repeat(np.arange(len(points)), np.diff(hits.offsets)), hits.array
+
+
+def _holds(mesh: Any, cell: int, point: Array) -> bool:
+    """Whether a point is in a cell, which may be smaller than its hull; few are asked for."""
+    corners = mesh.geometry.x[cell_geometry_dofs(mesh)[cell]]
+    try:
+        X = coordinate_map(mesh).pull_back(point.reshape(1, 3), corners)
+    except RuntimeError:  # nowhere near: no such place is found
+        return False
+    simplex = mesh.topology.cell_type == dmesh.CellType.tetrahedron
+    return bool((X > 0).all() and (X.sum() < 1 if simplex else (X < 1).all()))
+
 
 _SEARCH = PETSc.Log.Event("rigidfxSearch")  # PETSc's log of the search for triangles
 

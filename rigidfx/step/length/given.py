@@ -23,7 +23,7 @@ from rigidfx.base.instants import longer
 from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.base.types import Array
 from rigidfx.effects import Effect, Table, Windowed
-from rigidfx.scene.sample import spread
+from rigidfx.scene.points import spread
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
