@@ -32,14 +32,15 @@ Array = npt.NDArray[Any]
 
 DOUBLE = ("displacement",)  # small strains are differences of large displacements
 ROWS = 64  # times in a chunk of their table
+NOUGHT = np.zeros((), np.int64)
 # Tables with a row for each time, and the row of a mesh that stays.
 STEPS: dict[str, Array] = {
-    "Values": np.array(0.0),
-    "PartOffsets": np.array(0),
-    "PointOffsets": np.array(0),
-    "NumberOfParts": np.array(1),
-    "CellOffsets": np.zeros(1, np.int64),
-    "ConnectivityIdOffsets": np.zeros(1, np.int64),
+    "Values": np.zeros(()),
+    "PartOffsets": NOUGHT,
+    "PointOffsets": NOUGHT,
+    "NumberOfParts": np.ones((), np.int64),
+    "CellOffsets": NOUGHT[None],
+    "ConnectivityIdOffsets": NOUGHT[None],
 }
 
 
