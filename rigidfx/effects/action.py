@@ -133,11 +133,7 @@ class Action:
         return getattr(cls, method, None) is not getattr(Action, method, None)
 
     def set_time(self, t: float, dt: float) -> None:
-        """Evaluate functions of time for a step whose midpoint is t [s].
-
-        Raises:
-            SceneError: On this rank, if a user's function fails.
-        """
+        """Evaluate functions of time for a step whose midpoint is t [s]; one that fails raises."""
 
     def load(self, forces: Forces) -> None:
         """Add dead loads to the external forces of a step: asked once in each."""
@@ -192,11 +188,7 @@ class FormTerm:
         return self
 
     def set_time(self, t: float, dt: float) -> None:
-        """Evaluate functions of time for a step whose midpoint is t [s].
-
-        Raises:
-            SceneError: On this rank, if a user's function fails.
-        """
+        """Evaluate functions of time for a step: see `Action.set_time`."""
 
     def set_rate(self, rate: float) -> None:
         """Set 1/Δt of a viscous stress [1/s]."""

@@ -123,11 +123,8 @@ class Effect:
     def placed(self, scene: Any) -> Effect:
         """The effect with the data that it takes from the mesh; itself without. Collective.
 
-        Args:
-            scene: The scene, whose space and start places are known already.
-
-        Raises:
-            SceneError: On every rank, if it cannot be there.
+        The scene's space and start places are known already. `SceneError` on every rank, if it
+        cannot be there.
         """
         return self
 
@@ -140,22 +137,14 @@ class Effect:
     def check(self, scene: Any) -> None:
         """Check it against the mesh and its names. Collective.
 
-        Args:
-            scene: The scene that names it, whose mesh, space and masses are known already.
-
-        Raises:
-            SceneError: On every rank, if a name is unknown or a function of time cannot be used.
+        The scene's mesh, space and masses are known already. `SceneError` on every rank, if a name
+        is unknown or a function of time cannot be used.
         """
         if self.on_cells:
             scene.owned_cells(getattr(self, "where", None), self.kind)
 
     def signal(self, t: float, dt: float) -> Array:
-        """Numbers whose change is a change of load, at t [s]; none if nothing of it is.
-
-        Args:
-            t: Time [s].
-            dt: Time step [s], the scale of a difference quotient where one is needed.
-        """
+        """Numbers whose change is a change of load at t; dt scales a difference quotient [s]."""
         return np.empty(0)
 
     def pushes(self, t: float) -> tuple[str, float] | None:
@@ -183,23 +172,14 @@ class Effect:
 
 
 def check_vector(scene: Any, owner: str, t: float, function: Callable[[], Array]) -> None:
-    """Check that a user's function gives three finite numbers at t [s]. Collective.
-
-    Raises:
-        SceneError: On every rank, with the owner's name, if it fails or gives anything else.
-    """
+    """Check that a user's function gives three finite numbers at t [s] on all ranks. Collective."""
     together(
         scene.comm, f"{owner}: its function of time", lambda: _three_finite(owner, t, function())
     )
 
 
 def vector_at(owner: str, what: str, t: float, function: Callable[[], Array]) -> Array:
-    """Three finite numbers that a user's function gives at t [s] in a run; of this rank alone.
-
-    Raises:
-        SceneError: On this rank, with the owner's and the function's name, if it fails or gives
-            anything else.
-    """
+    """Three finite numbers that a user's function gives at t [s]; raise on this rank if not."""
     value = by_name(owner, t, function, what)
     _three_finite(owner, t, value, f" Check its {what}.")
     return value

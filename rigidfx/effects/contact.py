@@ -143,15 +143,9 @@ class Contact(Windowed):
         return pair_of(scene, self.where, str(self.against), self.stiffness, self.owner)
 
     def depth(self, scene: Any, x: Array, t: float) -> tuple[float, tuple[float, ...]]:
-        """How deep it is in the other at most at t [s], and where. Collective.
+        """How deep it is in the other at most at t, and where, with local nodes at x. Collective.
 
-        Args:
-            scene: The problem.
-            x: Positions of the local nodes, shape (nodes, 3) [m].
-            t: Time [s].
-
-        Returns:
-            Depth [m], negative while it is free, -inf if it meets nothing, and a place [m].
+        The depth [m] is negative while it is free and -inf if it meets nothing.
         """
         on, gap, _ = self.at_nodes(scene, x, t)
         own = on < scene.owned_nodes
@@ -168,16 +162,9 @@ class Contact(Windowed):
         return f"'{other}'" if isinstance(other, str) else f"the {other.kind}"
 
     def at_nodes(self, scene: Any, x: Array, t: float) -> tuple[Ints, Array, Array]:
-        """Gap and pressure at the nodes of its surface, while it acts. Collective.
+        """Nodes of its surface, gaps [m] and pressures [Pa] at t, local nodes at x. Collective.
 
-        Args:
-            scene: The problem.
-            x: Positions of the local nodes, shape (nodes, 3) [m].
-            t: Time [s].
-
-        Returns:
-            These local nodes, their gaps [m] and their pressures [Pa]; with another surface, owned
-            nodes that are near it.
+        With another surface they are owned nodes that are near it.
         """
         surface = self._surface(scene)
         on = np.flatnonzero(surface.area > 0) if self.acts(t) else np.empty(0, np.int64)
@@ -198,11 +185,9 @@ class Contact(Windowed):
         return on, gap, pressure
 
     def directions(self, scene: Any) -> tuple[Ints, Array]:
-        """Directions in which an obstacle resists its surface where it is closed. Collective.
+        """Owned nodes of its surface, and directions in which an obstacle resists. Collective.
 
-        Returns:
-            Owned nodes of the surface; one direction of each at the start, or all three with
-            friction, shape (nodes, 1 or 3, 3).
+        One direction of each at the start, all three with friction, shape (nodes, 1 or 3, 3).
         """
         surface, against = self._surface(scene), self.against
         on = np.flatnonzero(surface.area[: scene.owned_nodes] > 0)

@@ -31,15 +31,10 @@ def of_place(function: Any) -> bool:
 
 
 def values_at(function: Callable[..., Any], X: Array, t: float) -> Array:
-    """Vectors of a function of place and time at some points, shape (points, 3).
+    """Vectors of a function of place and time at points X and time t, shape (points, 3).
 
-    Unusable values come back as they are, an empty array where one is not of real numbers, to be
-    told by its owner's check.
-
-    Args:
-        function: It may change its arguments in place.
-        X: Reference positions, shape (points, 3) [m].
-        t: Time [s].
+    The function may change its arguments in place. Unusable values come back as they are, an empty
+    array where one is not of real numbers, to be told by its owner's check.
     """
     if not len(X):  # a rank may have none, and a function may not be made for that
         return np.zeros((0, 3))
@@ -54,8 +49,7 @@ def values_at(function: Callable[..., Any], X: Array, t: float) -> Array:
 def check_values(owner: str, t: float, X: Array, values: Array) -> Array:
     """Vectors that a function of place and time gives at t [s] at points X, as they are.
 
-    Raises:
-        SceneError: On this rank, unless they are one finite vector, or one for each point.
+    `SceneError` on this rank, unless they are one finite vector, or one for each point.
     """
     if np.shape(values) not in ((3,), X.shape) or not np.isfinite(values).all():
         raise SceneError(
@@ -69,9 +63,7 @@ def values_of(owner: str, function: Callable[[Array], npt.ArrayLike], scene: Any
     """Vectors of a function of place at all local nodes, ghosts included, shape (nodes, 3).
 
     Collective. The function maps (3, n) [m] to (3, n), or to an array of which that can be made.
-
-    Raises:
-        SceneError: On every rank, if it gives anything but finite vectors.
+    `SceneError` on every rank, if it gives anything but finite vectors.
     """
     X = scene.space.tabulate_dof_coordinates()
 

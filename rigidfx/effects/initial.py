@@ -48,21 +48,13 @@ class InitialDisplacement(Effect):
             raise SceneError("InitialDisplacement: function must be a function of x.")
 
     def values(self, scene: Any) -> Array:
-        """Its displacements per local node with ghosts, shape (nodes, 3) [m]. Collective.
-
-        Raises:
-            SceneError: On every rank, if the function gives anything but finite vectors.
-        """
+        """Its displacements per local node with ghosts, shape (nodes, 3) [m]. Collective."""
         values = values_of(self.kind, self.function, scene)
         return values if self.where is None else values * scene.members(self.where, self.kind)
 
 
 def places_at_start(scene: Any) -> Array:
-    """Places of the local nodes where displacements put them, shape (nodes, 3) [m]. Collective.
-
-    Raises:
-        SceneError: On every rank, if a function gives anything but finite vectors.
-    """
+    """Places of the local nodes where displacements put them, shape (nodes, 3) [m]. Collective."""
     given = [effect.values(scene) for effect in scene.named(InitialDisplacement)]
     return np.asarray(sum(given, scene.space.tabulate_dof_coordinates()))
 
@@ -113,11 +105,7 @@ class InitialVelocity(Effect):
 
 
 def given_velocity(scene: Any, x: Array) -> Array:
-    """Sum of all initial velocities at places x of the local nodes, (nodes, 3) [m/s]. Collective.
-
-    Raises:
-        SceneError: On every rank, if a function gives anything but finite vectors.
-    """
+    """Sum of all initial velocities at places x of local nodes, (nodes, 3) [m/s]. Collective."""
     v = np.zeros_like(x)
     for effect in scene.named(InitialVelocity):
         where = effect.where
@@ -147,14 +135,9 @@ def _refuse_shared_nodes(scene: Any) -> None:
 def agree_with_support(
     scene: Any, velocity: Array, support: Any, nodes: Indices, wanted: Array
 ) -> None:
-    """Refuse a velocity at the start that contradicts a support, on any rank. Collective.
+    """Refuse a velocity of local nodes that contradicts a support at the start. Collective.
 
-    Args:
-        scene: The scene.
-        velocity: Given velocities of all local nodes, shape (nodes, 3) [m/s].
-        support: The support.
-        nodes: Its nodes.
-        wanted: Its velocities of these, shape (3,) or (its nodes, 3) [m/s].
+    The support wants its nodes to have a velocity of shape (3,) or (its nodes, 3) [m/s].
     """
     scale = scene.comm.allreduce(float(np.abs(velocity).max(initial=0.0)), op=MPI.MAX)
     error = np.abs((velocity[nodes] - wanted)[:, list(support.axes)]).max(initial=0.0)

@@ -152,13 +152,7 @@ class Tangent:
         return np.asarray(self.prolongation.increments.L.swapaxes(1, 2) @ self.moments)
 
     def add(self, at: Any, blocks: Array, which: Ints | None = None) -> None:
-        """Add stiffness of each of some nodes of this rank. Collective.
-
-        Args:
-            at: The nodes: see `Nodes`.
-            blocks: Shape (nodes, 3, 3) [N/m].
-            which: Those of the nodes that have blocks, sorted; all if None.
-        """
+        """Add blocks of stiffness [N/m] of each of some `Nodes`, or of sorted ones. Collective."""
         which = np.arange(len(at.nodes)) if which is None else which
         count = int(np.searchsorted(which, at.rows.size))
         self.matrix.add_nodal(at.free[which[:count]], blocks[:count])

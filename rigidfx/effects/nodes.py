@@ -39,11 +39,9 @@ class Nodes:
     """
 
     def __init__(self, structure: Structure, nodes: npt.NDArray[Any]) -> None:
-        """Find which nodes are whose.
+        """Find whose owned nodes of this rank are; those that take no part are left out.
 
-        Args:
-            structure: The division; displacements are up to date at all nodes of bodies.
-            nodes: Owned ones of this rank; those that take no part are left out.
+        Displacements of the division are up to date at all nodes of bodies.
         """
         rows, u = structure.rows, structure.u.reshape(-1, 3)
         self._comm: MPI.Intracomm = structure.scene.comm
@@ -148,11 +146,8 @@ class LinearNodes(Nodes):
     ) -> None:
         """Find representatives of the nodes in bodies. Collective.
 
-        Args:
-            structure: The division; displacements are up to date at all nodes of bodies.
-            nodes: Owned ones of this rank.
-            weights: Weight of each > 0.
-            rest: Displacement of each that displacements are counted from, shape (nodes, 3) [m].
+        Each owned node has a weight > 0 and a displacement `rest` that displacements are counted
+        from, shape (nodes, 3) [m].
         """
         super().__init__(structure, nodes)
         count, weights, rest = self.rows.size, weights[self.order], rest[self.order]
@@ -195,14 +190,7 @@ class SharedNodes(Nodes):
     def __init__(
         self, structure: Structure, nodes: npt.NDArray[Any], numbers: Ints, size: int
     ) -> None:
-        """Find which nodes are whose. Collective.
-
-        Args:
-            structure: The division.
-            nodes: Owned ones of them on this rank.
-            numbers: The number of each, from 0 on.
-            size: How many there are on all ranks.
-        """
+        """Find whose nodes are; their numbers go from 0 to `size` on all ranks. Collective."""
         super().__init__(structure, nodes)
         self.size, self._numbers = size, np.asarray(numbers)[self.order]
         of = self._everywhere(np.asarray(self.bodies[:, None] + 1, dtype=np.float64))[:, 0]

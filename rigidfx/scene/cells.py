@@ -35,15 +35,10 @@ STRESSED = 1e-2  # stress at rest over stiffness; differences know it to 1e-3
 
 
 def check_energy(domain: Domain, material: Material) -> None:
-    """Check a stored energy as far as its formula tells.
+    """Check a stored energy, which may be a user's function, as far as its formula tells.
 
-    Args:
-        domain: The mesh on which it is to be.
-        material: A material, whose energy may be a user's function.
-
-    Raises:
-        SceneError: If it cannot be formed, is no scalar, does not depend on C or knows another
-            mesh, or is not finite at rest.
+    `SceneError` if it cannot be formed, is no scalar, does not depend on C or knows another mesh,
+    or is not finite at rest.
     """
     owner = getattr(material, "label", type(material).__name__)
     C = ufl.variable(ufl.Constant(domain.mesh.ufl_domain(), shape=(3, 3)))
@@ -116,13 +111,8 @@ def assign(
 ) -> tuple[tuple[Material, Indices], ...]:
     """Materials with their owned cells. Collective.
 
-    Args:
-        domain: Mesh and names.
-        material: One material, or one for each of the named sets that make up the mesh.
-
-    Raises:
-        SceneError: If a name or a material is none, a cell has no material or several, or a stored
-            energy cannot be formed.
+    One material, or one for each of the named sets that make up the mesh. `SceneError` if a name or
+    a material is none, a cell has no material or several, or a stored energy cannot be formed.
     """
     owned = domain.mesh.topology.index_map(3).size_local
     used = material.values() if isinstance(material, Mapping) else [material]
@@ -187,14 +177,9 @@ Moduli = Sequence[tuple[float, float]]
 
 
 def element_of(scene: Any, name: Any) -> Element:
-    """The element of a name. Collective.
+    """The element of a name, see `ELEMENTS`, or of AssumedStrains(…). Collective.
 
-    Args:
-        scene: The problem, as far as its mesh, materials and scheme.
-        name: Such as "standard", see `ELEMENTS`; or AssumedStrains(…).
-
-    Raises:
-        SceneError: If the name is unknown, or the element cannot do with the rest.
+    `SceneError` if the name is unknown, or the element cannot do with the rest.
     """
     if isinstance(name, AssumedStrains):
         return _assumed(scene, name)
@@ -236,11 +221,7 @@ def _laws(scene: Any, moduli: Moduli, axes: Any) -> tuple[fem.Function, fem.Func
 
 
 def _check_enhanced(scene: Any, asked: str) -> Moduli:
-    """λ and μ of materials at rest; unsuitable ones for such strains are refused.
-
-    Raises:
-        SceneError: If there is any.
-    """
+    """λ and μ of materials at rest; `SceneError` if one is unsuitable for such strains."""
     wrong = None
     moduli = [rest_moduli(m) for m, _ in scene.materials]
     unknown = [m for own, (m, _) in zip(moduli, scene.materials, strict=True) if own is None]
@@ -297,14 +278,8 @@ ACROSS = np.array([2, 1, 0, 0, 1, 2])
 def thickness_axes(domain: Domain, name: str) -> Axes:
     """The coordinate of each local cell across its thickness, 1 to 3; 0 where it has none.
 
-    Collective.
-
-    Args:
-        domain: A mesh of hexahedra.
-        name: Facets; from each of them the thickness goes on facet by opposite facet.
-
-    Raises:
-        SceneError: On every rank, if the name is unknown, or two directions meet in a cell.
+    Collective. From each of the named facets the thickness goes on facet by opposite facet.
+    `SceneError` on every rank, if the name is unknown, or two directions meet in a cell.
     """
     found = domain.find(name, (2,), "AssumedStrains")
     topology = domain.mesh.topology

@@ -31,15 +31,7 @@ NEARLY_INCOMPRESSIBLE = 0.49  # ν above which first-order cells are warned of
 
 
 def check_together(effects: Sequence[fx.Effect], scheme: Scheme) -> None:
-    """Check effects as far as possible without the mesh: which go together, and with the scheme.
-
-    Args:
-        effects: All effects of a scene.
-        scheme: Its time integration scheme.
-
-    Raises:
-        SceneError: If one is no effect, or some contradict each other or the scheme.
-    """
+    """Refuse effects that do not go together, or with the scheme, whatever the mesh."""
 
     def named(kind: type[fx.Effect]) -> list[Any]:
         return [e for e in effects if isinstance(e, kind)]
@@ -92,11 +84,7 @@ def overlap(a: fx.Windowed, b: fx.Windowed) -> bool:
 
 
 def effects_of(domain: Any, effects: Any) -> tuple[Any, ...]:
-    """The effects of a domain, in the order given.
-
-    Raises:
-        SceneError: If the domain is none, or effects cannot be a list of them.
-    """
+    """The effects of a domain, in the order given; `SceneError` if they are no list of them."""
     if not isinstance(domain, Domain):
         raise SceneError(
             f"Scene: domain must be a Domain (box, from_arrays, read_msh, or Domain(mesh) of a "
@@ -108,11 +96,7 @@ def effects_of(domain: Any, effects: Any) -> tuple[Any, ...]:
 
 
 def check_discretisation(scene: Any) -> None:
-    """Check order and mass, and whether they go with the mesh.
-
-    Raises:
-        SceneError: If they cannot be used.
-    """
+    """Refuse an order or a mass that is none, or does not go with the mesh."""
     order, mass = scene.order, scene.mass
     whole = isinstance(order, (int, np.integer)) and not isinstance(order, bool)
     if not whole or order not in STIFFNESS_DEGREE:
@@ -154,11 +138,7 @@ def warn_of_locking(scene: Any) -> None:
 
 
 def check_masses(scene: Any) -> None:
-    """Refuse nodal masses that are not positive, or overflow in sums. Collective.
-
-    Raises:
-        SceneError: On every rank, if the arithmetic cannot do with them.
-    """
+    """Refuse nodal masses that are not positive, or overflow in sums. Collective."""
     n, mass = scene.owned_nodes, scene.nodal_mass
     with np.errstate(over="ignore", invalid="ignore"):
         squares = (scene.space.tabulate_dof_coordinates()[:n] ** 2).sum(axis=1)
@@ -181,11 +161,7 @@ def check_masses(scene: Any) -> None:
 
 
 def check_supports(scene: Any) -> None:
-    """Refuse supports that prescribe different motions of the same nodes. Collective.
-
-    Raises:
-        SceneError: On every rank, if two do.
-    """
+    """Refuse supports that prescribe different motions of the same nodes. Collective."""
     for (a, nodes_a), (b, nodes_b) in combinations(scene.supports, 2):
         shared = np.intersect1d(nodes_a, nodes_b).size
         axes = set(a.axes) & set(b.axes)
@@ -199,11 +175,7 @@ def check_supports(scene: Any) -> None:
 
 
 def check_rigid(scene: Any) -> None:
-    """Refuse parts named rigid that share nodes, and rigid faces that share some. Collective.
-
-    Raises:
-        SceneError: On every rank, if two do.
-    """
+    """Refuse parts named rigid that share nodes, and rigid faces that share some. Collective."""
     _check_faces(scene)
     bodies = [effect for effect in scene.effects if effect.is_body]
     taken = np.full(len(scene.nodal_mass), -1)
@@ -224,9 +196,7 @@ def check_rigid(scene: Any) -> None:
 def _check_faces(scene: Any) -> None:
     """Refuse rigid faces that are in part of something else that moves as one. Collective.
 
-    Raises:
-        SceneError: On every rank, if a face shares nodes with a support, with another face, or with
-            a part named rigid that has not all of them.
+    That is a support, another face, or a part named rigid that has not all of their nodes.
     """
     n, taken = scene.owned_nodes, np.zeros(scene.owned_nodes, dtype=np.int64)
     named = [effect for effect in scene.effects if effect.is_body]
@@ -266,13 +236,8 @@ def in_order(given: Any) -> Any:
 def points(comm: MPI.Intracomm, probes: Mapping[str, Sequence[float]]) -> dict[str, Array]:
     """Probes as read-only arrays, shape (3,) each [m], in the order of rank 0. Collective.
 
-    Args:
-        comm: Ranks that have the same probes, in whatever order.
-        probes: Name → point.
-
-    Raises:
-        SceneError: If one is not three finite numbers, or two names are the same text, by which
-            files and pictures know them.
+    `SceneError` if one is not three finite numbers, or two names are the same text, by which files
+    and pictures know them.
     """
     if not isinstance(probes, Mapping):
         raise SceneError(
@@ -304,13 +269,7 @@ def cells_of(mesh: dmesh.Mesh, points: Mapping[str, Array]) -> dict[str, tuple[i
     """Rank and local number of the cell that holds each point, the same on all ranks. Collective.
 
     Of several cells that share a point it is the first one of the mesh file, on any ranks.
-
-    Args:
-        mesh: The mesh.
-        points: Points by name, shape (3,) each [m].
-
-    Raises:
-        SceneError: On every rank, if one lies in no cell.
+    `SceneError` on every rank, if a point [m] lies in no cell.
     """
     if not points:
         return {}

@@ -94,12 +94,7 @@ class Damped:
             self.viscous = self.numerical = 0.0
 
     def rates(self, frequencies: Array, dt: float) -> Array:
-        """Parts of vibrations' sizes that are taken per time [1/s].
-
-        Args:
-            frequencies: ω of each [1/s].
-            dt: Δt [s].
-        """
+        """Parts of vibrations' sizes taken per time [1/s], by ω of each [1/s] and Δt [s]."""
         beta = self.viscous + self.numerical * dt
         return np.asarray(0.5 * (self.drag + beta * frequencies**2))
 

@@ -95,10 +95,6 @@ def warn_of_short_steps(scene: Any, dt: float) -> None:
     """Warn of a heavy body without forces whose waves take hundreds of steps. Collective.
 
     Those in which waves are of interest pass a cell in a few steps.
-
-    Args:
-        scene: The scene.
-        dt: Δt of its run [s].
     """
     mass = scene.sum(inertial_masses(scene).sum())
     if MILLI * mass < HEAVY or _largest_force(scene) > 0 or scene.named(Contact):
@@ -177,12 +173,9 @@ def _round(scene: Any, where: str, owner: str) -> tuple[float, float]:
 
 
 def _of_triangles(numbers: Ints, corners: Array, centre: Array) -> tuple[float, float]:
-    """The same of triangles by the numbers and positions of their corners [rad, m]; 0 if none is.
+    """The same of triangles by numbers, (n, 3), and positions of corners, (n, 3, 3) [m]; 0 if none.
 
-    Args:
-        numbers: Shape (n, 3).
-        corners: Shape (n, 3, 3) [m].
-        centre: Middles of the parts that they bound, shape (n, 3) [m].
+    The parts that they bound have their middles at `centre`, shape (n, 3) [m].
     """
     normal, middle = area_vectors(corners), corners.mean(axis=1)
     area = np.linalg.norm(normal, axis=1)
@@ -228,12 +221,7 @@ LOADS: tuple[Any, ...] = (DeadLoad, Pressure)  # whose forces are on nodes of a 
 
 
 def warn_of_idle(scene: Any, t_end: float) -> None:
-    """Warn of loads that do nothing, by their time or as supports hold their nodes. Collective.
-
-    Args:
-        scene: The problem.
-        t_end: End of the run [s].
-    """
+    """Warn of loads that do nothing, by their time or as supports hold their nodes. Collective."""
     for effect in scene.named(Windowed):
         if not effect.is_load or effect.is_support:
             continue

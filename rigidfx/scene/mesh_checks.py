@@ -54,9 +54,7 @@ DIGITS = 1e-9  # error of a cell's size that is warned of
 def warn_of_bending(domain: Domain, strained: Bools) -> None:
     """Warn of slender parts whose first-order cells lock in bending. Collective.
 
-    Args:
-        domain: Mesh and names.
-        strained: For each owned cell, whether it is in no part named rigid.
+    Of owned cells those count that are strained: in no part named rigid.
     """
     thin = thin_parts(domain.mesh, strained)
     if not thin:
@@ -75,13 +73,7 @@ def warn_of_bending(domain: Domain, strained: Bools) -> None:
 
 
 def warn_of_mesh(domain: Domain, effects: Sequence[fx.Effect], order: int) -> None:
-    """Warn of parts that part or swing, of nodes that sets lack, of hidden sizes. Collective.
-
-    Args:
-        domain: Mesh and names.
-        effects: All effects of a scene.
-        order: Order of its displacement.
-    """
+    """Warn of parts that part or swing, of nodes that sets lack, of hidden sizes. Collective."""
     _warn_of_gaps(domain, effects)
     _warn_of_hinges(domain, effects)
     _warn_of_distance(domain)
@@ -95,10 +87,6 @@ def _warn_of_gaps(domain: Domain, effects: Sequence[fx.Effect]) -> None:
     Parts that fly freely on their own are none of these, however near they are. A rigid body that
     has cells of several parts joins them, and a contact between two surfaces keeps them apart.
     Collective.
-
-    Args:
-        domain: Mesh and names.
-        effects: All effects of a scene.
     """
     parts = connected_parts(domain.mesh, 0)
     if parts.count == 1:
@@ -129,14 +117,7 @@ def _warn_of_gaps(domain: Domain, effects: Sequence[fx.Effect]) -> None:
 
 
 def _warn_of_hinges(domain: Domain, effects: Sequence[fx.Effect]) -> None:
-    """Warn of parts that share a node or an edge and no facet. Collective.
-
-    Two parts of one rigid body do not swing, and are left out.
-
-    Args:
-        domain: Mesh and names.
-        effects: All effects of a scene.
-    """
+    """Warn of parts that share a node or an edge and no facet, unless in one body. Collective."""
     parts = connected_parts(domain.mesh, 2)
     if parts.count == 1:
         return
@@ -162,12 +143,7 @@ def _warn_of_hinges(domain: Domain, effects: Sequence[fx.Effect]) -> None:
 
 
 def _warn_of_vertices(domain: Domain, effects: Sequence[fx.Effect]) -> None:
-    """Warn of lines of vertices without the nodes between them. Collective.
-
-    Args:
-        domain: Mesh and names.
-        effects: All effects of a scene.
-    """
+    """Warn of lines of vertices without the nodes between them. Collective."""
     acting = {where: e for e in effects if isinstance(where := getattr(e, "where", None), str)}
     for where, effect in acting.items():
         sets = [domain.sets[where, dim] for dim in (3, 2, 1, 0) if (where, dim) in domain.sets]
@@ -294,9 +270,7 @@ class ThinPart:
 def thin_parts(mesh: dmesh.Mesh, strained: Bools) -> list[ThinPart]:
     """The slender parts whose first-order cells lock, in the order of the mesh file. Collective.
 
-    Args:
-        mesh: A mesh of hexahedra or tetrahedra.
-        strained: For each owned cell, whether it counts; the others are rigid, and end a part.
+    Owned cells that are not strained are rigid, and end a part.
     """
     owned = strained.size
     among = la.vector(mesh.topology.index_map(3), 1, dtype=np.float64)
@@ -353,10 +327,8 @@ def _edges(x: Array) -> Array:
 def _lengths(mesh: dmesh.Mesh, x: Array, outside: Bools) -> Array:
     """Longest edge of each owned cell that crosses no single layer, shape (cells,) [m]. Collective.
 
-    Args:
-        mesh: A mesh of hexahedra or tetrahedra; edges of tetrahedra cross nothing.
-        x: Corners of its owned cells, shape (cells, corners, 3) [m].
-        outside: For each local facet, whether it is on the boundary.
+    x are the cells' corners; edges of tetrahedra cross nothing. Of local facets those count that
+    are outside: on the boundary.
     """
     edges = _edges(x)
     if _simplex(mesh):

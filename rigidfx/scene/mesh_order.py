@@ -104,9 +104,7 @@ def _owned_cells(scene: Scene) -> Ints:
 def _listed(scene: Scene, of_cells: Ints) -> Ints | None:
     """Nodes in the order in which cells name them first, on rank 0. Collective.
 
-    Args:
-        scene: The problem.
-        of_cells: Numbers over all ranks of the nodes of each owned cell.
+    Each owned cell has the numbers of its nodes over all ranks.
     """
     gathered = scene.comm.gather((_owned_cells(scene), of_cells))
     if gathered is None:

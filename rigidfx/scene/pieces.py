@@ -27,10 +27,8 @@ def divide(
 
     Returns:
         The domain, which also knows the pieces by the names "nut 1", "nut 2", ...; the effects, a
-        body for each of these pieces; and how many pieces each such name has had.
-
-    Raises:
-        SceneError: On every rank, if the name of a piece is taken.
+        body for each of these pieces; and how many pieces each such name has had. A name that is
+        taken is refused.
     """
     out: list[fx.Effect] = []
     counts: dict[str, int] = {}
@@ -125,13 +123,7 @@ def warn_of_pieces(domain: Domain, effects: Sequence[fx.Effect]) -> None:
 def pieces_in_words(
     domain: Domain, effects: Sequence[fx.Effect], divided: Mapping[str, int]
 ) -> list[str]:
-    """A line for each name of a rigid part that has several pieces. Collective.
-
-    Args:
-        domain: Mesh and names.
-        effects: All effects, a `Rigid` for each piece where each is a body.
-        divided: How many pieces names had that are divided.
-    """
+    """A line for each name of a rigid part that has several pieces, or is divided. Collective."""
     lines = [f"Rigid '{name}': in {n} pieces, a body each" for name, n in divided.items() if n > 1]
     named: list[Any] = [effect for effect in effects if effect.is_rigid]
     for rigid in named:

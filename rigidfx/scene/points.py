@@ -53,13 +53,7 @@ def parts_of_nodes(scene: Scene) -> Ints:
 
 
 def weights_at(scene: Scene, cell: int, point: Array) -> tuple[Ints, Array]:
-    """Global nodes of a cell and their shape functions at a point of it.
-
-    Args:
-        scene: The problem.
-        cell: A cell of this rank.
-        point: Shape (3,) [m].
-    """
+    """Global nodes of a cell of this rank and their shape functions at a point of it [m]."""
     mesh, element = scene.mesh, scene.space.element
     corners = mesh.geometry.x[cell_geometry_dofs(mesh)[cell]]
     reference = coordinate_map(mesh).pull_back(point.reshape(1, 3), corners)
@@ -70,25 +64,16 @@ def weights_at(scene: Scene, cell: int, point: Array) -> tuple[Ints, Array]:
 
 
 def owned_part(scene: Scene, nodes: Ints, weights: Array) -> Point:
-    """The part of a weighted sum that this rank owns.
-
-    Args:
-        scene: The problem.
-        nodes: Global nodes.
-        weights: Of each.
-    """
+    """The part of a weighted sum of global nodes that this rank owns."""
     first, end = scene.space.dofmap.index_map.local_range
     mine = (nodes >= first) & (nodes < end)
     return Point(nodes[mine] - first, weights[mine])
 
 
 def far_apart(scene: Scene, count: int, among: Bools | None = None) -> tuple[Ints, Ints]:
-    """Nodes chosen one by one, each the farthest from those before; any ranks agree. Collective.
+    """So many nodes, each the farthest from those before; any ranks agree. Collective.
 
-    Args:
-        scene: The problem.
-        count: How many are wanted.
-        among: Which of the owned nodes may be chosen; all of them if None.
+    Owned nodes may be chosen, or only those `among` them.
 
     Returns:
         Local numbers of those that this rank owns, and the place of each in the order of choice.
@@ -153,16 +138,9 @@ BITS = 30
 def spread(comm: MPI.Intracomm, X: Array, most: int) -> Ints:
     """One node of each box of a lattice that is as fine as so many nodes allow. Collective.
 
-    They are told by their places alone, so that they are the same on any number of ranks; of
-    nodes in one place all are taken.
-
-    Args:
-        comm: Ranks that share the nodes.
-        X: Reference positions of the owned nodes, shape (nodes, 3) [m].
-        most: Number of boxes on all ranks.
-
-    Returns:
-        Owned nodes, sorted; all of them if there are no more than that.
+    They are told by their places X alone, so that they are the same on any number of ranks; of
+    nodes in one place all are taken. They are numbers of owned nodes, sorted; of all of them if
+    there are no more.
     """
     if comm.allreduce(len(X)) <= most:
         return np.arange(len(X))

@@ -56,11 +56,7 @@ MUCH = 1e8  # ratio of stiffness from which on rounding of a stiff part's forces
 
 
 def stiff_parts(scene: Any) -> ConnectedParts | None:
-    """Connected parts of the cells that are stiffer than the softest by `MUCH`. Collective.
-
-    Returns:
-        Parts, with -1 for other cells; None if all are alike.
-    """
+    """Connected parts of cells stiffer than the softest by `MUCH`, -1 for others. Collective."""
     stiffness = [material.stiffness for material, _ in scene.materials]
     bound = MUCH * min(stiffness)
     if max(stiffness) < bound or bound == 0.0:
@@ -279,8 +275,7 @@ class Scene:
     def boundary(self, name: str, wanted_by: str) -> Indices:
         """Owned cell and local number of each facet of a named set, shape (n, 2). Collective.
 
-        Raises:
-            SceneError: If the set is unknown, or has facets that lie inside the mesh.
+        `SceneError` if the set is unknown, or has facets that lie inside the mesh.
         """
         found = self.domain.find(name, (2,), wanted_by)
         pairs = compat.integration_facets(self.mesh, found.entities).reshape(-1, 2)

@@ -16,16 +16,7 @@ FINEST = 1e-12  # part of a displacement that rounding leaves something of
 
 
 def fraction(owner: str, name: str, value: Any) -> float:
-    """A user's number between zero, or what rounding leaves of one, and one as a float.
-
-    Args:
-        owner: Whose number it is, for the message.
-        name: Name of the number.
-        value: The given value.
-
-    Raises:
-        SceneError: If it is anything else.
-    """
+    """A user's number between zero, or what rounding leaves of one, and one as a float."""
     result = number(owner, name, value)
     if FINEST <= result < 1:
         return result
@@ -66,11 +57,7 @@ class StepControl:
     of: float | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check all values, and take them.
-
-        Raises:
-            SceneError: If one cannot be used, or they contradict each other.
-        """
+        """Check all values, and take them; `SceneError` if one cannot be used."""
         owner = "StepControl"
         fraction(owner, "tol", self.tol)
         if self.largest is None:
@@ -106,24 +93,12 @@ class StepControl:
         return LEAST * self.most if self.smallest is None else float(self.smallest)
 
     def check(self, scene: Scene) -> None:
-        """Look its probes up.
-
-        Raises:
-            SceneError: If a name is unknown.
-        """
+        """Look its probes up."""
         check_probes("StepControl", self.names, scene)
 
 
 def probe_names(owner: str, at: Any) -> tuple[str, ...] | None:
-    """Names of probes that a user gives, sorted; None if none are given.
-
-    Args:
-        owner: Whose names these are, for the message.
-        at: The given value.
-
-    Raises:
-        SceneError: If it is anything else.
-    """
+    """Names of probes that a user gives, sorted; None if none are given."""
     if at is None:
         return None
     given = names(owner, "at", at, "probes")
@@ -133,16 +108,7 @@ def probe_names(owner: str, at: Any) -> tuple[str, ...] | None:
 
 
 def check_probes(owner: str, names: Sequence[str], scene: Scene) -> None:
-    """Look names of probes up.
-
-    Args:
-        owner: Whose names these are, for the message.
-        names: The names.
-        scene: The problem.
-
-    Raises:
-        SceneError: If one is unknown.
-    """
+    """Refuse names of probes that the scene does not have."""
     for name in names:
         if name not in scene.probes:
             raise SceneError(

@@ -120,14 +120,10 @@ def _extent(scene: Any) -> str:
 
 
 def _speeds(scene: Any, dt: float | None) -> list[str]:
-    """For each material, how fast a wave is in it and how far it gets in a step. Collective.
+    """For each material, how fast a wave is in it and how far it gets in a step [s]. Collective.
 
     The speed is √(ℂ₀₁₁₁₁/ρ), that of pressure waves in the unstrained material, and the size of a
     cell the cube root of the mean volume of a cell of the mesh.
-
-    Args:
-        scene: The scene.
-        dt: Time step [s]; None if nothing is to be said of one.
     """
     size, out = scene.mean_cell_size, []
     for material, _ in scene.materials:

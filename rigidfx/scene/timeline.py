@@ -62,9 +62,8 @@ class Timeline:
     def _resolve(self, finest: float | None) -> float:
         """Times that are the same: some numbers apart, and far less than a step.
 
-        Raises:
-            SceneError: If a step is as short as numbers are apart at the end of the run, or has no
-                cube among the numbers.
+        `SceneError` if a step is as short as numbers are apart at the end of the run, or has no
+        cube among the numbers.
         """
         pairs = zip(self._times, self._steps, strict=True)
         taken = [dt for t, dt in pairs if t < self.t_end]

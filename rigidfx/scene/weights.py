@@ -18,11 +18,8 @@ def nodal_weights(
 ) -> Array:
     """∫ density Nᵢ, per local node with ghosts, shape (nodes,). Collective.
 
-    Args:
-        space: Of vectors; Nᵢ are its shape functions.
-        density: Number or UFL expression.
-        kind: Over cells (dx) or boundary facets (ds).
-        where: Owned cells; or owned cells and the facets in them, shape (facets, 2).
+    Nᵢ are shape functions of a space of vectors. The integral is over owned cells (dx), or over
+    facets (ds) by owned cells and the facets in them, shape (facets, 2).
     """
     mesh = space.mesh
     # Two degrees above the integrand of an affine cell, for cells that are not.
@@ -38,11 +35,7 @@ def nodal_weights(
 
 
 def point_masses(scene: Any) -> Array:
-    """Sum of the point masses of all effects, per local node with ghosts [kg]. Collective.
-
-    Args:
-        scene: The scene, whose space is known already.
-    """
+    """Sum of the point masses of all effects, per local node with ghosts [kg]. Collective."""
     total = np.zeros(len(scene.start_places))
     for effect in scene.effects:
         own = effect.nodal_mass(scene)
@@ -55,9 +48,6 @@ def inertial_masses(scene: Any) -> Array:
 
     A given mass stands for all lumped mass on the nodes of a body, and has its centre. Of a
     consistent mass, cells beside the body keep their shares of nodes that they have in common.
-
-    Args:
-        scene: The scene, whose masses are known already.
     """
     n = scene.owned_nodes
     total = scene.nodal_mass[:n].copy()

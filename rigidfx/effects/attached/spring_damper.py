@@ -120,11 +120,7 @@ class SpringDamper(Between, Elastic):
         return self.stiffness > 0 and self.is_stiff(self._first)  # type: ignore[attr-defined]
 
     def placed(self, scene: Any) -> SpringDamper:
-        """The spring with its ends on a mesh. Collective.
-
-        Raises:
-            SceneError: On every rank, if it cannot be there.
-        """
+        """The spring with its ends on a mesh; raise `SceneError` if it cannot be. Collective."""
         self.check_title(scene)
         X = scene.space.tabulate_dof_coordinates()
         ends = [

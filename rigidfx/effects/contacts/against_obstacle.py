@@ -150,13 +150,7 @@ class Points:
     """
 
     def __init__(self, obstacle: Any, k: Array, static: bool = False) -> None:
-        """Store the stiffnesses.
-
-        Args:
-            obstacle: An `AskedObstacle`, or an obstacle.
-            k: Stiffnesses, shape (n,) [N/m].
-            static: Whether forces are those at the end of a step, -U'(g₁) m(y₁).
-        """
+        """Store stiffnesses, shape (n,) [N/m]; static forces are those at the end of a step."""
         self._obstacle, self.k, self._static = obstacle, k, static
         self.begin(np.empty((0, 3)), None)
 
@@ -239,11 +233,7 @@ class ObstacleForces(ContactForces):
         self.rounding = float(np.sqrt(square)) * nodes.far()
 
     def set_time(self, t: float, dt: float) -> None:
-        """Place the obstacle at both ends of a step; in statics t is the end of the step.
-
-        Raises:
-            SceneError: On this rank, if the path fails.
-        """
+        """Place the obstacle at both ends of a step; in statics t is the end of the step."""
         before, after = (dt, 0.0) if self._static else (dt / 2, dt / 2)
         began = max(t - before, 0.0)
         self._ends = np.stack([self._displacement(began), self._displacement(t + after)])

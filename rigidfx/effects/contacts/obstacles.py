@@ -200,20 +200,11 @@ class AskedObstacle:
     """An obstacle whose answers are checked, as one of a user's own may give anything, or fail."""
 
     def __init__(self, owner: str, obstacle: Obstacle) -> None:
-        """Wrap the obstacle's functions.
-
-        Args:
-            owner: Whose it is, for messages.
-            obstacle: The obstacle.
-        """
+        """Wrap the obstacle's functions; the owner is for messages."""
         self._owner, self._obstacle = owner, obstacle
 
     def gap(self, y: Array) -> Array:
-        """Gaps of points y, shape (n,) [m].
-
-        Raises:
-            SceneError: On this rank, if they are not finite, or not as many as there are points.
-        """
+        """Gaps of points y, shape (n,) [m]; `SceneError` on this rank, unless they are finite."""
         return self._checked("gap", self._asked("gap", y), y.shape[:1], y)
 
     def outward(self, y: Array) -> Array:

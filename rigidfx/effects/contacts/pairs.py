@@ -87,9 +87,7 @@ class PairSurface:
     def mates(self, x: Array, bodies: Ints) -> Ints:
         """The triangle that each slave may meet, -1 where there is none, shape (n,).
 
-        Args:
-            x: Positions of all nodes, shape (size, 3) [m].
-            bodies: Body of each, -1 if none; surfaces of one body do not meet.
+        Nodes are at x, shape (size, 3) [m]; surfaces of one body, -1 if none, do not meet.
         """
         out = np.full(self.slaves.size, -1)
         node, triangle = self._nearest(x)
@@ -248,11 +246,7 @@ def _on_all_ranks(scene: Any, where: str, owner: str) -> Ints:
 
 
 def refuse_overlap(scene: Any, where: str, owner: str) -> None:
-    """Refuse a surface, by its name, behind which there are cells in cells. Collective.
-
-    Raises:
-        SceneError: On every rank, with the places, if there are such cells.
-    """
+    """Refuse a surface, by its name, behind which there are cells in cells. Collective."""
     comm, X = scene.comm, scene.space.tabulate_dof_coordinates()
     cells, triangles = triangles_of(scene, where, owner)
     dofmap = scene.space.dofmap

@@ -25,16 +25,10 @@ def stored(k: Array, g: Array) -> Array:
 
 
 def secant(k: Array, g0: Array, g1: Array, static: bool = False) -> tuple[Array, Array]:
-    """[U], and its derivative by g₁.
+    """[U] at gaps from g0 to g1, which is never positive, and its derivative by g1, never negative.
 
-    Args:
-        k: Stiffnesses, shape (n,) [N/m].
-        g0: Gaps at the start of a step, shape (n,) [m].
-        g1: Gaps at its end, likewise.
-        static: Whether both are those at the end, so that the derivative is by both.
-
-    Returns:
-        Shapes (n,) [N] and (n,) [N/m]; the first is never positive, the second never negative.
+    All have shape (n,) [m, N/m, N]. In statics both gaps are those at the end, and the derivative
+    is by both.
     """
     closes, opens = (g0 >= 0) & (g1 < 0), (g0 < 0) & (g1 >= 0)
     apart = np.where(closes | opens, g1 - g0, 1.0)
@@ -87,34 +81,23 @@ class ContactForces(Action):
         return float(stored(self._k, self._gap(at)).sum())
 
     def creep_for(self, time: float, began: Instant) -> None:
-        """Let friction be that of a longer motion, until a time is set again.
+        """Let friction be that of a longer motion [s] from `began` on, until a time is set again.
 
         A step that needs forces by displacements, not by velocities, has no Δt of its own.
-
-        Args:
-            time: Length of the motion [s].
-            began: Its start.
         """
 
     def pressing(self) -> tuple[Ints, Array]:
         """Owned nodes that are pressed, deeper than rounding, and how.
 
-        Returns:
-            The nodes, and up to three directions of forces on each, the main one first and zero
-            ones for none, shape (nodes, 3, 3).
+        Up to three directions of forces on each, the main one first and zero ones for none, shape
+        (nodes, 3, 3).
         """
         raise NotImplementedError
 
     def closes_after(self, v: Array, dt: float, at: Instant) -> float:
-        """Time from now until a node of this rank touches, at constant velocities [s]. Collective.
+        """Time until a node of this rank touches, at constant velocities v of the rows. Collective.
 
-        Args:
-            v: Velocities of the rows [m/s].
-            dt: Length of the next step [s].
-            at: Now.
-
-        Returns:
-            Infinity if none does, -1 if one touches already.
+        Infinity if none does, -1 if one touches already [s]; dt is the length of the next step [s].
         """
         raise NotImplementedError
 

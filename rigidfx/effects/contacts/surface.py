@@ -59,15 +59,8 @@ def once(scene: Any, key: tuple[Any, ...], find: Callable[[], Found]) -> Found:
 def surface_of(scene: Any, where: str, stiffness: float | None, owner: str) -> ContactSurface:
     """The surface of a set of facets; found once for a scene. Collective.
 
-    Args:
-        scene: The problem.
-        where: Name of a set of boundary facets.
-        stiffness: Stiffness of an area [N/m³]; by the material if None.
-        owner: Who asks, for messages.
-
-    Raises:
-        SceneError: If the set is unknown, has facets inside the mesh or none, or a material tells
-            no stiffness.
+    Stiffness of an area [N/m³] is that of the material if None. `SceneError` if the set is unknown,
+    has facets inside the mesh or none, or a material tells no stiffness.
     """
     return once(scene, (where, stiffness), lambda: _found(scene, where, stiffness, owner))
 

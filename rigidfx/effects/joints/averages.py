@@ -157,15 +157,9 @@ class Averages:
     """
 
     def __init__(self, scene: Any, weights: Array, title: str) -> None:
-        """Find centre and second moments. Collective.
+        """Find centre and second moments, by w of each owned node in any unit. Collective.
 
-        Args:
-            scene: The problem.
-            weights: w of each owned node, in any unit.
-            title: Name of the side, for messages.
-
-        Raises:
-            SceneError: On every rank, if the nodes have no weight or lie on a line.
+        `SceneError` on every rank, if the nodes have no weight or lie on a line.
         """
         self.nodes = np.flatnonzero(weights)
         w, X = weights[self.nodes], scene.start_places[self.nodes]
@@ -227,11 +221,9 @@ class FaceSide(Averages):
         return FaceVector(self, a, False)
 
     def within(self, scene: Any, bodies: Sequence[RigidBody]) -> tuple[int, Array, Array] | None:
-        """The body that holds all nodes without deforming, and how. Collective.
+        """The body that holds all nodes without deforming; None if there is none. Collective.
 
-        Returns:
-            Its number among the bodies, V̄ [m] and Σ w (X - X̄) ⊗ V [m²]; None if no body holds
-            all nodes.
+        Its number among the bodies, V̄ [m] and Σ w (X - X̄) ⊗ V [m²].
         """
         local = np.zeros((len(bodies), 1 + 3 + 9))
         for out, body in zip(local, bodies, strict=True):
@@ -260,11 +252,7 @@ class FaceSide(Averages):
         return r, np.einsum("nk,akb->nab", weights, turn_map(r, H))
 
     def unit_loads(self) -> Array:
-        """Forces on the nodes by unit forces and couples along x, y and z, at the start.
-
-        Returns:
-            Shape (nodes, 3, 6) [N].
-        """
+        """Forces by unit forces and couples along x, y, z at the start, shape (nodes, 3, 6) [N]."""
         forces, couples = self.averages[0].slopes(), self.turns()[1]
         return np.concatenate([forces, couples], axis=1).swapaxes(1, 2)
 

@@ -98,15 +98,7 @@ class Drives:
         count: int,
         static: bool,
     ) -> None:
-        """Find their joints.
-
-        Args:
-            scene: The problem.
-            elements: Those that act.
-            firsts: Number of each joint's first vector.
-            count: Number of all vectors.
-            static: Whether forces are those at the end of a step.
-        """
+        """Find the joints of those that act; `firsts` of `count` vectors are each joint's first."""
         self.static, self.kappa = static, np.ones(len(elements))
         joints, titles = (
             scene.named(Joint),

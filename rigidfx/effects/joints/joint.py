@@ -145,11 +145,7 @@ class Joint(Between):
         return self.pieces.averages
 
     def placed(self, scene: Any) -> Joint:
-        """The joint with its averages over the nodes of a mesh. Collective.
-
-        Raises:
-            SceneError: On every rank, if it cannot be there.
-        """
+        """The joint with averages over nodes; `SceneError` if it cannot be there. Collective."""
         self.check_title(scene)
         if (missing := self.missing) and (found := self._found(scene, missing)) is not self:
             return found.placed(scene)
@@ -317,14 +313,8 @@ def cut_by_symmetry(scene: Any, supports: Supports) -> tuple[tuple[Joint, ...], 
     """What keeps rigid faces in the planes that cut them, and supports without these. Collective.
 
     The other half of such a face mirrors the given one: half of a hole, say. As both are one body,
-    it moves along the plane and turns about its normal only. Rows of a joint hold the rest.
-
-    Args:
-        scene: The problem, whose effects are placed.
-        supports: Its supports and their local nodes, ghosts included.
-
-    Raises:
-        SceneError: On every rank, if a plane that does not hold all the time cuts one.
+    it moves along the plane and turns about its normal only. Rows of a joint hold the rest. A plane
+    that does not hold all the time is refused on every rank.
     """
     joints, left = [], list(supports)
     for face in rigid_faces(scene.effects) if scene.named(Symmetry) else ():

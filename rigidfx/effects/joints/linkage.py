@@ -110,9 +110,7 @@ def told_of(
     efforts: Mapping[str, float],
     gap: float,
 ) -> JointReport:
-    """The report of a joint.
-
-    A force on a place acts there; one on a direction d is a couple, d × f.
+    """The report of a joint: a force on a place acts there, one on a direction d is d × f.
 
     Args:
         joint: The joint.
@@ -229,14 +227,7 @@ class Linkage:
         structure: Structure,
         points: Points | None = None,
     ) -> None:
-        """Bind joints to nodes and bodies. Collective.
-
-        Args:
-            joints: The joints, as the scene has placed them, and last the carried masses.
-            elements: Motors that act, springs and stops.
-            structure: The division.
-            points: Actions on remote points.
-        """
+        """Bind joints, carried masses last, and motors, springs and stops that act. Collective."""
         scene, bodies, static = structure.scene, structure.bodies, structure.static
         self._share = 1.0 if static else 0.5
         self._joints = tuple(joints)
@@ -296,9 +287,7 @@ class Linkage:
     def scale(self, dt: float, drag: float = 0.0) -> Array:
         """κ of each active row: force over displacement of its parts [N/m].
 
-        Args:
-            dt: Length of a step [s]; of no meaning in statics.
-            drag: Drag per mass that resists in statics, in place of stiffness [1/s²].
+        In statics a drag per mass [1/s²] may resist in place of stiffness.
         """
         if self.drives.static and not drag:
             sizes = np.concatenate([self.rows.sizes[self.rows.active], self.drives.sizes])
@@ -447,8 +436,7 @@ class Linkage:
     def told(self, added: Callable[[], tuple[Array, Array]] | None = None) -> JointReports:
         """Force and motion of each joint in the step that has been solved, found when asked for.
 
-        Args:
-            added: Gives additions to multipliers [N], and their forces on vectors; none in statics.
+        `added` gives additions to multipliers [N], and their forces on vectors; none in statics.
         """
         q, n = self._coordinates(self._start + self._moved), self.rows.active.size
         dt = np.inf if self.drives.static else self._dt

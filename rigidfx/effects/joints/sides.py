@@ -156,9 +156,8 @@ def check_sides(
 ) -> None:
     """Check the sides of a joint, or the face of a remote point, as far as possible. Collective.
 
-    Raises:
-        SceneError: On every rank, if both are in one rigid part, if a support holds all of one, or
-            if a surface is far away from the joint, which is `at` there [m].
+    `SceneError` on every rank, if both are in one rigid part, if a support holds all of one, or if
+    a surface is far away from the joint, which is `at` there [m].
     """
     moving = [(n, s) for n, s in zip(names, sides, strict=True) if not isinstance(s, Grounded)]
     for name, side in moving:

@@ -52,11 +52,7 @@ class Pressure(Scaled):
             number("Pressure", "value", self.value)
 
     def intensity(self, t: float) -> float:
-        """Pressure at t [s]; zero outside the window [Pa].
-
-        Raises:
-            SceneError: If it is not a finite number.
-        """
+        """Pressure at t [Pa]; zero outside the window. `SceneError` if it is no finite number."""
         if not self.acts(t):
             return 0.0
         value = self.value(t) if is_function(self.value) else self.value

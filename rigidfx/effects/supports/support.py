@@ -65,14 +65,7 @@ class Support(Windowed):
         raise NotImplementedError
 
     def increments_of(self, t0: float, t1: float, X: Array, x: Array) -> Array:
-        """Prescribed increments of some points from t0 to t1, shape (points, 3) [m].
-
-        Args:
-            t0: Start of a step [s].
-            t1: End of the step [s].
-            X: Reference positions, shape (points, 3) [m].
-            x: Their places at t0, likewise.
-        """
+        """Prescribed increments from t0 to t1 of points X, at x at t0, shape (points, 3) [m]."""
         return self.displacements_at(t1, X) - self.displacements_at(t0, X)
 
     def velocities_at(self, t: float, dt: float, X: Array, x: Array) -> Array:
@@ -161,8 +154,7 @@ class Symmetry(Fixed):
     def placed(self, scene: Any) -> Symmetry:
         """The same with the normal of its plane, as that lies at the start. Collective.
 
-        Raises:
-            SceneError: If the set is unknown, or no plane with the normal x, y or z.
+        `SceneError` if the set is unknown, or no plane with the normal x, y or z.
         """
         nodes = scene.nodes(self.where, self.kind, (2,))
         X = scene.start_places[nodes]
