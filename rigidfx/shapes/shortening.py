@@ -11,7 +11,8 @@ response to unit forces is g = K⁺ e,
 
     δ = -½ Σ q_k q_l C_kl,    C_kl = g·K'[φ_k] φ_l,
 
-which is found once for each pair of shapes, when δ begins to count, by forces along φ_k + φ_l.
+which is found once for each pair of shapes, by forces along φ_k + φ_l, where δ counts for so many
+steps that forces along d would cost more.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ class Terms:
 class Shortening:
     """δ of the bodies of a run, at probes and as a field."""
 
-    remembered: ClassVar[Remembered] = same("_small", "_counting")
+    remembered: ClassVar[Remembered] = same("_small", "_counting", "_shown")
 
     def __init__(
         self, scene: Scene, points: Mapping[str, Point], about: Callable[[Body], About]
@@ -88,9 +89,11 @@ class Shortening:
         """
         self._scene, self._points, self._about = scene, points, about
         self._small: dict[Key, float] = {}  # Σ |q| of each body up to which δ counts for little [m]
-        self._counting: frozenset[Key] = frozenset()  # bodies whose δ is shown
+        self._counting: dict[Key, float] = {}  # Σ |q| from which it is shown [m]
+        self._shown: dict[Key, int] = {}  # for how many steps, with forces along d
         self._terms: dict[Key, Terms] = {}  # of each body
-        self._units: dict[int, Array] = {}  # g by responses, shape (owned nodes, 3, 3 · probes)
+        self._units: dict[int, tuple[Responses, Array]] = {}  # g, (owned nodes, 3, 3 · probes)
+        self._seen: dict[Key, tuple[int, Array]] = {}  # m of a body, and what remains of g for it
 
     def at_probes(self, bodies: Bodies) -> dict[str, tuple[Array, Array]]:
         """δ [m] and its rate [m/s] at each probe; empty where no body bends by much. Collective."""
@@ -100,11 +103,10 @@ class Shortening:
         moved, moving = np.zeros((2, len(self._points), 3))
         for body in counting:
             motion, about = body.motion, self._about(body)
-            half, turn = self._of_probes(body, about) @ motion.q, (motion.R @ about.Q).T
-            own = -0.5 * (half @ motion.q).reshape(-1, 3) @ turn
-            moved += own
-            moving -= (half @ motion.q_rate).reshape(-1, 3) @ turn
-            moving += np.cross(motion.angular_velocity, own)
+            turn = (motion.R @ about.Q).T
+            own, change = (x.reshape(-1, 3) @ turn for x in self._of_probes(body, about))
+            moved -= own
+            moving -= change + np.cross(motion.angular_velocity, own)
         return dict(zip(self._points, zip(moved, moving, strict=True), strict=True))
 
     def field(self, bodies: Bodies) -> tuple[Array, Array] | None:
@@ -118,12 +120,8 @@ class Shortening:
         moved, moving = np.zeros((2, self._scene.owned_nodes, 3))
         for body in counting:
             motion, about = body.motion, self._about(body)
-            d, rate = (_deformed(body, x) for x in (motion.q, motion.q_rate))
-            sizes = self._largest(d), self._largest(rate)
-            h = sizes[0] / sizes[1] if sizes[1] > 0 else 0.0
-            change = about.part.even(d + h * rate) - about.part.even(d - h * rate)
-            forces = [about.part.even(d), change / (2 * h) if h > 0 else change]
-            own, change = self._response(body, about, np.stack(forces, axis=2))
+            forces = self._forces(body, about.part)
+            own, change = self._response(body, about, forces)
             moved += own
             moving += change + np.cross(motion.angular_velocity, own)
         return moved, moving
@@ -133,15 +131,16 @@ class Shortening:
         return [] if bodies.of.shapes is None else [body for body in bodies if self._counts(body)]
 
     def _counts(self, body: Body) -> bool:
-        """Whether δ of a body is above `LACKING`/10 before it bends twice as far. Collective.
+        """Whether δ of a body is above `LACKING`/20 of its bend, or nearly. Collective.
 
         Of a part p of that, which grows as the body bends, it is looked at again at p^-½ times |q|:
         that leaves as much for shapes that shorten more.
         """
         key, size = _key(body), float(np.abs(body.motion.q).sum())
-        known = key in self._counting
-        if known or size <= self._small.get(key, ROUNDING * body.data.length):
-            return known
+        if key in self._counting:
+            return size >= self._counting[key]
+        if size <= self._small.get(key, ROUNDING * body.data.length):
+            return False
         self._small[key], about = np.inf, self._about(body)
         if self._hangs(body, about.responses):
             return False
@@ -150,8 +149,8 @@ class Shortening:
         part = 10 * self._largest(own) / (LACKING * self._largest(d))
         self._small[key] = size / min(max(part, ROUNDING) ** 0.5, 0.5)
         if 2 * part > 1:
-            self._counting |= {key}
-        return key in self._counting
+            self._counting[key] = size / (2 * part)
+        return 2 * part > 1
 
     def _hangs(self, body: Body, responses: Responses) -> bool:
         """Whether joints alone hold a body, so that K does not know where. Collective."""
@@ -184,19 +183,36 @@ class Shortening:
         found, turn = about.responses.solve(F), (body.motion.R @ about.Q).T
         return [-found[:, :, k] @ turn for k in range(forces.shape[2])]
 
-    def _of_probes(self, body: Body, about: About) -> Array:
-        """C of a body; only pairs with a shape that has grown are new. Collective."""
-        key, m = _key(body), body.data.deforms_by
+    def _forces(self, body: Body, part: Expanded) -> Array:
+        """½ K'[d] d of a body and its rate, shape (nodes, 3, 2) [N, N/s]. Collective."""
+        d, rate = (_deformed(body, x) for x in (body.motion.q, body.motion.q_rate))
+        sizes = self._largest(d), self._largest(rate)
+        h = sizes[0] / sizes[1] if sizes[1] > 0 else 0.0
+        change = part.even(d + h * rate) - part.even(d - h * rate)
+        return np.stack([part.even(d), change / (2 * h) if h > 0 else change], axis=2)
+
+    def _of_probes(self, body: Body, about: About) -> tuple[Array, Array]:
+        """-δ of a body at probes and its rate, in the frame of the start, each (3 · probes,).
+
+        Collective.
+        """
+        key, m, motion = _key(body), body.data.deforms_by, body.motion
         known = self._terms.get(key)
+        self._shown[key] = self._shown.get(key, 0) + 1
+        if 6 * self._shown[key] < m * (m + 1):  # three pairs of forces a step
+            forces = self._forces(body, about.part)
+            shown, rates = about.part.dot(self._remaining(body, about), forces).T
+            return shown, rates
         if known is None or known.C.shape[1] < m:
             known = self._terms[key] = self._grown(body, about, known)
-        return known.C
+        half = known.C @ motion.q
+        return 0.5 * half @ motion.q, half @ motion.q_rate
 
     def _grown(self, body: Body, about: About, known: Terms | None) -> Terms:
         """Terms of a body with those of the shapes that it had before. Collective."""
         part, shapes, m = about.part, body.data.shapes, body.data.deforms_by
         assert shapes is not None
-        g = np.einsum("ab,nbp->nap", about.Q, self._unit(about.responses)[body.data.nodes])
+        g = self._unit(body, about)
         modes, weighted, inverse = _followed(shapes, about)
         h = np.sqrt(SMALL_WAY) * self._scene.mean_cell_size  # strains by h φ are small
         first, at, along = 0, np.zeros((g.shape[2], m, m)), np.zeros((m, m, m))
@@ -222,15 +238,29 @@ class Shortening:
         follow = part.dot(g, weighted) @ inverse
         return Terms(at, along, at - np.einsum("pi,ijk->pjk", follow, along))
 
-    def _unit(self, responses: Responses) -> Array:
-        """Responses to unit forces at the probes. Collective."""
-        if id(responses) not in self._units:
+    def _remaining(self, body: Body, about: About) -> Array:
+        """g of a body in its frame without what shapes follow, shape as g. Collective."""
+        key, shapes = _key(body), body.data.shapes
+        assert shapes is not None
+        m, g = self._seen.get(key, (0, np.empty(0)))
+        if m < len(shapes):
+            modes, weighted, inverse = _followed(shapes, about)
+            g = self._unit(body, about)
+            g = g - modes @ (inverse @ about.part.dot(weighted, g))
+            self._seen[key] = len(shapes), g
+        return g
+
+    def _unit(self, body: Body, about: About) -> Array:
+        """g of a body in its frame, shape (nodes, 3, 3 · probes) [m/N]. Collective."""
+        key = id(about.responses)
+        if key not in self._units:
             F = np.zeros((self._scene.owned_nodes, 3, len(self._points), 3))
             for p, point in enumerate(self._points.values()):
                 for axis in range(3):
                     F[point.nodes, axis, p, axis] = point.weights
-            self._units[id(responses)] = responses.solve(F.reshape(len(F), 3, -1))
-        return self._units[id(responses)]
+            found = about.responses.solve(F.reshape(len(F), 3, -1))
+            self._units[key] = about.responses, found  # which keeps the key from other responses
+        return np.asarray(np.einsum("ab,nbp->nap", about.Q, self._units[key][1][body.data.nodes]))
 
 
 def _set(symmetric: Array, at: tuple[int, ...], value: float) -> None:
