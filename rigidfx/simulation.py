@@ -27,10 +27,9 @@ from rigidfx.base.inputs import shown as show
 from rigidfx.base.instants import longer
 from rigidfx.base.log import heard, tell
 from rigidfx.base.progress import progress_bar
-from rigidfx.base.same_input import check_same
+from rigidfx.base.taken import check_same
 from rigidfx.base.warning import warn
-from rigidfx.checkpoint.call import given_again
-from rigidfx.checkpoint.keeper import Checkpoint, Keeper, Kept, bring_back, read, remember
+from rigidfx.checkpoint.keeper import Checkpoint, Keeper, Kept, read
 from rigidfx.decide.criteria.accuracy import Accuracy, controlled
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.preparation import prepare
@@ -184,18 +183,18 @@ def resume(
     own = together(scene.comm, "resume", lambda: path_of("resume", "folder", folder))
     place: Path = scene.comm.bcast(own)
     kept = read(place, scene)
-    call = given_again(kept.call, {**again, "checkpoint": None})
+    call = kept.given_again(again)
     if t_end is not None:
         fixed = isinstance(call["dt"], StepControl) or call["accuracy"] is not None
         if fixed and t_end != call["t_end"]:
             raise SceneError("resume: t_end cannot change where errors add up to it. Leave it out.")
-        if longer(kept.state["state"]["t"], t_end):
+        if longer(kept.t, t_end):
             raise SceneError(
                 f"resume: t_end = {t_end:g} s is before the checkpoint, which is at t = "
-                f"{kept.state['state']['t']:g} s. Give a later end, or leave it out."
+                f"{kept.t:g} s. Give a later end, or leave it out."
             )
         call["t_end"] = t_end
-    if not longer(call["t_end"], kept.state["state"]["t"]):
+    if not longer(call["t_end"], kept.t):
         warn(
             scene.comm,
             f"resume: the run in '{place}' is over, as its last checkpoint is at its end, t = "
@@ -247,17 +246,17 @@ def _begun(
     with solver.at_work(), heard(scene.comm, shown[1]):
         tell_of_crowding(scene.comm)
         began = perf_counter()
-        back = None if kept is None else partial(bring_back, kept)
+        back = None if kept is None else kept.bring_back
         idle = None if accuracy is None else accuracy.idle
         run, impact = prepare(scene, timeline, criterion, control, start, back, idle=idle)
         left = None if checkpoint is None else checkpoint.folder
         looks, writers = _looks(run), Writers(scene.comm, left, before)
         if kept is not None:
-            remember(kept, run, (*looks, writers))
+            kept.remember(run, (*looks, writers))
         keeper = None
         if checkpoint is not None:
-            keeper = Keeper(scene, checkpoint, {**call, "checkpoint": checkpoint}, kept, before)
-            keeper.check(run, (*looks, writers))
+            call = {**call, "checkpoint": checkpoint}
+            keeper = Keeper(run, (*looks, writers), checkpoint, call, kept, before)
         tell(scene.comm, beginning(scene, run.stepper.unknowns, t_end, perf_counter() - began))
     first = 0 if kept is None else kept.step
     reports = _reports(run, impact, shown, solver, looks, writers, keeper, first)
@@ -335,7 +334,7 @@ def _reports(
             over = timeline.over(state.t)
             if keeper is not None:
                 with solver.at_work():
-                    keeper.look(step - 1, state.t, run, (*looks, writers), over)
+                    keeper.look(step - 1, state.t, over)
             if over:
                 return _over(stepper, looks)
             target, start = run.target(), perf_counter()

@@ -16,7 +16,7 @@ from rigidfx.base.crowding import tell_of_crowding
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import is_function, numbers, positive, shown, whole
 from rigidfx.base.log import heard, tell
-from rigidfx.base.same_input import check_same
+from rigidfx.base.taken import check_same
 from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.effects import (

@@ -16,7 +16,7 @@ import refusals
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.base.same_input import digest
+from rigidfx.base.taken import digest
 
 COMM = MPI.COMM_WORLD
 RANK = COMM.rank

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -103,6 +103,38 @@ def agree(
             raise error(found[0]) from Trace(found[1])
         if found is not None:
             raise error(found[0])
+
+
+def on_rank_0(
+    comm: MPI.Intracomm,
+    action: Callable[[], T],
+    told: Callable[[Exception], str] = str,
+    error: type[RigidfxError] = OutputError,
+) -> T:
+    """The result of an action of rank 0, such as reading a file, on all ranks. Collective.
+
+    Args:
+        comm: Communicator of the calling ranks.
+        action: The action.
+        told: The message for an error of the system, or for a value that cannot be written.
+        error: Class of the error with this message.
+
+    Raises:
+        RigidfxError: On every rank, that of the action, or one of class `error`.
+    """
+    value: Any = None
+    kind, text = None, ""
+    if comm.rank == 0:
+        try:
+            value = action()
+        except RigidfxError as raised:
+            kind, text = type(raised), str(raised)
+        except (OSError, ValueError) as raised:
+            kind, text = error, told(raised)
+    value, kind, text = comm.bcast((value, kind, text))
+    if kind is not None:
+        raise kind(text)
+    return value
 
 
 def by_name(owner: str, t: float | None, function: Callable[[], T], what: str = "function") -> T:

@@ -1,45 +1,107 @@
 """The state that objects keep from step to step.
 
-Each class says so itself, beside its fields:
+Each class names it beside its fields:
 
     remembered: ClassVar[Remembered] = same("steps") | {"worst": ON_CELLS, "_swings": PART}
 
-A checkpoint asks the parts of a run, and they ask theirs. Other members are made anew
-from the scene and from named values: forms, factors, first guesses. A kind says how the ranks'
-values of a field become one value in the order of the mesh, and how each rank gets its own back.
+A checkpoint asks the parts of a run, and they ask theirs. Other members are made anew from the
+scene and from named values: forms, factors, first guesses. Values on cells and nodes are `Rows` by
+their numbers in the mesh, which do not depend on ranks. Other values are those of rank 0.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import fields
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.mesh_order import MeshOrder
+from rigidfx.base.types import Array, Ints
+
+
+@dataclass(frozen=True)
+class MeshOrder:
+    """The number in the mesh of each cell and node of a rank.
+
+    Attributes:
+        first: Whether this is rank 0.
+        cells: Numbers of the owned cells.
+        nodes: Numbers of the local nodes, owned ones first.
+        owned: Number of owned nodes.
+        named: Effects and obstacles, which objects know by their identity; alike on all ranks.
+    """
+
+    first: bool
+    cells: Ints
+    nodes: Ints
+    owned: int
+    named: tuple[Any, ...] = ()
+
+    @property
+    def own_nodes(self) -> Ints:
+        """Numbers of the owned nodes."""
+        return self.nodes[: self.owned]
+
+    def numbers(self) -> dict[int, int]:
+        """Place in `named` of each object, by its identity."""
+        return {id(one): k for k, one in enumerate(self.named)}
+
+
+class Rows(NamedTuple):
+    """Arrays over some cells or nodes.
+
+    Attributes:
+        numbers: Numbers of these in the mesh, sorted, each once.
+        columns: Arrays with a row for each.
+    """
+
+    numbers: Ints
+    columns: tuple[Array, ...]
+
+    def at(self, numbers: Ints) -> list[Array]:
+        """The rows of some of the numbers, of each array."""
+        where = np.searchsorted(self.numbers, numbers)
+        return [column[where] for column in self.columns]
+
+    def among(self, numbers: Ints) -> Ints:
+        """Places in a list of numbers of those that are here."""
+        return np.flatnonzero(np.isin(numbers, self.numbers)).astype(np.int32)
+
+
+def rows(numbers: Ints, *columns: Array) -> Rows:
+    """Arrays over numbers in any order."""
+    every, first = np.unique(numbers, return_index=True)
+    return Rows(every, tuple(column[first] for column in columns))
+
+
+def joined(parts: Sequence[Any]) -> Any:
+    """One value of the parts of all ranks.
+
+    Args:
+        parts: Of each rank; a value that is rank 0's is None on the others.
+    """
+    first, *others = parts
+    if not others or others[0] is None:
+        return first
+    if isinstance(first, Rows):
+        columns = zip(*(part.columns for part in parts), strict=True)
+        return rows(np.concatenate([part.numbers for part in parts]), *map(np.concatenate, columns))
+    if isinstance(first, dict):
+        return {name: joined([part[name] for part in parts]) for name in first}
+    return [joined(each) for each in zip(*parts, strict=True)]
 
 
 class Kind:
     """A value that is the same on all ranks."""
 
     def part(self, value: Any, order: MeshOrder) -> Any:
-        """The gathered form of a rank's value."""
+        """The gathered form of a rank's value: `Rows`, or lists and dicts of them, or rank 0's."""
         return value if order.first else None
 
-    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """One value of the parts of all ranks.
-
-        Args:
-            value: Rank 0's value.
-            parts: The gathered values of all ranks.
-            orders: Of each rank.
-        """
-        return parts[0]
-
     def own(self, whole: Any, order: MeshOrder) -> Any:
-        """A rank's value of the whole."""
+        """A rank's value of the joined parts."""
         return whole
 
     def set(self, owner: Any, name: str, whole: Any, order: MeshOrder) -> None:
@@ -47,200 +109,32 @@ class Kind:
         setattr(owner, name, None if whole is None else self.own(whole, order))
 
 
-class _Largest(Kind):
-    """The largest value that each rank has seen: numbers, or arrays of them."""
+class _OnMesh(Kind):
+    """An array over owned cells or nodes, or None."""
 
-    def part(self, value: Any, order: MeshOrder) -> Any:
-        return value
-
-    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        most = np.max(parts, axis=0)
-        return most if isinstance(value, np.ndarray) else float(most)
-
-
-class _OnCells(Kind):
-    """An array over the owned cells, or None."""
-
-    def part(self, value: Any, order: MeshOrder) -> Any:
-        return value
-
-    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        if value is None:
-            return None
-        out = np.empty((orders[0].every_cell, *value.shape[1:]), value.dtype)
-        for part, order in zip(parts, orders, strict=True):
-            out[order.cells] = part
-        return out
-
-    def own(self, whole: Any, order: MeshOrder) -> Any:
-        return whole[order.cells]
-
-
-class _OnNodes(Kind):
-    """An array over the owned nodes, or None."""
-
-    def __init__(self, *, dofs: bool = False) -> None:
-        """Say how the array lies.
-
-        Args:
-            dofs: Whether the three numbers of all nodes lie in one row.
-        """
-        self._dofs = dofs
+    def __init__(self, numbers: Callable[[MeshOrder], Ints], dofs: bool = False) -> None:
+        """Name the numbers, and whether the three values of all nodes lie in one row."""
+        self._numbers, self._dofs = numbers, dofs
 
     def part(self, value: Any, order: MeshOrder) -> Any:
         if value is None:
             return None
-        rows = value.reshape(-1, 3) if self._dofs else value
-        return rows[: order.owned]
-
-    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        if value is None:
-            return None
-        out = np.empty((orders[0].every_node, *parts[0].shape[1:]), parts[0].dtype)
-        for part, order in zip(parts, orders, strict=True):
-            out[order.nodes[: order.owned]] = part
-        return out
+        numbers = self._numbers(order)
+        return rows(numbers, (value.reshape(-1, 3) if self._dofs else value)[: numbers.size])
 
     def own(self, whole: Any, order: MeshOrder) -> Any:
-        rows = whole[order.nodes[: order.owned]]
-        return rows.reshape(-1) if self._dofs else rows
+        (found,) = whole.at(self._numbers(order))
+        return found.reshape(-1) if self._dofs else found
 
 
-class _Cells(Kind):
-    """Owned cells, sorted."""
-
-    def part(self, value: Any, order: MeshOrder) -> Any:
-        return order.cells[value]
-
-    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        return np.sort(np.concatenate(parts))
-
-    def own(self, whole: Any, order: MeshOrder) -> Any:
-        return np.flatnonzero(np.isin(order.cells, whole)).astype(np.int32)
-
-
-class Record(Kind):
-    """A frozen dataclass with sets of cells and of nodes, and arrays over these nodes."""
-
-    def __init__(
-        self,
-        made: type,
-        nodes: str,
-        over: Sequence[str],
-        cells: Sequence[str] = (),
-        inner: Mapping[str, Kind] | None = None,
-        *,
-        ghosts: bool = False,
-    ) -> None:
-        """Describe the fields; those that are not named are the same on all ranks.
-
-        Args:
-            made: The class.
-            nodes: Field of the nodes, sorted.
-            over: Fields over these nodes.
-            cells: Fields of owned cells.
-            inner: Fields that are records.
-            ghosts: Whether nodes of other ranks are among the nodes.
-        """
-        self._made, self._nodes, self._over, self._ghosts = made, nodes, (*over,), ghosts
-        self._inner = {**dict.fromkeys(cells, CELLS), **(inner or {})}
-        self._names = [f.name for f in fields(made)]
-
-    def _kind(self, name: str) -> Kind:
-        return self._inner.get(name, SAME)
-
-    def part(self, value: Any, order: MeshOrder) -> Any:
-        """Numbers of its nodes, values over them, and other fields as their kinds gather them."""
-        numbers = order.nodes[getattr(value, self._nodes)]
-        others = [n for n in self._names if n != self._nodes and n not in self._over]
-        out = {name: self._kind(name).part(getattr(value, name), order) for name in others}
-        return out | {self._nodes: numbers} | {n: getattr(value, n) for n in self._over}
-
-    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """Its fields over the nodes of all ranks, each of them once."""
-        out = {}
-        numbers, first = np.unique(
-            np.concatenate([part[self._nodes] for part in parts]), return_index=True
-        )
-        for name in self._names:
-            each = [part[name] for part in parts]
-            if name == self._nodes:
-                out[name] = numbers
-            elif name in self._over:
-                out[name] = np.concatenate(each)[first]
-            else:
-                out[name] = self._kind(name).whole(getattr(value, name), each, orders)
-        return out
-
-    def own(self, whole: Any, order: MeshOrder) -> Any:
-        """The record of the nodes that this rank knows."""
-        local = order.nodes if self._ghosts else order.nodes[: order.owned]
-        place = np.full(order.every_node, -1)
-        place[whole[self._nodes]] = np.arange(whole[self._nodes].size)
-        here = np.flatnonzero(place[local] >= 0)
-        given = {}
-        for name in self._names:
-            if name == self._nodes:
-                given[name] = here.astype(np.int32)
-            elif name in self._over:
-                given[name] = whole[name][place[local[here]]]
-            else:
-                given[name] = self._kind(name).own(whole[name], order)
-        return self._made(**given)
-
-
-class Each(Kind):
-    """A sequence of values of one kind, as many on all ranks; a tuple."""
-
-    def __init__(self, kind: Kind) -> None:
-        """Say of which kind."""
-        self._kind = kind
-
-    def part(self, value: Any, order: MeshOrder) -> Any:
-        """The gathered form of each value."""
-        return [self._kind.part(one, order) for one in value]
-
-    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """One value of the parts of each."""
-        both = zip(value, zip(*parts, strict=True), strict=True)
-        return [self._kind.whole(one, each, orders) for one, each in both]
-
-    def own(self, whole: Any, order: MeshOrder) -> Any:
-        """A rank's values, as a tuple."""
-        return tuple(self._kind.own(one, order) for one in whole)
-
-
-class Maybe(Kind):
-    """A value of a kind, or None, alike on all ranks."""
-
-    def __init__(self, kind: Kind) -> None:
-        """Keep the kind of the value."""
-        self._kind = kind
-
-    def part(self, value: Any, order: MeshOrder) -> Any:
-        """The gathered form of the value, if there is one."""
-        return None if value is None else self._kind.part(value, order)
-
-    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """One value of the parts, if there is one."""
-        return None if value is None else self._kind.whole(value, parts, orders)
-
-    def own(self, whole: Any, order: MeshOrder) -> Any:
-        """A rank's value, if there is one."""
-        return None if whole is None else self._kind.own(whole, order)
-
-
-class _Field(Kind):
+class _Field(_OnMesh):
     """A function with three numbers at each node, which stays the same object."""
 
     def part(self, value: Any, order: MeshOrder) -> Any:
-        return ON_DOFS.part(value.x.array, order)
-
-    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        return ON_DOFS.whole(value, parts, orders)
+        return super().part(value.x.array, order)
 
     def set(self, owner: Any, name: str, whole: Any, order: MeshOrder) -> None:
-        getattr(owner, name).x.array[:] = whole[order.nodes].reshape(-1)
+        getattr(owner, name).x.array[:] = whole.at(order.nodes)[0].reshape(-1)
 
 
 class _Objects(Kind):
@@ -248,63 +142,82 @@ class _Objects(Kind):
 
     def part(self, value: Any, order: MeshOrder) -> Any:
         numbers = order.numbers()
-        return [numbers[id(one)] for one in value]
+        return super().part([numbers[id(one)] for one in value], order)
 
     def own(self, whole: Any, order: MeshOrder) -> Any:
         return tuple(order.named[k] for k in whole)
 
 
-SAME, LARGEST, ON_CELLS, CELLS = Kind(), _Largest(), _OnCells(), _Cells()
-ON_NODES, ON_DOFS, FIELD, OBJECTS = _OnNodes(), _OnNodes(dofs=True), _Field(), _Objects()
-
-
 class ByObject(Kind):
     """Values that are the same on all ranks, by the identity of effects or obstacles."""
 
-    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
+    def part(self, value: Any, order: MeshOrder) -> Any:
         """Rank 0's mapping, by numbers of the objects."""
-        numbers = orders[0].numbers()
-        return {numbers[key]: one for key, one in value.items()}
-
-    def own(self, whole: Any, order: MeshOrder) -> Any:
-        """The mapping by the identities of this rank's objects."""
-        return {id(order.named[k]): one for k, one in whole.items()}
+        numbers = order.numbers()
+        return super().part({numbers[key]: one for key, one in value.items()}, order)
 
     def set(self, owner: Any, name: str, whole: Any, order: MeshOrder) -> None:
-        """Fill the mapping, which others may hold."""
-        mapping = getattr(owner, name)  # others may hold it
+        """Fill the mapping, which others may hold, by the identities of this rank's objects."""
+        mapping = getattr(owner, name)
         mapping.clear()
-        mapping.update(self.own(whole, order))
+        mapping.update({id(order.named[k]): one for k, one in whole.items()})
+
+
+class Record(Kind):
+    """A frozen dataclass with owned `nodes` and arrays over them, or None."""
+
+    def __init__(self, made: type, *over: str, cells: str = "", **inner: Kind) -> None:
+        """Describe the fields; those that are not named are the same on all ranks.
+
+        Args:
+            made: The class.
+            over: Fields over the nodes.
+            cells: Field of owned cells.
+            inner: Kinds of other fields.
+        """
+        names = {f.name for f in fields(made)} - {"nodes", *over, cells}
+        self._made, self._over, self._cells = made, over, cells
+        self._kinds = {name: inner.get(name, SAME) for name in names}
+
+    def part(self, value: Any, order: MeshOrder) -> Any:
+        """Values over the nodes, the cells, and other fields as their kinds gather them."""
+        if value is None:
+            return None
+        over = (getattr(value, name) for name in self._over)
+        cells = getattr(value, self._cells) if self._cells else []
+        out = {name: kind.part(getattr(value, name), order) for name, kind in self._kinds.items()}
+        return out | {"nodes": rows(order.nodes[value.nodes], *over), "": rows(order.cells[cells])}
+
+    def own(self, whole: Any, order: MeshOrder) -> Any:
+        """The record of the nodes and cells that this rank owns."""
+        if whole is None:
+            return None
+        given = {name: kind.own(whole[name], order) for name, kind in self._kinds.items()}
+        given["nodes"] = whole["nodes"].among(order.own_nodes)
+        over = whole["nodes"].at(order.own_nodes[given["nodes"]])
+        given |= zip(self._over, over, strict=True)
+        if self._cells:
+            given[self._cells] = whole[""].among(order.cells)
+        return self._made(**given)
 
 
 class Part(Kind):
     """An object, or a sequence of objects, with `remembered` of their own."""
 
     def part(self, value: Any, order: MeshOrder) -> Any:
-        """What the object, or each of them, remembers."""
-        if isinstance(value, (list, tuple)):
-            return [part_of(one, order) for one in value]
+        """The parts of the object, or of each of them."""
         return part_of(value, order)
-
-    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        """The memory of the object, or of each, joined over the ranks."""
-        if isinstance(value, (list, tuple)):
-            both = zip(value, zip(*parts, strict=True), strict=True)
-            return [joined(one, each, orders) for one, each in both]
-        return joined(value, parts, orders)
 
     def set(self, owner: Any, name: str, whole: Any, order: MeshOrder) -> None:
         """Restore the object, or each of them."""
-        value = getattr(owner, name)
-        if isinstance(value, (list, tuple)):
-            for one, own in zip(value, whole, strict=True):
-                restore(one, own, order)
-        else:
-            restore(value, whole, order)
+        restore(getattr(owner, name), whole, order)
 
 
-PART = Part()
 Remembered = dict[str, Kind]
+SAME, PART, OBJECTS = Kind(), Part(), _Objects()
+ON_CELLS = _OnMesh(lambda order: order.cells)
+ON_NODES = _OnMesh(lambda order: order.own_nodes)
+ON_DOFS, FIELD = (kind(lambda order: order.own_nodes, dofs=True) for kind in (_OnMesh, _Field))
 
 
 def same(*names: str) -> Remembered:
@@ -324,8 +237,8 @@ def _kinds(owner: Any) -> Remembered:
     return kinds
 
 
-def part_of(owner: Any, order: MeshOrder) -> dict[str, Any] | None:
-    """A rank's part of the state of an object; None of no object.
+def part_of(owner: Any, order: MeshOrder) -> Any:
+    """A rank's part of the state of an object, or of each of a sequence; None of no object.
 
     Args:
         owner: The object, whose class has `remembered`.
@@ -334,40 +247,29 @@ def part_of(owner: Any, order: MeshOrder) -> dict[str, Any] | None:
     Raises:
         Forgetful: If its class, or that of an object in it, has not.
     """
+    if isinstance(owner, (list, tuple)):
+        return [part_of(one, order) for one in owner]
     if owner is None:
         return None
     kinds = _kinds(owner)
     return {name: kind.part(getattr(owner, name), order) for name, kind in kinds.items()}
 
 
-def joined(owner: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> dict[str, Any] | None:
-    """All that an object remembers, in the order of the mesh; on rank 0.
-
-    Args:
-        owner: Rank 0's object.
-        parts: Of each rank.
-        orders: Of each rank.
-    """
-    if owner is None:
-        return None
-    kinds = _kinds(owner)
-    return {
-        name: kind.whole(getattr(owner, name), [part[name] for part in parts], orders)
-        for name, kind in kinds.items()
-    }
-
-
-def restore(owner: Any, whole: Mapping[str, Any] | None, order: MeshOrder) -> None:
-    """Give an object the state of another one of its class. Collective.
+def restore(owner: Any, whole: Any, order: MeshOrder) -> None:
+    """Give an object, or each of a sequence, the state of another one of its class.
 
     Args:
         owner: The object.
-        whole: Of `joined`, on all ranks.
+        whole: The joined parts, on all ranks.
         order: Of this rank.
 
     Raises:
         SceneError: On every rank, if it remembers other things.
     """
+    if isinstance(owner, (list, tuple)):
+        for one, own in zip(owner, whole, strict=True):
+            restore(one, own, order)
+        return
     if owner is None or whole is None:
         return
     kinds = _kinds(owner)

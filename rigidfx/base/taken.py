@@ -1,30 +1,38 @@
-"""Values of a user as they were when they were given, and arrays that nobody is to change.
+"""Values of a user: as they were when they were given, and whether they are the same elsewhere.
 
 A record that is checked once must not change afterwards: what it was made from is copied when it is
 taken, and what it holds can be read only. A function of time is called later by its nature;
-`inputs.numbers` copies its results.
+`inputs.numbers` copies its results. What is a number or an array of them to someone else, such as a
+constant of DOLFINx, an array of C or a tensor of another package, becomes a float, an array or a
+tuple.
 
-What is a number or an array of them to someone else, such as a constant of DOLFINx, an array of C
-or a tensor of another package, could be changed later too: it becomes a float, an array or a tuple.
+A script runs on every rank. Where it draws random numbers, or reads a clock or a rank's own file,
+ranks would take different decisions and then wait for each other for ever: `check_same` compares
+before anything depends on it. A run that goes on from a checkpoint is compared in the same way.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence, Set
-from dataclasses import fields
+import hashlib
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from dataclasses import fields, is_dataclass
 from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
+from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import is_function, numbers
 
 Checks = dict[str, Callable[[str, str, Any], object]]  # by names of fields
 Entry = TypeVar("Entry", bound=np.generic)
 
-PLAIN = (bool, int, float, complex, str, bytes)  # what cannot change
+PLAIN = (type(None), bool, int, float, complex, str, bytes)  # what cannot change
 ARRAY = ("__array__", "__array_interface__", "__array_struct__")  # what NumPy makes an array of
+SHOWN = 120  # characters of what a rank was given, a third of them before where it differs
 
 
 def taken(value: Any) -> Any:
@@ -41,12 +49,21 @@ def taken(value: Any) -> Any:
 
 
 def _taken(value: Any) -> Any:
-    if value is None or isinstance(value, PLAIN) or is_function(value):
+    try:
+        return _copied(value)
+    except RecursionError:
+        raise
+    except Exception:  # whatever a foreign kind of array or number may raise
+        return value  # a check says what was expected
+
+
+def _copied(value: Any) -> Any:
+    if isinstance(value, PLAIN) or is_function(value):
         return value
     if any(hasattr(value, name) for name in ARRAY) or _is_buffer(value):
         return _array(value)
     if hasattr(value, "__float__"):
-        return _float(value)
+        return float(value)
     if isinstance(value, Mapping):
         return MappingProxyType({name: _taken(item) for name, item in value.items()})
     if isinstance(value, Set):
@@ -54,7 +71,7 @@ def _taken(value: Any) -> Any:
     if isinstance(value, Sequence):
         return tuple(map(_taken, value))
     if not callable(value) and hasattr(value, "__len__") and hasattr(value, "__getitem__"):
-        return _items(value)
+        return tuple(_taken(value[k]) for k in range(len(value)))
     return value
 
 
@@ -68,33 +85,14 @@ def _is_buffer(value: Any) -> bool:
 
 
 def _array(value: Any) -> Any:
-    try:
-        # A copy of what is asked for: a foreign kind may not care whether one is asked for.
-        array = (np.asanyarray if np.ma.is_masked(value) else np.asarray)(value).copy()
-    except Exception:  # whatever a foreign kind of array may raise
-        return value  # a check says what was expected
+    # A copy of what is asked for: a foreign kind may not care whether one is asked for.
+    array = (np.asanyarray if np.ma.is_masked(value) else np.asarray)(value).copy()
     if array.dtype == object:  # whose items may change
         real = numbers(array)
         array = real if real.shape == array.shape else array
     if array.ndim:
         return read_only(array)
     return array.item() if array.dtype.kind in "iuf" and array.dtype.itemsize <= 8 else array[()]
-
-
-def _float(value: Any) -> Any:
-    """A foreign kind of number, such as a fraction, as a float."""
-    try:
-        return float(value)
-    except Exception:  # such as an expression that has no value
-        return value  # a check says what was expected
-
-
-def _items(value: Any) -> Any:
-    """A value that is numbered like a list, as a tuple."""
-    try:
-        return tuple(_taken(value[k]) for k in range(len(value)))
-    except Exception:  # numbered in another way
-        return value
 
 
 def take_fields(record: Any) -> None:
@@ -140,3 +138,102 @@ def read_only(array: npt.NDArray[Entry]) -> npt.NDArray[Entry]:
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+def check_same(comm: MPI.Intracomm, owner: str, given: Mapping[str, Any]) -> None:
+    """Check that all ranks were given the same numbers and names. Collective.
+
+    Args:
+        comm: Communicator of the mesh.
+        owner: To whom it was given, for the message.
+        given: The given value, by its name. A sequence is compared item by item.
+
+    Raises:
+        SceneError: On every rank, if something differs; the message names it, and a rank's value.
+    """
+    if comm.size == 1:
+        return
+    every = dict(items(given))
+    digests = comm.allgather({name: digest(value) for name, value in every.items()})
+    for rank, other in enumerate(digests):
+        name = difference(digests[0], other)
+        if name is not None:
+            texts = comm.allgather(_content(every[name]) if name in every else "nothing")
+            first, second = _excerpts(texts[0], texts[rank])
+            raise SceneError(
+                f"{owner}: {name} is not the same on all ranks: {first} on rank 0, {second} on "
+                f"rank {rank}. What is random, or read from a file, has to be found on one rank "
+                "and broadcast."
+            )
+
+
+def items(given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Names and values; of a sequence, item by item.
+
+    Args:
+        given: Values by name.
+    """
+    for name, value in given.items():
+        if isinstance(value, (list, tuple)):
+            yield from ((f"{name}[{k}]", item) for k, item in enumerate(value))
+        else:
+            yield name, value
+
+
+def digest(value: Any) -> str:
+    """A hash of the comparable content of a value: numbers, names, breakpoints of functions."""
+    return hashlib.sha256(_content(value).encode(errors="backslashreplace")).hexdigest()
+
+
+def difference(first: Mapping[str, Any], second: Mapping[str, Any]) -> str | None:
+    """The first name whose values differ, or which one of both does not have."""
+    names = {**first, **second}
+    return next((name for name in names if first.get(name) != second.get(name)), None)
+
+
+def _excerpts(first: str, second: str) -> list[str]:
+    """The parts of two texts around the place from which on they differ."""
+    least = min(len(first), len(second))
+    alike = next((k for k in range(least) if first[k] != second[k]), least)
+    start = max(0, alike - SHOWN // 3) if max(len(first), len(second)) > SHOWN else 0
+    before, end = "… " * (start > 0), start + SHOWN
+    return [before + text[start:end] + " …" * (len(text) > end) for text in (first, second)]
+
+
+def _content(value: Any) -> str:
+    """All that can be compared of a value, as text that does not depend on its rank."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        array = np.asarray(value)
+        if array.dtype.kind in "fc":
+            array = array.astype(np.float64 if array.dtype.kind == "f" else np.complex128)
+        if array.ndim:
+            return f"array({_content(array.tolist())}, {array.shape}, {value.dtype})"
+        value = array.item()
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return _number(value)
+    if isinstance(value, PLAIN):
+        return repr(value)
+    name = (value if isinstance(value, type) else type(value)).__qualname__
+    if isinstance(value, os.PathLike):
+        return repr(os.fspath(value))
+    if is_dataclass(value) and not isinstance(value, type):
+        own = (f"{f.name}={_content(getattr(value, f.name, None))}" for f in fields(value))
+        return f"{name}({', '.join(own)})"
+    if isinstance(value, Mapping):
+        pairs = (f"{_content(key)}: {_content(item)}" for key, item in value.items())
+        return f"{{{', '.join(pairs)}}}"
+    if isinstance(value, Sequence):
+        return f"({', '.join(map(_content, value))})"
+    if isinstance(value, Set):
+        return f"{name}({', '.join(sorted(map(_content, value)))})"
+    breakpoints = () if isinstance(value, type) else getattr(value, "breakpoints", ())
+    return f"{name} with breakpoints {_content(tuple(breakpoints))}" if len(breakpoints) else name
+
+
+def _number(value: float) -> str:
+    """One form of a number, whatever its kind: 1 is 1.0."""
+    try:
+        whole = isinstance(value, int) and float(value) != value
+    except OverflowError:
+        whole = True
+    return hex(int(value)) if whole else repr(float(value))  # Python writes at most 4300 digits

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from rigidfx.base.errors import OutputError, SceneError, agree
+from rigidfx.base.errors import SceneError, on_rank_0
 
 
 def decoded(data: bytes) -> str:
@@ -70,16 +70,17 @@ def write_text(comm: MPI.Intracomm, path: str | Path, text: str) -> None:
     Raises:
         OutputError: On every rank, if it cannot be written.
     """
-    problem = None
-    if comm.rank == 0:
-        path = Path(path)
+    path = Path(path)
+
+    def write() -> None:
         part = path.with_name(f"{path.name}.part")
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            part.write_text(text, encoding="utf-8")
-            part.replace(path)
-        except OSError as error:
-            problem = f"'{path}' cannot be written: {error.strerror or error}."
-        except UnicodeError as error:
-            problem = f"{str(path)!a} can be the name of no file: {error}."
-    agree(comm, problem, OutputError)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+
+    def problem(error: Exception) -> str:
+        if isinstance(error, OSError):
+            return f"'{path}' cannot be written: {error.strerror or error}."
+        return f"{str(path)!a} can be the name of no file: {error}."
+
+    on_rank_0(comm, write, problem)

@@ -26,10 +26,11 @@ from types import MappingProxyType
 from typing import Any
 from weakref import WeakValueDictionary, finalize
 
+from rigidfx.base.compat import package_version
 from rigidfx.base.errors import OutputError, SceneError
 from rigidfx.base.file_lock import lock
 
-FORMAT = 1  # of the files
+FORMAT = 2  # of the files
 KEPT = 2
 NUMPY = {
     "_reconstruct": ("numpy._core.multiarray", "numpy.core.multiarray"),
@@ -89,6 +90,11 @@ def loaded(data: bytes) -> Any:
         UnpicklingError: If it holds anything but numbers, arrays, and records of this package.
     """
     return _Reader(io.BytesIO(data)).load()
+
+
+def own_version() -> str:
+    """The version of this package, with that of its files."""
+    return f"{package_version()}, format {FORMAT}"
 
 
 class Claim:
@@ -165,7 +171,8 @@ def write(folder: Path, head: Mapping[str, Any], kept: Any) -> Path:
         OSError: If it cannot be written; nothing else has changed then.
     """
     data = _bytes_of(kept)
-    line = json.dumps({**head, "format": FORMAT, "hash": hashlib.sha256(data).hexdigest()})
+    marks = {"rigidfx": own_version(), "hash": hashlib.sha256(data).hexdigest()}
+    line = json.dumps({**head, **marks})
     before = _numbers(folder)
     file = folder / f"checkpoint-{max(before, default=0) + 1:06d}.rfx"
     part = file.with_suffix(".part")
@@ -187,11 +194,11 @@ def write(folder: Path, head: Mapping[str, Any], kept: Any) -> Path:
     return file
 
 
-def newest(folder: Path) -> tuple[Mapping[str, Any], bytes, Path]:
+def newest(folder: Path) -> tuple[Mapping[str, Any], bytes, str]:
     """The newest checkpoint of a folder that is whole: its head, content, path.
 
     Raises:
-        SceneError: If there is none, or the newest is of another version.
+        SceneError: If there is none, or it is of another version.
         OutputError: If the folder cannot be read.
     """
     damaged = []
@@ -200,13 +207,13 @@ def newest(folder: Path) -> tuple[Mapping[str, Any], bytes, Path]:
         for number in sorted(files, reverse=True):
             line, _, data = files[number].read_bytes().partition(b"\n")
             head = _head(line)
-            if head.get("format", FORMAT) != FORMAT:
+            if head.get("rigidfx", own_version()) != own_version():
                 raise SceneError(
-                    f"resume: '{files[number]}' is of another version of rigidfx (format "
-                    f"{head['format']}, this one reads {FORMAT}). Resume with that version."
+                    f"resume: '{files[number]}' was written by rigidfx {head['rigidfx']}, this is "
+                    f"{own_version()}. Resume with that version, or run anew."
                 )
             if head.get("hash") == hashlib.sha256(data).hexdigest():
-                return head, data, files[number]
+                return head, data, str(files[number])
             damaged.append(files[number].name)
     except OSError as error:
         raise OutputError(

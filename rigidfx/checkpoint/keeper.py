@@ -20,15 +20,15 @@ from typing import Any, ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from rigidfx.base.errors import OutputError, SceneError, agree
+from rigidfx.base.errors import SceneError, agree, on_rank_0
 from rigidfx.base.inputs import path_of, positive, whole
 from rigidfx.base.instants import longer
 from rigidfx.base.log import tell
-from rigidfx.base.remembered import PART, Forgetful, Remembered, joined, part_of, restore
-from rigidfx.checkpoint.call import asked, check_scene_of, head_of
-from rigidfx.checkpoint.files import Claim, loaded, newest, write
+from rigidfx.base.remembered import Forgetful, joined, part_of, restore
+from rigidfx.base.taken import difference, digest, taken
+from rigidfx.checkpoint.files import Claim, dumped, loaded, newest, write
 from rigidfx.run import Run
-from rigidfx.scene.mesh_order import mesh_order
+from rigidfx.scene.mesh_order import mesh_order, scene_hashes
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.switch.switch import Switch
@@ -139,35 +139,67 @@ class Kept:
 
     Attributes:
         step: Number of its step.
-        call: The call of the run; see `rigidfx.checkpoint.call`.
+        t: Time at its end [s].
+        call: Each argument of the run: its hash, and its bytes; None if no file can hold these.
         state: Memory of the state and the switch.
         memory: Memory of all other parts.
     """
 
     step: int
-    call: Mapping[str, Any]
-    state: Mapping[str, Any]
-    memory: Mapping[str, Any]
+    t: float
+    call: Mapping[str, tuple[str, bytes | None]]
+    state: Sequence[Any]
+    memory: Sequence[Any]
 
+    def given_again(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        """The arguments of a run that goes on.
 
-@dataclass(frozen=True)
-class _First:
-    """The parts of a division."""
+        Args:
+            given: Arguments that are given again, None where they are not.
 
-    state: Any
-    switch: Any
+        Raises:
+            SceneError: If one has to be given, or is another one.
+        """
+        out = {}
+        for name, (known, data) in self.call.items():
+            value = given.get(name)
+            if value is None and data is None:
+                raise SceneError(
+                    f"resume: {name} holds a function, or a class of your own, which no file "
+                    f"keeps. Give it again: resume(…, {name}=…)."
+                )
+            if value is not None and digest(taken(value)) != known:
+                raise SceneError(
+                    f"resume: {name} is not what the run had. Leave it out, or give the same."
+                )
+            out[name] = loaded(data) if value is None and data is not None else value
+        return out
 
-    remembered: ClassVar[Remembered] = {"state": PART, "switch": PART}
+    def bring_back(self, state: State, switch: Switch) -> None:
+        """Restore a state and its division. Collective.
 
+        Args:
+            state: The state of a run that is bound to no division.
+            switch: Binds it.
 
-@dataclass(frozen=True)
-class _All:
-    """Parts that remember more than a division."""
+        Raises:
+            SceneError: On every rank, if the checkpoint is of another version.
+        """
+        restore([state, switch], self.state, mesh_order(switch.scene))
+        switch.again()
 
-    run: Run
-    looks: Sequence[Any]
+    def remember(self, run: Run, looks: Sequence[Any]) -> None:
+        """Restore all else. Collective.
 
-    remembered: ClassVar[Remembered] = {"run": PART, "looks": PART}
+        Args:
+            run: The parts of the run.
+            looks: The readers of its reports.
+
+        Raises:
+            SceneError: On every rank, if the checkpoint is of another version.
+        """
+        run.stepper.show()
+        restore([run, looks], self.memory, mesh_order(run.stepper.scene))
 
 
 def read(folder: Path, scene: Scene) -> Kept:
@@ -181,27 +213,21 @@ def read(folder: Path, scene: Scene) -> Kept:
         SceneError: On every rank, if there is none, or it is of another version, mesh or scene.
         OutputError: On every rank, if it cannot be read.
     """
-    found: tuple[Mapping[str, Any], bytes, str] | None = None
-    problem: OutputError | SceneError | None = None
-    if scene.comm.rank == 0:
-        try:
-            head, data, path = newest(folder)
-            found = head, data, str(path)
-        except (OutputError, SceneError) as error:
-            problem = error
-    for raised in scene.comm.allgather(problem):
-        if raised is not None:
-            raise type(raised)(str(raised))
-    head, data, name = scene.comm.bcast(found)
-    check_scene_of(head, scene, name)
+    head, data, path = on_rank_0(scene.comm, lambda: newest(folder))
+    changed = difference(head["scene"], scene_hashes(scene))
+    if changed is not None:
+        raise SceneError(
+            f"resume: '{path}' was written for another scene: {changed} differs. Give the scene "
+            "that the run had; of functions none can be compared."
+        )
     try:
         kept: Kept = loaded(data)
     except Exception as error:  # of whatever class a record is that has changed
         raise SceneError(
-            f"resume: '{name}' was written by another version of rigidfx ({error}). Resume with "
+            f"resume: '{path}' was written by another version of rigidfx ({error}). Resume with "
             "that version, or run anew."
         ) from None
-    tell(scene.comm, f"goes on from '{name}': step {kept.step}, t = {head['t']:g} s")
+    tell(scene.comm, f"goes on from '{path}': step {kept.step}, t = {kept.t:g} s")
     return kept
 
 
@@ -210,46 +236,39 @@ class Keeper:
 
     def __init__(
         self,
-        scene: Scene,
+        run: Run,
+        looks: Sequence[Any],
         checkpoint: Checkpoint,
         call: Mapping[str, Any],
         kept: Kept | None,
         before: Path | None,
     ) -> None:
-        """Nothing has been left. Collective.
-
-        Args:
-            scene: The problem.
-            checkpoint: When and where.
-            call: The call of the run.
-            kept: The checkpoint from which it goes on, if it does, ...
-            before: ... and its folder.
-        """
-        self._comm, self._given = scene.comm, checkpoint
-        self._step: int = 0 if kept is None else kept.step
-        self._t: float = 0.0 if kept is None else kept.state["state"]["t"]
-        self._order, self._head = mesh_order(scene), head_of(scene)
-        self._orders = self._order.of_all_ranks()
-        self._call = asked(call)
-        self._began, self._signals = perf_counter(), Signals()
-        self._before = before
-        self._claim: Claim | None = None
-
-    def check(self, run: Run, looks: Sequence[Any]) -> None:
         """Refuse a run that no checkpoint keeps, or a folder that takes none; have it. Collective.
 
         Args:
-            run: Its parts.
+            run: The parts of the run.
             looks: The readers of its reports.
+            checkpoint: When and where.
+            call: The arguments of the run.
+            kept: The checkpoint from which it goes on, if it does, ...
+            before: ... and its folder.
 
         Raises:
             SceneError: On every rank, if a class does not name its memory.
             OutputError: On every rank, if the folder cannot be made or written to.
         """
+        scene = run.stepper.scene
+        self._run, self._looks, self._comm, self._given = run, looks, scene.comm, checkpoint
+        self._step, self._t = (0, 0.0) if kept is None else (kept.step, kept.t)
+        self._order, self._scene = mesh_order(scene), scene_hashes(scene)
+        plain = {name: taken(value) for name, value in call.items()}
+        self._call = {name: (digest(value), dumped(value)) for name, value in plain.items()}
+        self._began, self._signals = perf_counter(), Signals()
+        self._before = before
+        self._claim: Claim | None = None
         problem = None
         try:
-            part_of(_First(run.stepper.state, run.switch), self._order)
-            part_of(_All(run, looks), self._order)
+            part_of([run.stepper.state, run.switch, run, looks], self._order)
         except Forgetful as error:
             problem = (
                 f"Checkpoint: {error} does not say what it remembers (`remembered`), so that no "
@@ -264,14 +283,12 @@ class Keeper:
         goes_on = before is not None and folder.exists() and before.samefile(folder)
         self._claim = Claim(folder, goes_on=goes_on)
 
-    def look(self, step: int, t: float, run: Run, looks: Sequence[Any], over: bool) -> None:
+    def look(self, step: int, t: float, over: bool) -> None:
         """Leave a checkpoint if one is due. Collective.
 
         Args:
             step: Number of the last step.
             t: Time at its end [s].
-            run: The parts of the run.
-            looks: The readers of its reports.
             over: Whether the run is over.
 
         Raises:
@@ -281,10 +298,11 @@ class Keeper:
         """
         due, heard = self._due(step, t, over)
         if (due or heard) and step > self._step:
-            last = run.stepper.state.snapshot() if over else None
-            self._leave(step, t, run, looks)
+            state = self._run.stepper.state
+            last = state.snapshot() if over else None
+            self._leave(step, t)
             if last is not None:  # nothing follows, and the last report may still be asked
-                run.stepper.state.restore(last)
+                state.restore(last)
         if heard:
             self._signals.served()
         if heard == signal.SIGINT:
@@ -307,34 +325,33 @@ class Keeper:
         self._comm.Allreduce(MPI.IN_PLACE, found, op=MPI.MAX)
         return bool(found[1]), int(found[0])
 
-    def _leave(self, step: int, t: float, run: Run, looks: Sequence[Any]) -> None:
-        state = self._gathered(_First(run.stepper.state, run.switch))
+    def _leave(self, step: int, t: float) -> None:
+        run = self._run
+        state = self._gathered(run.stepper.state, run.switch)
         run.switch.again()
-        memory = self._gathered(_All(run, looks))
-        head, kept = {**self._head, "step": step, "t": t}, Kept(step, self._call, state, memory)
+        kept = Kept(step, t, self._call, state, self._gathered(run, self._looks))
 
         def write_next(folder: Path) -> None:
             if self._claim is not None:
                 self._claim.check()
-            write(folder, head, kept)
+            write(folder, {"scene": self._scene, "step": step, "t": t}, kept)
 
         self._on_disk(write_next)
         self._step, self._t, self._began = step, t, perf_counter()
 
     def _on_disk(self, action: Callable[[Path], object]) -> None:
         """Do something in the folder on rank 0; raise its errors on all ranks. Collective."""
-        problem, folder = None, Path(self._given.folder)
-        if self._comm.rank == 0:
-            try:
-                action(folder)
-            except OSError as error:
-                problem = _problem(folder, error, self._claim is not None)
-        agree(self._comm, problem, OutputError)
+        folder = Path(self._given.folder)
 
-    def _gathered(self, owner: Any) -> Any:
-        """All that an object remembers, on rank 0. Collective."""
-        parts = self._comm.gather(part_of(owner, self._order))
-        return None if parts is None else joined(owner, parts, self._orders)
+        def problem(error: Exception) -> str:
+            return _problem(folder, error, self._claim is not None)
+
+        on_rank_0(self._comm, lambda: action(folder), problem)
+
+    def _gathered(self, *owners: Any) -> Any:
+        """All that objects remember, on rank 0. Collective."""
+        parts = self._comm.gather(part_of(owners, self._order))
+        return None if parts is None else joined(parts)
 
     def __enter__(self) -> Keeper:
         """Hear signals that would end the process."""
@@ -348,7 +365,7 @@ class Keeper:
         self._signals.end()
 
 
-def _problem(folder: Path, error: OSError, begun: bool) -> str:
+def _problem(folder: Path, error: Exception, begun: bool) -> str:
     """The message where a checkpoint cannot be written."""
     if isinstance(error, BlockingIOError):
         return (
@@ -360,38 +377,8 @@ def _problem(folder: Path, error: OSError, begun: bool) -> str:
             f"Checkpoint: the folder '{folder}' is gone since the run began, with its checkpoints. "
             "Bring it back and go on with `resume`, or run anew into a folder that stays."
         )
+    said = getattr(error, "strerror", None) or error
     return (
-        f"Checkpoint: cannot write to the folder '{folder}' ({error.strerror or error}). Earlier "
-        "checkpoints are as they were. Check the space left there, or name a folder that you may "
-        "write to."
+        f"Checkpoint: cannot write to the folder '{folder}' ({said}). Earlier checkpoints are as "
+        "they were. Check the space left there, or name a folder that you may write to."
     )
-
-
-def bring_back(kept: Kept, state: State, switch: Switch) -> None:
-    """Restore a state and its division from a checkpoint. Collective.
-
-    Args:
-        kept: The checkpoint.
-        state: The state of a run that is bound to no division.
-        switch: Binds it.
-
-    Raises:
-        SceneError: On every rank, if the checkpoint is of another version.
-    """
-    restore(_First(state, switch), kept.state, mesh_order(switch.scene))
-    switch.again()
-
-
-def remember(kept: Kept, run: Run, looks: Sequence[Any]) -> None:
-    """Restore all else that a checkpoint keeps. Collective.
-
-    Args:
-        kept: The checkpoint.
-        run: The parts of the run.
-        looks: The readers of its reports.
-
-    Raises:
-        SceneError: On every rank, if the checkpoint is of another version.
-    """
-    run.stepper.show()
-    restore(_All(run, looks), kept.memory, mesh_order(run.stepper.scene))

@@ -17,7 +17,7 @@ from mpi4py import MPI
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.inputs import communicator, numbers, shown
-from rigidfx.base.same_input import check_same
+from rigidfx.base.taken import check_same
 from rigidfx.base.types import Ints
 from rigidfx.domain.domain import CELLS, Domain, Marker
 from rigidfx.domain.node_orders import (

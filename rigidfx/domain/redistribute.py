@@ -23,7 +23,7 @@ from scipy.sparse import coo_array
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import names, shown
-from rigidfx.base.same_input import check_same
+from rigidfx.base.taken import check_same
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.domain.domain import Domain, EntitySet
 from rigidfx.domain.edges import by_corners, nodes_of

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rigidfx.base.mesh_order import MeshOrder
-from rigidfx.base.remembered import Each, Kind, Maybe, Record
+from rigidfx.base.remembered import Kind, MeshOrder, Record
 from rigidfx.base.taken import read_only, seal
 from rigidfx.base.types import Array, Indices
 from rigidfx.mechanics.rigid_body import Body, BodyMotion, Frozen, RigidBody
@@ -388,27 +387,19 @@ class Bodies:
 class _Bodies(Kind):
     """The bodies of a run, as a checkpoint keeps them: data over cells and nodes, and motions."""
 
-    def __init__(self) -> None:
-        """Describe their data."""
-        frozen = Record(Frozen, "nodes", ["velocities"])
-        inner = {
-            "frozen": frozen,
-            "shapes": Maybe(Record(Shapes, "nodes", ["modes", "images"])),
-        }
-        arrays = "offsets", "displacement"
-        self._data = Each(Record(RigidBody, "nodes", arrays, ["cells"], inner))
+    _frozen = Record(Frozen, "velocities")
+    _shapes = Record(Shapes, "modes", "images")
+    _over = "offsets", "displacement"
+    _data = Record(RigidBody, *_over, cells="cells", frozen=_frozen, shapes=_shapes)
 
     def part(self, value: Any, order: MeshOrder) -> Any:
         motions = value.frame, value.velocity, value.angular_velocity_body, value.q, value.q_rate
-        return self._data.part(value.of.records, order), motions
-
-    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
-        data = self._data.whole(value.of.records, [own for own, _ in parts], orders)
-        return data, parts[0][1]
+        data = [self._data.part(one, order) for one in value.of.records]
+        return [data, super().part(motions, order)]
 
     def own(self, whole: Any, order: MeshOrder) -> Bodies:
         data, motions = whole
-        return Bodies(Ensemble(self._data.own(data, order)), *motions)
+        return Bodies(Ensemble(tuple(self._data.own(one, order) for one in data)), *motions)
 
 
 BODIES = _Bodies()

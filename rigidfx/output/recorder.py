@@ -33,7 +33,7 @@ import numpy as np
 from rigidfx.base.errors import OutputError, SceneError, StepError, agree, together
 from rigidfx.base.inputs import names, path_of, positive, shown, whole
 from rigidfx.base.instants import at_latest
-from rigidfx.base.same_input import check_same
+from rigidfx.base.taken import check_same
 from rigidfx.effects import Contact, SpringDamper, efforts_of
 from rigidfx.output.fields import Fields, clouds_of
 from rigidfx.output.history import Written, history_columns, history_row

@@ -13,8 +13,8 @@ import numpy as np
 from dolfinx import mesh as dmesh
 
 from rigidfx.base import compat
-from rigidfx.base.mesh_order import MeshOrder
-from rigidfx.base.same_input import digest, items
+from rigidfx.base.remembered import MeshOrder
+from rigidfx.base.taken import digest, items
 from rigidfx.base.types import Array, Ints
 from rigidfx.domain.domain import EntitySet
 from rigidfx.effects import Contact
@@ -34,12 +34,10 @@ def mesh_order(scene: Scene) -> MeshOrder:
     everywhere: Ints = scene.comm.bcast(number)
     against = (contact.against for contact in scene.named(Contact))
     return MeshOrder(
-        comm=scene.comm,
+        first=scene.comm.rank == 0,
         cells=of_cells,
         nodes=everywhere[local],
         owned=scene.owned_nodes,
-        every_cell=cells.size_global,
-        every_node=nodes.size_global,
         named=(*scene.effects, *(one for one in against if not isinstance(one, str))),
     )
 
@@ -60,14 +58,14 @@ def mesh_hash(scene: Scene) -> str:
 
 
 def scene_hashes(scene: Scene) -> dict[str, str]:
-    """Hashes of all that a scene was made of, by its name, its sets included. Collective.
+    """Hashes of all that a scene was made of, by its name: mesh and sets, too. Collective.
 
     Functions cannot be compared; of them only their breakpoints are.
     """
-    out = {}
+    out = {"the mesh": mesh_hash(scene)}
     for name, value in items(scene.given):
         of = f" ({type(value).__name__})" if name.startswith("effects") else ""
-        out[name + of] = digest(value).hex()
+        out[name + of] = digest(value)
     sets = scene.domain.sets
     for name, dim in sorted(sets):
         out[f"the set '{name}'"] = _set_hash(scene, sets[name, dim])

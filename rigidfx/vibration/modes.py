@@ -18,8 +18,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import OutputError, SceneError, agree
 from rigidfx.base.inputs import path_of, whole
-from rigidfx.base.same_input import check_same
-from rigidfx.base.taken import seal
+from rigidfx.base.taken import check_same, seal
 from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
 from rigidfx.output.field_reader import grid_of
