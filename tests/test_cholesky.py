@@ -10,8 +10,7 @@ from scipy.sparse import random as random_sparse
 from test_kept_tangent import DT, SPIN, STEEL, keep
 
 import rigidfx as rf
-from rigidfx.step.linear import definite
-from rigidfx.step.linear.definite import PREFIX, solver_of
+from rigidfx.step.linear.linear_solver import FORMER, OF_DEFINITE, has_cholmod, solver_of
 from rigidfx.step.newton.factors import SKEW, Cholesky
 
 N = 60
@@ -43,7 +42,7 @@ def solution(cholesky, A):
     return z.array
 
 
-@pytest.mark.skipif(not definite.has_cholmod(), reason="PETSc has no CHOLMOD")
+@pytest.mark.skipif(not has_cholmod(), reason="PETSc has no CHOLMOD")
 def test_what_is_skew_or_not_definite_is_left_to_lu(capfd):
     symmetric, skew = entries()
     assert not Cholesky(matrix(symmetric + 2 * SKEW * skew)).renew()
@@ -54,7 +53,7 @@ def test_what_is_skew_or_not_definite_is_left_to_lu(capfd):
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.skipif(not definite.has_cholmod(), reason="PETSc has no CHOLMOD")
+@pytest.mark.skipif(not has_cholmod(), reason="PETSc has no CHOLMOD")
 def test_what_swings_has_cholesky_factors_and_what_turns_lu(monkeypatch):
     keep(monkeypatch)
     bar = rf.box((0, 0, 0), (1, 0.2, 0.2), (8, 2, 2))
@@ -66,7 +65,7 @@ def test_what_swings_has_cholesky_factors_and_what_turns_lu(monkeypatch):
         assert kept[-1] == f"kept preonly+{kind}"
 
 
-@pytest.mark.skipif(not definite.has_cholmod(), reason="PETSc has no CHOLMOD")
+@pytest.mark.skipif(not has_cholmod(), reason="PETSc has no CHOLMOD")
 def test_symmetric_matrices_have_them_as_well_and_mumps_what_is_not_definite():
     symmetric, _ = entries()
     least = np.linalg.eigvalsh(symmetric)[0]
@@ -76,7 +75,20 @@ def test_symmetric_matrices_have_them_as_well_and_mumps_what_is_not_definite():
         r.array[:] = np.arange(1, N + 1)
         ksp = solver_of(A)
         ksp.solve(r, z)
-        assert ksp.getOptionsPrefix() == PREFIX
+        assert ksp.getOptionsPrefix() == OF_DEFINITE
         assert ksp.getPC().getFactorSolverType() == by
         assert z.array == pytest.approx(np.linalg.solve(S, r.array), rel=1e-8)
         ksp.destroy()
+
+
+@pytest.mark.parametrize("prefix", [OF_DEFINITE, FORMER])
+def test_options_of_definite_systems_count_under_the_former_prefix(prefix):
+    symmetric, _ = entries()
+    PETSc.Options(prefix)["ksp_type"] = "cg"
+    try:
+        ksp = solver_of(matrix(symmetric))
+    finally:
+        PETSc.Options(prefix).delValue("ksp_type")
+    assert ksp.getType() == "cg"
+    assert not PETSc.Options(OF_DEFINITE).getAll()
+    ksp.destroy()

@@ -15,8 +15,8 @@ from petsc4py import PETSc
 from rigidfx.base.types import Array
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.shapes.responses import Responses
-from rigidfx.step.linear.definite import solver_of
 from rigidfx.step.linear.eigenpairs import EigenControl, clusters, lowest
+from rigidfx.step.linear.linear_solver import solver_of
 
 # Modes that a body begins with, at most: set-up and steps take longer with each.
 MODES = 20

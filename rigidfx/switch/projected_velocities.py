@@ -18,8 +18,7 @@ from rigidfx.effects import Joint, Motor, Structure
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.step.linear.definite import solver_of
-from rigidfx.step.linear.linear_solver import conjugate_gradients
+from rigidfx.step.linear.linear_solver import conjugate_gradients, solver_of
 from rigidfx.switch.closing import Closing
 
 

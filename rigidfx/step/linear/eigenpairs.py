@@ -7,9 +7,8 @@ the iteration, where rounding along them would grow by λ/σ. A second iteration
 that has been found, looks for eigenvalues that the first one has missed: an iteration from one
 vector may miss some of a multiple eigenvalue. A Ritz step ends it.
 
-SLEPc's solver for the lowest eigenvalues, with the factors of K + σM or by LAPACK.
-
 On one rank CHOLMOD factors a definite K + σM, where it is installed, and MUMPS any other by LDLᵀ.
+LAPACK finds all pairs of small systems at once.
 """
 
 from __future__ import annotations
@@ -25,8 +24,7 @@ from scipy.linalg import eigh
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.types import Array, Bools, Ints
-from rigidfx.step.linear import definite
-from rigidfx.step.linear.linear_solver import PREFIX, default_options
+from rigidfx.step.linear.linear_solver import CHOLMOD, PREFIX, default_options, has_cholmod
 
 MOST = 1000  # restarts of the iteration
 OWN = PREFIX + "modes_"  # prefix of the options of the solver with K + σM
@@ -49,7 +47,12 @@ def check_installed() -> Any:
 
 
 def eigensolver(
-    K: PETSc.Mat, M: PETSc.Mat, shift: float | None, count: int, tolerance: float
+    K: PETSc.Mat,
+    M: PETSc.Mat,
+    shift: float | None,
+    count: int,
+    tolerance: float,
+    definite: bool = True,
 ) -> Any:
     """An EPS object of SLEPc for K φ = λ M φ; the caller destroys it. Collective.
 
@@ -59,50 +62,36 @@ def eigensolver(
         shift: σ [1/s²]; None to find all pairs at once by LAPACK, on each rank.
         count: Pairs that are asked for at first, which size the space of the iteration.
         tolerance: Relative residual at which a pair has converged.
+        definite: Whether K + σM may be definite.
     """
     slepc = check_installed()
-    if shift is None:
-        eps = _plain(slepc, K, M)
-        eps.setType(slepc.EPS.Type.LAPACK)
-        eps.setWhichEigenpairs(slepc.EPS.Which.SMALLEST_REAL)
-        return eps
-    if K.comm.size == 1 and definite.has_cholmod():
-        eps = _inverting(slepc, K, M, shift, tolerance, PETSc.Mat.SolverType.CHOLMOD)
-        eps.setDimensions(count)
-        try:
-            with default_options(OWN, **definite.DEFAULTS):
-                eps.setUp()
-            return eps
-        except PETSc.Error:  # K + σM is not definite
-            eps.destroy()
-    return _inverting(slepc, K, M, shift, tolerance, PETSc.Mat.SolverType.MUMPS)
-
-
-def _plain(slepc: Any, K: PETSc.Mat, M: PETSc.Mat) -> Any:
-    """SLEPc's solver with its operators."""
     eps = slepc.EPS().create(K.comm)
     eps.setOperators(K, M)
     eps.setProblemType(slepc.EPS.ProblemType.GHEP)
-    return eps
-
-
-def _inverting(
-    slepc: Any, K: PETSc.Mat, M: PETSc.Mat, shift: float, tolerance: float, package: str
-) -> Any:
-    """SLEPc's solver by shift and invert, with factors by some package."""
-    eps = _plain(slepc, K, M)
+    if shift is None:
+        eps.setType(slepc.EPS.Type.LAPACK)
+        eps.setWhichEigenpairs(slepc.EPS.Which.SMALLEST_REAL)
+        return eps
     eps.setType(slepc.EPS.Type.KRYLOVSCHUR)
     eps.setTarget(-shift)
     eps.setWhichEigenpairs(slepc.EPS.Which.TARGET_MAGNITUDE)
     eps.setTolerances(tolerance, MOST)
     eps.setPurify(False)  # the Ritz step does more
-    st = eps.getST()
-    st.setType(slepc.ST.Type.SINVERT)
-    ksp = st.getKSP()
+    eps.getST().setType(slepc.ST.Type.SINVERT)
+    ksp = eps.getST().getKSP()
     ksp.setOptionsPrefix(OWN)
     ksp.setType(PETSc.KSP.Type.PREONLY)
     ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
-    ksp.getPC().setFactorSolverType(package)
+    ksp.getPC().setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+    if definite and K.comm.size == 1 and has_cholmod():
+        ksp.getPC().setFactorSolverType(PETSc.Mat.SolverType.CHOLMOD)
+        eps.setDimensions(count)
+        try:
+            with default_options(OWN, **CHOLMOD):
+                eps.setUp()
+        except PETSc.Error:  # it is not
+            eps.destroy()
+            return eigensolver(K, M, shift, count, tolerance, definite=False)
     return eps
 
 

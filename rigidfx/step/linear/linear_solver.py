@@ -1,10 +1,13 @@
-"""Which linear solver: direct for small systems, Krylov with a fall-back to direct for large ones.
+"""Linear solvers: direct for small systems, Krylov with a fall-back to direct for large ones.
 
 Small systems of one rank are factored by PETSc itself where inertia makes their diagonals large: it
 looks for pivots in blocks of three unknowns at most. Elsewhere MUMPS looks for them everywhere.
+Symmetric, definite matrices that serve for many solves have factors by CHOLMOD on one rank. MUMPS
+factors them on several ranks, and where a material gives way, so that the matrix is not definite.
 
 Defaults are set through PETSc's interface before its options are read, so that every option under
 the project's prefix overrides them: -rigidfx_ksp_type, -rigidfx_pc_type, -rigidfx_snes_monitor.
+Measurements behind the numbers are in docs/notes/solver_ablation.md.
 """
 
 from __future__ import annotations
@@ -17,14 +20,20 @@ from petsc4py import PETSc
 from rigidfx.base.errors import StepError
 
 PREFIX = "rigidfx_"
-# With the preconditioner on the left, a step by LU took 2.4 ms at 78, 3.9 ms at 150 and 5.0 ms at
-# 258 unknowns; by GMRES 2.3, 3.2 and 3.8 ms. Up to here LU costs no more, and it never gives up.
-DIRECT_BELOW = 100  # unknowns
-# LU by MUMPS took 0.02 ms at 6 unknowns, 0.40 at 258, 0.72 at 426 and 1.5 ms at 636, by PETSc
-# 0.001, 0.20, 0.41 and 1.3 ms; a solve with the factors 0.013 to 0.07 ms, by PETSc 0.001 to 0.02.
-QUICK_UP_TO = 500  # unknowns; beyond, new factors are hardly ever cheaper
+OF_DEFINITE = PREFIX + "definite_"  # prefix of the options of `solver_of`
+FORMER = PREFIX + "error_"  # its former name, whose options still count
+DIRECT_BELOW = 100  # unknowns up to which LU costs no more than GMRES, and it never gives up
+QUICK_UP_TO = 500  # unknowns; beyond, LU by PETSc is hardly ever cheaper than by MUMPS
 KRYLOV_RTOL = 1e-8
 RIGHT_SIDED = ("gmres", "fgmres", "lgmres", "dgmres", "pgmres", "gcr", "bcgs", "bcgsl", "tfqmr")
+BRIEF = 10_000  # unknowns up to which METIS takes more time than its order saves
+CHOLMOD = {
+    "mat_cholmod_print": "0",  # that a matrix is not definite is an answer here
+    "mat_cholmod_factor": "supernodal",  # simplicial ones, of small matrices, would not tell it
+    "mat_cholmod_nmethods": "3",  # the better of AMD and METIS: a plate's had 12 % fewer entries
+}
+AMD_ALONE = {"mat_cholmod_nmethods": "2"}
+MUMPS = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
 
 
 @contextmanager
@@ -44,11 +53,6 @@ def default_options(prefix: str, **defaults: str) -> Iterator[None]:
     finally:
         for name in mine:
             options.delValue(name)
-
-
-def prefers_direct(unknowns: int) -> bool:
-    """Whether a factorisation is the faster way for so many unknowns."""
-    return unknowns < DIRECT_BELOW
 
 
 def krylov_limit(unknowns: int) -> int:
@@ -73,12 +77,12 @@ def configure(
         bodies: Whether its last unknowns are those of rigid bodies.
         quick: Whether LU is PETSc's own, which hardly looks for pivots, where there is one rank.
     """
-    pc = ksp.getPC()
+    pc, alone = ksp.getPC(), ksp.comm.size == 1
     pc.reset()
     if direct:
         ksp.setType(PETSc.KSP.Type.PREONLY)
         pc.setType(PETSc.PC.Type.LU)
-        if quick and ksp.comm.size == 1:
+        if quick and alone:
             pc.setFactorSolverType(PETSc.Mat.SolverType.PETSC)
             pc.setFactorOrdering(_ordering())
         else:
@@ -92,15 +96,13 @@ def configure(
         limit = krylov_limit(unknowns)
         ksp.setGMRESRestart(min(limit, 100))
         ksp.setTolerances(rtol=KRYLOV_RTOL, atol=0.0, max_it=limit)
-        if ksp.comm.size == 1:
-            pc.setType(PETSc.PC.Type.ILU)
+        pc.setType(PETSc.PC.Type.ILU if alone else PETSc.PC.Type.BJACOBI)
+        if alone:
             # Dense rows are best left to the end. With a body RCM takes between 2 % fewer and a
             # quarter more iterations than the mesh's own order; without one that takes 2 to 12 %
             # more.
             order = PETSc.Mat.OrderingType
             pc.setFactorOrdering(order.NATURAL if bodies else order.RCM)
-        else:
-            pc.setType(PETSc.PC.Type.BJACOBI)
     ksp.setFromOptions()
 
 
@@ -115,6 +117,70 @@ def _ordering() -> str:
     """The ordering with the fewest entries of factors that there is."""
     order, has = PETSc.Mat.OrderingType, PETSc.Sys.hasExternalPackage
     return order.AMD if has("amd") or has("suitesparse") else order.QMD
+
+
+def has_cholmod() -> bool:
+    """Whether PETSc has CHOLMOD."""
+    has = PETSc.Sys.hasExternalPackage
+    return bool(has("cholmod") or has("suitesparse"))
+
+
+def cholmod_solver(comm: PETSc.Comm, prefix: str) -> PETSc.KSP:
+    """A solver of one rank with CHOLMOD's factors once there are any; the caller destroys it."""
+    ksp = PETSc.KSP().create(comm)
+    ksp.setOptionsPrefix(prefix)
+    ksp.setType(PETSc.KSP.Type.PREONLY)
+    ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
+    ksp.getPC().setFactorSolverType(PETSc.Mat.SolverType.CHOLMOD)
+    ksp.setFromOptions()
+    return ksp
+
+
+def cholmod_factor(ksp: PETSc.KSP, S: PETSc.Mat, brief: bool = False) -> bool:
+    """Factor a matrix; false if it has no such factors, and the solver is of no use any more.
+
+    Args:
+        ksp: The solver.
+        S: A symmetric matrix.
+        brief: Whether the factors serve for few solves: METIS is not asked for an order then.
+    """
+    ksp.setOperators(S)
+    try:
+        with default_options(ksp.getOptionsPrefix(), **(CHOLMOD | (AMD_ALONE if brief else {}))):
+            ksp.setUp()
+    except PETSc.Error:  # not definite; or too large for CHOLMOD's integers, or the memory
+        return False
+    return True
+
+
+def solver_of(A: PETSc.Mat, brief: bool = False) -> PETSc.KSP:
+    """A solver with kept factors of a symmetric, definite matrix, which it owns. Collective.
+
+    Args:
+        A: The matrix.
+        brief: Whether the factors serve for few solves, or have few entries.
+    """
+    A.setOption(PETSc.Mat.Option.SPD, True)
+    with default_options(OF_DEFINITE, **PETSc.Options(FORMER).getAll()):
+        ksp = _factored(A, brief or A.size[0] <= BRIEF)
+    A.destroy()  # its solver holds it
+    return ksp
+
+
+def _factored(A: PETSc.Mat, brief: bool) -> PETSc.KSP:
+    """A solver with the factors of a definite matrix by CHOLMOD, or by MUMPS. Collective."""
+    if A.comm.size == 1 and has_cholmod():
+        ksp = cholmod_solver(A.comm, OF_DEFINITE)
+        if cholmod_factor(ksp, A, brief):
+            return ksp
+        ksp.destroy()
+    ksp = PETSc.KSP().create(A.comm)
+    ksp.setOptionsPrefix(OF_DEFINITE)
+    ksp.setOperators(A)
+    with default_options(OF_DEFINITE, **MUMPS):
+        ksp.setFromOptions()
+    ksp.setUp()
+    return ksp
 
 
 def conjugate_gradients(mass: PETSc.Mat, rhs: PETSc.Vec, x: PETSc.Vec) -> None:

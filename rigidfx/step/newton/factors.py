@@ -14,8 +14,14 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.step.equations.equations import Equilibrium
-from rigidfx.step.linear import definite
-from rigidfx.step.linear.linear_solver import PREFIX, QUICK_UP_TO, configure
+from rigidfx.step.linear.linear_solver import (
+    PREFIX,
+    QUICK_UP_TO,
+    cholmod_factor,
+    cholmod_solver,
+    configure,
+    has_cholmod,
+)
 
 OWN = PREFIX + "cholesky_"  # prefix of its options
 # Skew part, relative to all of a tangent, in Frobenius' norm. A residual falls to 2 to 14 times
@@ -100,14 +106,14 @@ class Cholesky:
         self._A, self._skew = A, skew
         self._transposed, self._symmetric = PETSc.Mat(), PETSc.Mat()
         self._entries = 0.0
-        self.ksp = definite.cholmod_solver(A.comm, prefix)
+        self.ksp = cholmod_solver(A.comm, prefix)
 
     def renew(self) -> bool:
         """Factor the matrix as it is now; false if it is too far from symmetric, or not definite.
 
         If false, it cannot be used any more.
         """
-        return self._symmetrize() and definite.cholmod_factor(self.ksp, self._symmetric)
+        return self._symmetrize() and cholmod_factor(self.ksp, self._symmetric)
 
     def _symmetrize(self) -> bool:
         """Find the symmetric part; false if it is not near enough to all of the matrix."""
@@ -156,7 +162,7 @@ class Factors:
         self._equilibrium, comm = equilibrium, equilibrium.prolongation.comm
         self._quick = False
         self._ksp = PETSc.KSP().create(comm)
-        one = comm.size == 1 and definite.has_cholmod()
+        one = comm.size == 1 and has_cholmod()
         self._cholesky = Cholesky(equilibrium.tangent_matrix) if one else None
         self._take_pivots(True)
 

@@ -16,12 +16,12 @@ from rigidfx.base.types import Array
 from rigidfx.scene.scene import Scene
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear.linear_solver import (
+    DIRECT_BELOW,
     PREFIX,
     QUICK_UP_TO,
     configure,
     default_options,
     forget_failed,
-    prefers_direct,
 )
 from rigidfx.step.linear.petsc_options import monitor_solves
 from rigidfx.step.newton.border import BorderedFactors
@@ -173,7 +173,7 @@ class Newton:
         self._bordered: BorderedFactors | None = None
         if equilibrium.constraints is not None:
             self._bordered = BorderedFactors(equilibrium)
-        direct = prefers_direct(equilibrium.prolongation.size) or self._bordered is not None
+        direct = equilibrium.prolongation.size < DIRECT_BELOW or self._bordered is not None
         self._krylov = equilibrium.inertial and not direct
         self._pivots = True  # whether factors need them
         self._snes = self._create_snes()
