@@ -61,8 +61,9 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import nan
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -71,12 +72,20 @@ import numpy as np
 from rigidfx.base.errors import OutputError
 from rigidfx.base.inputs import path_of
 from rigidfx.base.types import Array
-from rigidfx.effects import JointReport, SpringDamperReport, Touch
+from rigidfx.effects import (
+    Contact,
+    JointReport,
+    SpringDamper,
+    SpringDamperReport,
+    Touch,
+    efforts_of,
+)
 from rigidfx.flexible.stress import SYMMETRIC
 from rigidfx.report.peaks import Peak
 from rigidfx.report.probe_stress import StressAt
 from rigidfx.report.report import Report
 from rigidfx.report.resolved_forces import resolved
+from rigidfx.scene.scene import Scene
 
 SCALARS = (
     *("step", "t", "dt", "iterations", "tangents", "linear_iterations", "cuts"),
@@ -84,15 +93,24 @@ SCALARS = (
     *("kinetic", "strain", "stored", "springs", "energy", "work_of_loads", "work_of_supports"),
 )
 
-LEDGER = (
-    *("frozen", "energy_allowed", "damped", "damping_allowed", "deformation"),
-    *("time_error", "displacement", "time_allowed", "rejected"),
-    *("rigidity_error", "rigidity_allowed", "periods", "unsure", "measured_error"),
-)
-UNSURE = "estimate", "unknown"
-NO_JOINTS: Mapping[str, Sequence[str]] = {}
+# Columns of the ledger, and where it has their numbers.
+LEDGER = {
+    "frozen": "frozen.spent",
+    "energy_allowed": "frozen.allowed",
+    "damped": "damping.spent",
+    "damping_allowed": "damping.allowed",
+    "deformation": "frozen.scale",
+    "time_error": "time.spent",
+    "displacement": "time.scale",
+    "time_allowed": "time.allowed",
+    "rejected": "rejected",
+    "rigidity_error": "rigidity.spent",
+    "rigidity_allowed": "rigidity.allowed",
+    "periods": "periods",
+    "unsure": "unsure",
+    "measured_error": "measured.spent",
+}
 FORCES = r"((reaction|moment)_.*|joint_.*_(force|moment))_[xyz]$|joint_.*_motor(_|$)"
-
 
 PAIRS = {"xyz"[i] + "xyz"[j]: (i, j) for i, j in SYMMETRIC}
 
@@ -112,91 +130,58 @@ class Written:
     velocities: Mapping[str, Array]
 
 
-def history_columns(
-    supports: Iterable[str],
-    probes: Sequence[str],
-    contacts: Sequence[str] = (),
-    stress: bool = False,
-    joints: Mapping[str, Sequence[str]] = NO_JOINTS,
-    springs: Sequence[str] = (),
-    peaks: Sequence[str] = (),
-) -> list[str]:
-    """Names of the columns.
-
-    Args:
-        supports: Names of the sets that supports hold.
-        probes: Names of the probes.
-        contacts: Titles of the contacts.
-        stress: Whether stress and strain at the probes are among them.
-        joints: Titles of each joint's motors, springs and stops, by the title of the joint.
-        springs: Titles of the springs between two points.
-        peaks: Names of the sets whose largest stress is among them.
-    """
-    stresses = [name for probe in probes if stress for name in _stress_names(probe)]
-    named = [
-        *(f"{of}_{support}" for support in supports for of in ("reaction", "moment")),
-        *(f"{of}_{probe}" for probe in probes for of in "uva"),
-    ]
-    vectors = ["L", "J", "impulse", "angular_impulse", "J_rigid", *named]
-    names = [f"{vector}_{axis}" for vector in vectors for axis in "xyz"]
-    first = [*SCALARS, "dissipated", "impact_energy", "momentum_scale", "bodies", "shapes", "nu"]
-    of_contacts = [*(["contact"] if contacts else []), *_of_contacts(contacts, {})]
-    of_joints = [*_of_joints(joints, {}), *_of_springs(springs, {})]
-    stresses += [f"peak_{name}{at}" for name in peaks for at in ("", "_x", "_y", "_z")]
-    return [*first, *names, *stresses, *of_contacts, *of_joints, *LEDGER, "wall"]
-
-
 def history_row(
+    scene: Scene,
     report: Report,
-    supports: Sequence[str],
-    contacts: Sequence[str] = (),
-    stresses: Mapping[str, StressAt] | None = None,
-    joints: Mapping[str, Sequence[str]] = NO_JOINTS,
-    springs: Sequence[str] = (),
-    peaks: Mapping[str, Peak] | None = None,
-    before: Written | None = None,
+    stresses: Mapping[str, StressAt],
+    peaks: Mapping[str, Peak],
+    before: Written | None,
 ) -> dict[str, float]:
-    """The row of a step, by the names of the columns.
+    """The row of a step, by the names of the columns, which are the same for all steps.
 
     Args:
+        scene: The problem.
         report: The step.
-        supports: Names of the sets that supports hold, now or at another time.
-        contacts: Titles of the contacts, likewise.
         stresses: Stress and strain at the probes, if they are among the columns.
-        joints: Titles of each joint's motors, springs and stops, by the title of the joint.
-        springs: Titles of the springs between two points.
-        peaks: Largest stresses, if they are among the columns.
+        peaks: Largest stresses, likewise.
         before: The report of the row before, None in the first one.
     """
-    row = {name: getattr(report, name) for name in SCALARS} | _step_of(report)
+    bodies = report.bodies
+    row = {name: getattr(report, name) for name in SCALARS}
     row["dissipated"] = sum(report.dissipated.values())
+    row |= _step_of(report)
     row["momentum_scale"] = report.momentum_scale
+    row |= {"bodies": len(bodies), "shapes": sum(body.shapes for body in bodies)}
+    row["nu"] = max((body.nu for body in bodies), default=0.0)
     row |= components("L", report.linear_momentum)
     row |= components("J", report.angular_momentum)
     row |= components("impulse", report.impulse)
     row |= components("angular_impulse", report.angular_impulse)
-    row["bodies"] = len(report.bodies)
-    row["shapes"] = sum(body.shapes for body in report.bodies)
-    row["nu"] = max((body.nu for body in report.bodies), default=0.0)
-    row |= components("J_rigid", sum((b.angular_momentum for b in report.bodies), np.zeros(3)))
-    for name in supports:
+    row |= components("J_rigid", sum((body.angular_momentum for body in bodies), np.zeros(3)))
+    for name in dict.fromkeys(support.where for support, _ in scene.supports):
         row |= components(f"reaction_{name}", report.reactions.get(name, np.zeros(3)))
         row |= components(f"moment_{name}", report.reaction_moments.get(name, np.zeros(3)))
     for name, displacement in report.probes.items():
         row |= components(f"u_{name}", displacement)
         row |= components(f"v_{name}", report.velocities[name])
         row |= components(f"a_{name}", _acceleration(report, before, name))
-    for name, at in (stresses or {}).items():
-        own = [at.stress[ij] for ij in PAIRS.values()], [at.strain[ij] for ij in PAIRS.values()]
-        values = [at.von_mises, *own[0], *own[1]]
-        row |= dict(zip(_stress_names(name), map(float, values), strict=True))
-    for name, peak in (peaks or {}).items():
+    for name, at in stresses.items():
+        row[f"von_mises_{name}"] = at.von_mises
+        for of, tensor in (("stress", at.stress), ("strain", at.strain)):
+            row |= {f"{of}_{name}_{pair}": float(tensor[ij]) for pair, ij in PAIRS.items()}
+    for name, peak in peaks.items():
         row |= {f"peak_{name}": peak.von_mises, **components(f"peak_{name}", peak.place)}
-    if contacts:
+    if contacts := scene.named(Contact):
         row["contact"] = report.contact
-        row |= _of_contacts(contacts, report.touches)
-    row |= _of_joints(joints, report.joints) | _of_springs(springs, report.spring_dampers)
-    return row | _spent(report) | {"wall": report.wall}
+    for contact in contacts:
+        row |= _of_contact(report.touches.get(contact.title, Touch(contact.title)))
+    row |= _of_joints(efforts_of(scene), report.joints)
+    for spring in scene.named(SpringDamper):
+        own = report.spring_dampers.get(spring.title, SpringDamperReport(nan, nan, nan))
+        row |= {f"spring_{spring.title}_{name}": value for name, value in vars(own).items()}
+    for name, of in LEDGER.items():
+        row[name] = nan if report.ledger is None else float(attrgetter(of)(report.ledger))
+    return row | {"wall": report.wall}
 
 
 def _step_of(report: Report) -> dict[str, float]:
@@ -245,42 +230,12 @@ def joint_columns(reports: Iterable[Report]) -> dict[str, Array]:
     return {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
 
 
-def _of_springs(springs: Sequence[str], told: Mapping[str, SpringDamperReport]) -> dict[str, float]:
-    """The columns of springs between two points and their values, by their titles."""
-    known = {title: told.get(title, SpringDamperReport(nan, nan, nan)) for title in springs}
-    names = [field.name for field in fields(SpringDamperReport)]
-    return {f"spring_{t}_{name}": getattr(own, name) for t, own in known.items() for name in names}
-
-
-def _spent(report: Report) -> dict[str, float]:
-    """Values of the ledger, by the names of the columns."""
-    ledger = report.ledger
-    if ledger is None:
-        return dict.fromkeys(LEDGER, nan)
-    frozen, damping = ledger.frozen, ledger.damping
-    of_energy = frozen.spent, frozen.allowed, damping.spent, damping.allowed
-    time = ledger.time
-    of_time = frozen.scale, time.spent, time.scale, time.allowed, float(ledger.rejected)
-    of_rigidity = ledger.rigidity.spent, ledger.rigidity.allowed, ledger.periods
-    unsure = float(len(UNSURE) if ledger.struck else UNSURE.index(ledger.sure))
-    every = *of_energy, *of_time, *of_rigidity, unsure, ledger.measured.spent
-    return dict(zip(LEDGER, every, strict=True))
-
-
-def _stress_names(probe: str) -> list[str]:
-    tensors = [f"{what}_{probe}_{pair}" for what in ("stress", "strain") for pair in PAIRS]
-    return [f"von_mises_{probe}", *tensors]
-
-
-def _of_contacts(contacts: Sequence[str], touches: Mapping[str, Touch]) -> dict[str, float]:
-    """The columns of contacts and their values, by their titles."""
-    out: dict[str, float] = {}
-    for title in contacts:
-        touch = touches.get(title, Touch(title))
-        out |= components(f"contact_{title}_force", touch.force)
-        out |= components(f"contact_{title}_moment", touch.moment)
-        for name in ("pressing", "resolved", "energy", "dissipated", "penetration", "nodes"):
-            out[f"contact_{title}_{name}"] = float(getattr(touch, name))
+def _of_contact(touch: Touch) -> dict[str, float]:
+    """The columns of a contact and their values."""
+    out = components(f"contact_{touch.name}_force", touch.force)
+    out |= components(f"contact_{touch.name}_moment", touch.moment)
+    for name in ("pressing", "resolved", "energy", "dissipated", "penetration", "nodes"):
+        out[f"contact_{touch.name}_{name}"] = float(getattr(touch, name))
     return out
 
 

@@ -34,9 +34,8 @@ from rigidfx.base.errors import OutputError, SceneError, StepError, agree, toget
 from rigidfx.base.inputs import names, path_of, positive, shown, whole
 from rigidfx.base.instants import at_latest
 from rigidfx.base.taken import check_same
-from rigidfx.effects import Contact, SpringDamper, efforts_of
 from rigidfx.output.fields import Fields, clouds_of
-from rigidfx.output.history import Written, history_columns, history_row
+from rigidfx.output.history import Written, history_row
 from rigidfx.output.paraview import Body, Cloud
 from rigidfx.output.run_files import RunFiles, body_rows, event_rows, kinds_of
 from rigidfx.output.whole_writes import ChangedFile
@@ -122,9 +121,6 @@ class Recorder:
             together(scene.comm, "Recorder", lambda: path_of("Recorder", "folder", folder))
         )
         self._scene, self._comm = scene, scene.comm
-        self._supports = tuple(dict.fromkeys(support.where for support, _ in scene.supports))
-        self._contacts = tuple(contact.title for contact in scene.named(Contact))
-        self._joints = efforts_of(scene), tuple(s.title for s in scene.named(SpringDamper))
         self._stress = bool(stress)
         self._fields = Fields(scene, self._stress)
         self._clouds = clouds_of(scene, bool(integration_points))
@@ -134,17 +130,15 @@ class Recorder:
         self._fields_at, self._closed = -1, False
         self._begun, self._resume = False, resume
         self._files: RunFiles  # on rank 0
-        self._open(over)
+        self._open()
 
-    def _open(self, over: tuple[str, ...]) -> None:
+    def _open(self) -> None:
         """Open the files; none changes yet. Collective."""
-        named = self._contacts, self._stress, *self._joints, over
-        columns = history_columns(self._supports, list(self._scene.probes), *named)
         bodies: dict[str, Body | Cloud] = {"fields": self._fields.body}
         bodies |= {name: cloud.body for name, cloud in self._clouds.items()}
 
         def opened() -> None:
-            self._files = RunFiles(self.folder, self._kinds, columns, bodies)
+            self._files = RunFiles(self.folder, self._kinds, bodies)
 
         self._on_first_rank(opened)
         own = os.path.realpath(self.folder), self._comm.rank == 0 and self._files.former
@@ -226,12 +220,12 @@ class Recorder:
         report._writers.join(self)
         self._last, before = report, self._before
         self._before = Written(report.step, report.t, dict(report.velocities))
-        stresses = report.stresses if self._stress else None
-        peaks = self._peaks.measure(report) if self._peaks else None
-        named = self._supports, self._contacts, stresses, *self._joints, peaks, before
+        stresses = report.stresses if self._stress else {}
+        peaks = self._peaks.measure(report) if self._peaks else {}
+        row = history_row(self._scene, report, stresses, peaks, before)
 
         def write() -> None:
-            self._files.rows("history").add([history_row(report, *named)])
+            self._files.rows("history").add([row])
             if report.finds_bodies:
                 self._files.rows("events").add(event_rows(report))
 

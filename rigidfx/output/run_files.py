@@ -93,20 +93,24 @@ class CsvFile:
         former: Whether it has rows of a former run.
     """
 
-    def __init__(self, path: Path, columns: Sequence[str]) -> None:
-        """Lock the file; one without rows gets its header.
+    def __init__(self, path: Path, columns: Sequence[str] = ()) -> None:
+        """Lock the file.
+
+        Args:
+            path: The file.
+            columns: Names of its columns; those of the first row if empty.
 
         Raises:
             BlockingIOError: If it is open here already, or in another process.
             OSError: If it cannot be written.
         """
-        self._columns, self._path, self._end, self._sum = columns, path, 0, 0
+        self._columns, self._path, self._end, self._sum = [*columns], path, 0, 0
         self._file = open(path, "a+b", buffering=0)  # noqa: SIM115 - it stays open
         try:
             lock(self._file.fileno())
-            status = os.fstat(self._file.fileno())
-            self._named = bool(status.st_nlink)  # some systems count none
-            self.former = status.st_size > len(self._text(dict(zip(columns, columns, strict=True))))
+            self._named = bool(os.fstat(self._file.fileno()).st_nlink)  # some systems count none
+            self._file.seek(0)
+            self.former = self._file.read().count(b"\n") > 1
             if not self.former:
                 self.begin(None)
         except OSError:
@@ -114,7 +118,7 @@ class CsvFile:
             raise
 
     def begin(self, kept: tuple[int, int] | None) -> None:
-        """Empty the file but for its header, or cut it off where it ended.
+        """Empty the file, or cut it off where it ended.
 
         Args:
             kept: Of `kept`, if rows stay.
@@ -123,17 +127,22 @@ class CsvFile:
             OSError: If it cannot be written, or has other rows.
         """
         end, known = kept or (0, 0)
-        header = dict(zip(self._columns, self._columns, strict=True))
         self._file.seek(0)
-        there = self._file.read(end)
-        if zlib.crc32(there) != known:
+        if zlib.crc32(self._file.read(end)) != known:
             raise ChangedFile(self._path, "rows that were there are gone")
-        if end and not there.startswith(self._text(header)):
-            raise ChangedFile(self._path, "its columns are not those of the recorder's options")
         self._file.truncate(end)
         self._end, self._sum = end, known
-        if not end:
-            self._append(header)
+        if self._columns:
+            self._head()
+
+    def _head(self) -> None:
+        """Write the names of the columns, or compare them with those that are there."""
+        head = self._text(dict(zip(self._columns, self._columns, strict=True)))
+        self._file.seek(0)
+        if not self._end:
+            self._append(head)
+        elif self._file.read(len(head)) != head:
+            raise ChangedFile(self._path, "its columns are not those of the recorder's options")
 
     def add(self, rows: Iterable[Mapping[str, Any]]) -> None:
         """Add rows.
@@ -146,12 +155,13 @@ class CsvFile:
         """
         if self._named and not os.fstat(self._file.fileno()).st_nlink:
             raise OSError(ENOENT, "removed since the run began", str(self._path))
-        self._append(*rows)
+        every = [*rows]
+        if every and not self._columns:
+            self._columns = [*every[0]]
+            self._head()
+        self._append(self._text(*every))
 
-    def _append(self, *rows: Mapping[str, Any]) -> None:
-        if not rows:
-            return
-        data = self._text(*rows)
+    def _append(self, data: bytes) -> None:
         try:
             if self._file.write(data) < len(data):
                 raise OSError(ENOSPC, "No space left on device", str(self._path))
@@ -219,7 +229,6 @@ class RunFiles:
         self,
         folder: Path,
         kinds: Sequence[str],
-        columns: Sequence[str],
         bodies: Mapping[str, Body | Cloud],
     ) -> None:
         """Lock the folder, and hear messages; files of a former run are as they were.
@@ -227,7 +236,6 @@ class RunFiles:
         Args:
             folder: The folder, which is made if it does not exist.
             kinds: Of files of fields.
-            columns: Of history.csv.
             bodies: Meshes of files of fields by name.
 
         Raises:
@@ -240,7 +248,7 @@ class RunFiles:
         self._fields: dict[str, list[Series | HdfSeries]] = {}
         self._ended: dict[str, Any] | None = None
         with ExitStack() as self._open:
-            self.rows("history", columns)
+            self.rows("history")
             self._log = LogFile(folder / "log.txt")
             self._open.enter_context(hearing(self._log))
             for name in bodies if "pvd" in kinds else ():
@@ -295,19 +303,18 @@ class RunFiles:
             self._open.callback(made[-1].close)
         return made
 
-    def rows(self, name: str, columns: Sequence[str] = ()) -> CsvFile:
+    def rows(self, name: str) -> CsvFile:
         """A table, which is opened when it is first asked for.
 
         Args:
             name: Its name.
-            columns: Its columns; those of `LATER` are known.
 
         Raises:
             OSError: If it cannot be written.
         """
         if name not in self._tables:
-            path, own = self._folder / f"{name}.csv", LATER.get(name, columns)
-            self._tables[name] = self._open.enter_context(closing(CsvFile(path, [*own])))
+            table = CsvFile(self._folder / f"{name}.csv", LATER.get(name, ()))
+            self._tables[name] = self._open.enter_context(closing(table))
         return self._tables[name]
 
     def ends(self) -> dict[str, Any]:

@@ -231,6 +231,11 @@ class Ledger:
     measured: Entry = NOTHING
 
     @property
+    def unsure(self) -> int:
+        """0 where all are estimates, 2 where `rigidity` and `time` are unknown after a contact."""
+        return 2 if self.struck else 0
+
+    @property
     def motion(self) -> float:
         """Relative error of the motion that rigidity makes, an estimate; NaN if there is none."""
         return self.rigidity.relative
