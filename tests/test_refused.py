@@ -351,7 +351,7 @@ MooneyRivlin(rho=1.0, c10=1, c01=1, kappa=0) :: MooneyRivlin
   # Loads
 _run(Traction("top", (1, 0, 0))) :: no facets named 'top'
 _scene(Traction("a", (1, 0, 0))) :: Traction: there are no facets named 'a'. Known names: '
-Traction("x1", (1, 0, 0), total=50.0) :: must be True or False, got 50.0; the force itself is its
+Traction("x1", (1, 0, 0), total=50.0) :: must be True or False, the force being its value, got
 _faces(lambda x: np.abs(x[0] - 1) < 1e-9) :: inside the mesh and for none of its boundary, which wit
 _run(Pressure("x1", lambda t: "1")) :: it is nan
 Gravity(since=2.0, until=1.0) :: Gravity: the time window needs since < until, got 2.0 … 1.0.
@@ -385,7 +385,7 @@ _scene(Fixed(None)) :: Fixed: where must be the name of a set, got None.
 Fixed("x0", "xx") :: Fixed on 'x0': components must be some of 'xyz', each once, got
 _run(Fixed("x0"), _moved(_path)) :: different motions of the same nodes
 _run(_turned(), _turned(angle=lambda t: 2 * t)) :: prescribe different motions of the same nodes
-_moved(1.0) :: PrescribedMotion on 'x0': displacement must be a function of t,
+_moved(1.0) :: PrescribedMotion: displacement must be a function of t,
 _scene(_moved(Table((0, 1), (0, 1)))) :: PrescribedMotion on 'x0': at t = 0 s three finite component
 _run(_moved(_then((0.0,) * 3, (0.1, 0.2), 0.15))) :: is not three finite numbers but [0.1 0.2]
 _run(_moved(_then((0.0,) * 3, (nan, 0, 0), 0.15))) :: near t = 0.2 s its path or velocity
@@ -399,7 +399,7 @@ _run(_turned(angle=_fails(0.0, since=0.08))) :: PrescribedRotation on 'x0': its 
 _scene(_turned(speed=lambda t: 7.0)) :: its velocity is [7. 0. 0.] rad/s, and its path moves by [1.
 _scene(Symmetry("skin")) :: must lie in one plane
   # Starts
-_scene(InitialVelocity(function=(1, 0, 0))) :: InitialVelocity: function must be callable.
+_scene(InitialVelocity(function=(1, 0, 0))) :: function must be a function of x, got (1, 0, 0).
 _scene(InitialVelocity(function=lambda x: x[:2])) :: function must map (3, n) to (3, n); it failed
 _run(InitialVelocity(function=lambda X: X.astype(str))) :: it gives no real numbers
 _run(InitialVelocity(function=_infinite_on_one_rank)) :: not finite
@@ -412,9 +412,9 @@ _scene(Rigid("a"), InitialDisplacement(lambda x: 0 * x)) :: an InitialDisplaceme
   # Masses, springs and damping
 PointMass("x1", 0.0) :: PointMass: mass must be a finite number > 0, got 0.0.
 _run(PointMass("x1", 1e308)) :: masses of the nodes add up to
-Spring("x1", -1.0) :: Spring on 'x1': stiffness must be a number ≥ 0, three of them,
+Spring("x1", -1.0) :: Spring: stiffness must be a number ≥ 0, three of them,
 Spring("x1", [[0, 1, 0], [1, 0, 0], [0, 0, 0]]) :: stiffness must be a number ≥ 0, three of them,
-Spring("x1", 1.0, damping=-1.0) :: Spring on 'x1': damping must be a number ≥ 0, three of them, or
+Spring("x1", 1.0, damping=-1.0) :: Spring: damping must be a number ≥ 0, three of them, or
 MassDamping(0.0) :: MassDamping: alpha must be a finite number > 0, got 0.0.
 KelvinVoigt(-1.0) :: KelvinVoigt: eta must be a finite number > 0, got -1.0.
 NumericalDamping(1.0) :: NumericalDamping: xi must lie in [0, 1/2], got 1.0.

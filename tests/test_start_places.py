@@ -191,7 +191,7 @@ def test_springs_may_be_strained_by_a_displacement():
     strained = run([up, rf.Spring("x0", 1e3)])
     assert strained[0].springs == pytest.approx(0.5 * 1e3 * 0.1**2, rel=1e-12)
     assert strained[-1].kinetic > 0.1 * strained[0].springs
-    with pytest.raises(rf.SceneError, match="Spring on 'x0': relaxed must be 'start' or 'mesh'"):
+    with pytest.raises(rf.SceneError, match="Spring: relaxed must be 'start' or 'mesh'"):
         rf.Spring("x0", 1e3, relaxed="now")
 
 

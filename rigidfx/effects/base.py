@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from rigidfx.base.errors import SceneError, by_name, together
-from rigidfx.base.inputs import number, numbers, of_time, scalar, shown
+from rigidfx.base.inputs import number, numbers, of_time, scalar, shown, whole
 from rigidfx.base.taken import Checks, check_fields, take_fields
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, FormTerm, Structure
@@ -169,6 +169,37 @@ class Effect:
     def term(self, mesh: Any) -> FormTerm | None:
         """Its term of the compiled forms; None if it has none."""
         return None
+
+
+def must_be(words: str, good: Callable[[Any], bool]) -> Callable[[str, str, Any], None]:
+    """A check of a field: its values in words, and whether a given one is good."""
+
+    def check(owner: str, name: str, value: Any) -> None:
+        if not good(value):
+            raise SceneError(f"{owner}: {name} must be {words}, got {shown(value)}.")
+
+    return check
+
+
+def at_least_one(owner: str, name: str, value: Any) -> None:
+    """Check that a field is a whole number ≥ 1."""
+    whole(owner, name, value, least=1)
+
+
+def is_truth(value: Any) -> bool:
+    """Whether a value is True or False."""
+    return isinstance(value, (bool, np.bool_))
+
+
+def one_of(*names: str) -> Callable[[str, str, Any], None]:
+    """A check that a field is one of some words."""
+    words = " or ".join(map(repr, names))
+    return must_be(words, lambda value: isinstance(value, str) and value in names)
+
+
+def text(words: str) -> Callable[[str, str, Any], None]:
+    """A check that a field is a text that is not empty, such as the name of a joint."""
+    return must_be(words, lambda value: isinstance(value, str) and value != "")
 
 
 def check_vector(scene: Any, owner: str, t: float, function: Callable[[], Array]) -> None:

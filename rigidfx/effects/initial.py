@@ -19,7 +19,7 @@ from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.inputs import vector
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array, Indices
-from rigidfx.effects.base import Effect, Vector
+from rigidfx.effects.base import Effect, Vector, must_be
 from rigidfx.effects.fields import values_of
 from rigidfx.effects.supports.support import Fixed
 
@@ -38,19 +38,15 @@ class InitialDisplacement(Effect):
         where: Name of a set whose nodes it displaces, of any dimension; all nodes if None.
     """
 
+    checks: ClassVar[Checks] = {"function": must_be("a function of x", callable)}
+
     function: Callable[[Array], npt.ArrayLike]
     where: str | None = field(default=None, kw_only=True)
 
-    def __post_init__(self) -> None:
-        """Raise `SceneError` if its function is none."""
-        super().__post_init__()
-        if not callable(self.function):
-            raise SceneError("InitialDisplacement: function must be a function of x.")
-
     def values(self, scene: Any) -> Array:
         """Its displacements per local node with ghosts, shape (nodes, 3) [m]. Collective."""
-        values = values_of(self.kind, self.function, scene)
-        return values if self.where is None else values * scene.members(self.where, self.kind)
+        members = scene.members(self.where, self.kind)
+        return values_of(self.kind, self.function, scene) * members
 
 
 def places_at_start(scene: Any) -> Array:
@@ -77,19 +73,18 @@ class InitialVelocity(Effect):
 
     in_runs: ClassVar[str | None] = "simulate"
 
-    checks: ClassVar[Checks] = {"linear": vector, "angular": vector, "centre": vector}
+    checks: ClassVar[Checks] = {
+        "linear": vector,
+        "angular": vector,
+        "centre": vector,
+        "function": must_be("a function of x", callable),
+    }
 
     linear: Vector = (0.0, 0.0, 0.0)
     angular: Vector = (0.0, 0.0, 0.0)
     centre: Vector | None = None
     function: Callable[[Array], npt.ArrayLike] | None = None
     where: str | None = field(default=None, kw_only=True)
-
-    def __post_init__(self) -> None:
-        """Raise `SceneError` if a vector is not three finite numbers, or `function` is none."""
-        super().__post_init__()
-        if self.function is not None and not callable(self.function):
-            raise SceneError("InitialVelocity: function must be callable.")
 
     def check(self, scene: Any) -> None:
         """See whether parts that are held from the start have no velocity. Collective.
@@ -108,8 +103,7 @@ def given_velocity(scene: Any, x: Array) -> Array:
     """Sum of all initial velocities at places x of local nodes, (nodes, 3) [m/s]. Collective."""
     v = np.zeros_like(x)
     for effect in scene.named(InitialVelocity):
-        where = effect.where
-        members = 1.0 if where is None else scene.members(where, effect.kind)
+        members = scene.members(effect.where, effect.kind)
         centre = effect.centre
         if centre is None:
             centre = scene.centre_of(members, x)

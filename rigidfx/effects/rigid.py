@@ -11,7 +11,7 @@ import numpy as np
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import numbers, positive, shown
 from rigidfx.base.taken import Checks
-from rigidfx.effects.base import WHOLE, Effect
+from rigidfx.effects.base import WHOLE, Effect, at_least_one, is_truth, must_be
 
 SYMMETRY = 1e-6  # of a given tensor, relative to its largest entry; the rest is averaged out
 
@@ -39,7 +39,7 @@ class Rigid(Effect):
     is_rigid: ClassVar[bool] = True
     is_body: ClassVar[bool] = True
     deforms: ClassVar[bool] = False  # whether the body does so by shapes
-    checks: ClassVar[Checks] = {"mass": positive}
+    checks: ClassVar[Checks] = {"mass": positive, "each": must_be("True, False or None", is_truth)}
     on_cells: ClassVar[bool] = True
 
     where: str | None = None
@@ -63,13 +63,8 @@ class Rigid(Effect):
         return self.mass is not None or self.inertia is not None
 
     def __post_init__(self) -> None:
-        """Raise `SceneError` unless each is a truth value, and mass and inertia are possible.
-
-        A mass is > 0, an inertia symmetric positive definite with principal moments of a body.
-        """
+        """Refuse an inertia that is not symmetric positive definite, as a body's is."""
         super().__post_init__()
-        if self.each is not None and not isinstance(self.each, (bool, np.bool_)):
-            raise SceneError(f"Rigid: each must be True, False or None, got {shown(self.each)}.")
         if self.inertia is None:
             return
         J = numbers(self.inertia)
@@ -104,24 +99,16 @@ class Reduced(Rigid):
 
     is_rigid: ClassVar[bool] = False
     deforms: ClassVar[bool] = True
+    checks: ClassVar[Checks] = Rigid.checks | {"shapes": at_least_one}
 
     shapes: int | None = field(default=None, kw_only=True)
     stiff: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
-        """Raise `SceneError` if mass or inertia are given, or shapes is no whole number ≥ 1."""
+        """Raise `SceneError` if mass or inertia are given, or another value cannot be used."""
         if self.given:
             raise SceneError(
                 f"{self.owner}: mass and inertia cannot be given, as its shapes have those of its "
                 f"cells. Give its material another rho, or take Rigid({self.where!r})."
             )
         super().__post_init__()
-        whole = isinstance(self.shapes, (int, np.integer)) and not isinstance(
-            self.shapes, (bool, np.timedelta64)
-        )
-        if self.shapes is not None and not (whole and self.shapes >= 1):
-            raise SceneError(
-                f"{self.owner}: shapes must be a whole number ≥ 1, or None for as many as the "
-                f"forces need, got {shown(self.shapes)}. A part without shapes is "
-                f"Rigid({self.where!r})."
-            )

@@ -201,9 +201,7 @@ def _check_faces(scene: Any) -> None:
     n, taken = scene.owned_nodes, np.zeros(scene.owned_nodes, dtype=np.int64)
     named = [effect for effect in scene.effects if effect.is_body]
     for number, rigid in enumerate(named, start=1):
-        inside = (
-            np.ones(n) if rigid.where is None else scene.members(rigid.where, rigid.kind)[:n, 0]
-        )
+        inside = scene.members(rigid.where, rigid.kind)[:n, 0]
         taken[inside > 0] = number
     for number, face in enumerate(rigid_faces(scene.effects), start=len(named) + 1):
         nodes = scene.nodes(face.where, face.name, (2,))

@@ -16,7 +16,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -100,10 +99,8 @@ def warn_of_short_steps(scene: Any, dt: float) -> None:
     if MILLI * mass < HEAVY or _largest_force(scene) > 0 or scene.named(Contact):
         return
     speed = max(float(np.sqrt(m.stiffness / m.rho)) for m, _ in scene.materials)
-    X = scene.mesh.geometry.x
-    ends = np.r_[X.max(axis=0, initial=-np.inf), -X.min(axis=0, initial=np.inf)]
-    scene.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
-    length = float(np.max(ends[:3] + ends[3:]))
+    low, high = scene.box_of(scene.mesh.geometry.x)
+    length = float(np.max(high - low))
     if 3 * length > MILLI * speed * dt and scene.mean_cell_size > 10 * speed * dt:
         warn(
             scene.comm,
@@ -259,7 +256,7 @@ def _held(scene: Any, load: Any, first: float, last: float) -> bool:
     for rigid in scene.named(Rigid):  # a part that a support holds moves with it
         if rigid.deforms:
             continue
-        nodes = scene.nodes(rigid.where, rigid.kind) if rigid.where else np.arange(n)
+        nodes = scene.nodes(rigid.where, rigid.kind)
         nodes = nodes[nodes < n]
         held[nodes] |= bool(scene.sum(held[nodes].any()) > 0)
     nodes = scene.nodes(load.where, load.kind)
@@ -273,9 +270,8 @@ def _directions(scene: Any, load: Any, X: Array) -> Bools:
     """Components that a load has: those of its value, or the normal of an even face. Collective."""
     value = getattr(load, "value", None)
     if isinstance(load, Pressure):
-        ends = np.r_[X.max(axis=0, initial=-np.inf), -X.min(axis=0, initial=np.inf)]
-        scene.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
-        extent = ends[:3] + ends[3:]
+        low, high = scene.box_of(X)
+        extent = high - low
         flat = extent <= FLAT * extent.max()
         return flat if flat.any() else ~flat
     return np.ones(3, dtype=bool) if callable(value) else np.asarray(value, dtype=bool)

@@ -54,34 +54,6 @@ from rigidfx.scene.weights import inertial_masses, nodal_weights, point_masses
 MUCH = 1e8  # ratio of stiffness from which on rounding of a stiff part's forces is looked at
 
 
-def stiff_parts(scene: Any) -> ConnectedParts | None:
-    """Connected parts of cells stiffer than the softest by `MUCH`, -1 for others. Collective."""
-    stiffness = [material.stiffness for material, _ in scene.materials]
-    bound = MUCH * min(stiffness)
-    if max(stiffness) < bound or bound == 0.0:
-        return None
-    marks = scene.cellwise(
-        [
-            (1.0, cells)
-            for (_, cells), own in zip(scene.materials, stiffness, strict=True)
-            if own >= bound
-        ]
-    )
-    dofs = marks.function_space.dofmap.list[:, 0]
-    stiff = marks.x.array[dofs] > 0
-    parts = connected_parts(scene.mesh, 0, stiff)
-    found = np.unique(np.concatenate(scene.comm.allgather(np.unique(parts.of_cell[stiff]))))
-    number = np.full(parts.count, -1)
-    number[found] = np.arange(found.size)
-    return ConnectedParts(
-        found.size,
-        number[parts.of_cell],
-        number[parts.of_entity],
-        parts.lower[found],
-        parts.upper[found],
-    )
-
-
 class Scene:
     """A problem of structural dynamics, made of values as they are now; arrays are read-only.
 
@@ -253,9 +225,11 @@ class Scene:
         drag = sum(effect.mass_damping for effect in acting)
         return drag, sum(effect.numerical_damping or 0.0 for effect in acting)
 
-    def nodes(self, name: str, wanted_by: str, dims: Sequence[int] = (2, 3, 1, 0)) -> Indices:
-        """Local nodes in the closure of a named set, ghosts included. Collective."""
-        found = self.domain.find(name, dims, wanted_by)
+    def nodes(self, name: str | None, by: str, dims: Sequence[int] = (2, 3, 1, 0)) -> Indices:
+        """Local nodes in the closure of a named set, or all; ghosts included. Collective."""
+        if name is None:
+            return np.arange(len(self.space.tabulate_dof_coordinates()), dtype=np.int32)
+        found = self.domain.find(name, dims, by)
         self.mesh.topology.create_connectivity(found.dim, 3)
         dofs = fem.locate_dofs_topological(self.space, found.dim, found.entities, remote=True)
         return np.sort(dofs).astype(np.int32)
@@ -265,8 +239,8 @@ class Scene:
         parts = self.members(name, wanted_by)[:, 0]
         return parts / self.sum(parts[: self.owned_nodes].sum())
 
-    def members(self, name: str, wanted_by: str) -> Array:
-        """1 at local nodes of a named set, 0 elsewhere, shape (nodes, 1). Collective."""
+    def members(self, name: str | None, wanted_by: str) -> Array:
+        """1 at local nodes of a named set, or all, 0 elsewhere, shape (nodes, 1). Collective."""
         members = np.zeros(len(self.space.tabulate_dof_coordinates()))
         members[self.nodes(name, wanted_by)] = 1.0
         return members[:, None]
@@ -292,6 +266,13 @@ class Scene:
             return np.arange(owned, dtype=np.int32)
         cells = self.domain.find(name, (3,), wanted_by).entities
         return np.sort(cells[cells < owned])
+
+    def box_of(self, x: Array) -> tuple[Array, Array]:
+        """Ends of the box of some places of all ranks, shapes (3,) [m]. Collective."""
+        low, high = x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)
+        self.comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
+        self.comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+        return low, high
 
     def sum(self, values: npt.ArrayLike) -> Any:
         """Sum of a number or an array over all ranks. Collective."""
@@ -322,8 +303,24 @@ class Scene:
 
     @cached_property
     def stiff_parts(self) -> ConnectedParts | None:
-        """Connected parts of cells much stiffer than others; None if there are none. Collective."""
-        return stiff_parts(self)
+        """Connected parts of cells stiffer than the softest by `MUCH`; None if none. Collective.
+
+        The number of the part of other cells is -1.
+        """
+        bound = MUCH * min(material.stiffness for material, _ in self.materials)
+        much = [(1.0, cells) for m, cells in self.materials if m.stiffness >= bound > 0.0]
+        if not much:
+            return None
+        marks = self.cellwise(much)
+        stiff = marks.x.array[marks.function_space.dofmap.list[:, 0]] > 0
+        parts = connected_parts(self.mesh, 0, stiff)
+        found = np.unique(np.concatenate(self.comm.allgather(np.unique(parts.of_cell[stiff]))))
+        number = np.full(parts.count, -1)
+        number[found] = np.arange(found.size)
+        of_cell, of_entity = number[parts.of_cell], number[parts.of_entity]
+        return ConnectedParts(
+            found.size, of_cell, of_entity, parts.lower[found], parts.upper[found]
+        )
 
     @property
     def mean_cell_size(self) -> float:

@@ -8,7 +8,6 @@ from math import inf, isfinite
 from typing import Any
 
 import numpy as np
-import ufl
 
 from rigidfx.effects import (
     Effect,
@@ -19,6 +18,7 @@ from rigidfx.effects import (
     Table,
     rigid_faces,
 )
+from rigidfx.effects.contacts.surface import modulus_of
 from rigidfx.mechanics.element import StandardElement
 from rigidfx.scene.mesh_checks import parts_in_words
 from rigidfx.scene.pieces import pieces_in_words
@@ -103,8 +103,7 @@ def _extent(scene: Any) -> str:
     """Mass, box and number of dofs of a scene. Collective."""
     n, X = scene.owned_nodes, scene.start_places
     mass = scene.sum(inertial_masses(scene).sum())
-    low = np.min(scene.comm.allgather(X[:n].min(axis=0, initial=np.inf)), axis=0)
-    high = np.max(scene.comm.allgather(X[:n].max(axis=0, initial=-np.inf)), axis=0)
+    low, high = scene.box_of(X[:n])
     low, high = (np.where(np.abs(x) < 1e-12 * (high - low).max(), 0.0, x) for x in (low, high))
     box = " × ".join(f"{a:.4g} … {b:.4g}" for a, b in zip(low, high, strict=True))
     held = np.zeros((len(X), 3), dtype=bool)
@@ -127,7 +126,7 @@ def _speeds(scene: Any, dt: float | None) -> list[str]:
     """
     size, out = scene.mean_cell_size, []
     for material, _ in scene.materials:
-        stiffness = _axial_stiffness(material)
+        stiffness = modulus_of(scene.comm, material)
         if not stiffness > 0:
             out.append("no stiffness when unstrained")
             continue
@@ -137,15 +136,6 @@ def _speeds(scene: Any, dt: float | None) -> list[str]:
             text += f", which pass {speed * dt / size:.3g} cells in Δt = {dt:g} s"
         out.append(text)
     return out
-
-
-def _axial_stiffness(material: Any) -> float:
-    """∂²W/∂E₁₁² of a stored energy at E = 0 [Pa], by a difference quotient."""
-    h, values = 1e-3, []
-    for e in (-h, 0.0, h):
-        C = ufl.as_matrix(np.diag([1 + 2 * e, 1.0, 1.0]).tolist())
-        values.append(float(ufl.as_ufl(material.energy(C, **material.parameters))))
-    return (values[0] - 2 * values[1] + values[2]) / h**2
 
 
 def in_a_line(scene: Any) -> str:

@@ -54,7 +54,7 @@ def inertial_masses(scene: Any) -> Array:
     for effect in scene.effects:
         if not effect.is_rigid or effect.mass is None:
             continue
-        inside = slice(None) if effect.where is None else scene.nodes(effect.where, "Rigid", (3,))
+        inside = scene.nodes(effect.where, "Rigid", (3,))
         own: Array = np.zeros(len(scene.nodal_mass))
         own[inside] = scene.nodal_mass[inside]
         if scene.mass == "consistent":

@@ -86,7 +86,7 @@ class PointMass(OnFace):
         place, n = self.remote.place, scene.owned_nodes
         total = scene.sum(place.nodes.size)
         for rigid in (effect for effect in scene.effects if effect.is_body):
-            held = scene.members(rigid.where, rigid.kind)[:n, 0] if rigid.where else np.ones(n)
+            held = scene.members(rigid.where, rigid.kind)[:n, 0]
             inside = scene.sum(np.count_nonzero(held[place.nodes]))
             if 0 < inside < total:
                 raise SceneError(

@@ -10,15 +10,31 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import numbers, shown
+from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
-from rigidfx.effects.base import Vector
+from rigidfx.effects.base import Vector, one_of
 from rigidfx.effects.joints.averages import value_at
 from rigidfx.effects.joints.remote import OnFace, RemoteNodes
 from rigidfx.effects.joints.sides import Surface
 from rigidfx.effects.nodes import LinearNodes
 
 Stiffness = float | Sequence[float] | Sequence[Sequence[float]]
+
+
+def _tensor(owner: str, name: str, value: Stiffness) -> Array:
+    """A symmetric positive semidefinite tensor from one, three or nine numbers, shape (3, 3)."""
+    given = numbers(value)
+    tensor = np.diag(np.broadcast_to(given, 3)) if given.shape in ((), (3,)) else given
+    good = tensor.shape == (3, 3) and bool(np.isfinite(tensor).all())
+    rounding = 1e-12 * np.abs(tensor).max(initial=0.0)
+    good = good and np.allclose(tensor, tensor.T, atol=rounding)
+    if not good or np.linalg.eigvalsh(tensor)[0] < -rounding:
+        raise SceneError(
+            f"{owner}: {name} must be a number ≥ 0, three of them, or a symmetric 3×3 "
+            f"matrix without negative eigenvalue, got {shown(value)}."
+        )
+    return tensor
 
 
 @dataclass(frozen=True)
@@ -42,22 +58,17 @@ class Spring(OnFace):
 
     is_lasting: ClassVar[bool] = True
     holds: ClassVar[bool] = True
+    checks: ClassVar[Checks] = OnFace.checks | {
+        "stiffness": _tensor,
+        "damping": _tensor,
+        "relaxed": one_of("start", "mesh"),
+    }
 
     where: str | Surface
     stiffness: Stiffness
     damping: Stiffness = 0.0
     relaxed: Literal["start", "mesh"] = field(default="mesh", kw_only=True)
     at: Vector | None = field(default=None, kw_only=True)
-
-    def __post_init__(self) -> None:
-        """Raise `SceneError` unless K, C, place and reference can be used."""
-        super().__post_init__()
-        for name in ("stiffness", "damping"):
-            _tensor(self.owner, name, getattr(self, name))
-        if self.relaxed not in ("start", "mesh"):
-            raise SceneError(
-                f"{self.owner}: relaxed must be 'start' or 'mesh', got {shown(self.relaxed)}."
-            )
 
     @property
     def K(self) -> Array:
@@ -136,18 +147,3 @@ class SpringForces(Action):
 
     def _product(self, u: Array, tensor: Array) -> float:
         return float(np.vdot(self.nodes.weights[:, None] * u, u @ tensor))
-
-
-def _tensor(owner: str, name: str, value: Stiffness) -> Array:
-    """A symmetric positive semidefinite tensor from one, three or nine numbers, shape (3, 3)."""
-    given = numbers(value)
-    tensor = np.diag(np.broadcast_to(given, 3)) if given.shape in ((), (3,)) else given
-    good = tensor.shape == (3, 3) and bool(np.isfinite(tensor).all())
-    rounding = 1e-12 * np.abs(tensor).max(initial=0.0)
-    good = good and np.allclose(tensor, tensor.T, atol=rounding)
-    if not good or np.linalg.eigvalsh(tensor)[0] < -rounding:
-        raise SceneError(
-            f"{owner}: {name} must be a number ≥ 0, three of them, or a symmetric 3×3 "
-            f"matrix without negative eigenvalue, got {shown(value)}."
-        )
-    return tensor

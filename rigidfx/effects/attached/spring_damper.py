@@ -73,12 +73,16 @@ class SpringDamper(Between, Elastic):
     is_lasting: ClassVar[bool] = True
     many: ClassVar[str] = "springs"
     named: ClassVar[str] = "the name of a Rigid part or of a set"
-    checks: ClassVar[Checks] = Elastic.checks | {
-        "length": at_least_zero,
-        "pulls_only": truth,
-        "at_a": vector,
-        "at_b": vector,
-    }
+    checks: ClassVar[Checks] = (
+        Between.checks
+        | Elastic.checks
+        | {
+            "length": at_least_zero,
+            "pulls_only": truth,
+            "at_a": vector,
+            "at_b": vector,
+        }
+    )
 
     stiffness: float = 0.0
     damping: float = field(default=0.0, kw_only=True)

@@ -25,7 +25,7 @@ from rigidfx.base.errors import SceneError, by_name, together
 from rigidfx.base.inputs import at_least_zero, is_function, number, positive, scalar, shown
 from rigidfx.base.taken import Checks
 from rigidfx.base.warning import warn
-from rigidfx.effects.base import Effect, TimeFunction, Windowed
+from rigidfx.effects.base import Effect, TimeFunction, Windowed, one_of, text
 from rigidfx.effects.joints.joint import Joint
 
 KINDS = {
@@ -40,12 +40,7 @@ SOON = float(np.sqrt(np.sqrt(np.finfo(np.float64).eps)))  # of Δt: where a path
 
 
 class Elastic(Effect):
-    """An effect with such a law.
-
-    Attributes:
-        stiffness: k [N/m, or N m/rad].
-        damping: c [N s/m, or N m s/rad].
-    """
+    """An effect with such a law, by its stiffness k and damping c."""
 
     checks: ClassVar[Checks] = {"stiffness": at_least_zero, "damping": at_least_zero}
 
@@ -116,27 +111,15 @@ class Elastic(Effect):
 
 
 class OfJoint(Effect):
-    """An effect along a free coordinate of a joint.
+    """An effect along a free coordinate of a joint."""
 
-    Attributes:
-        joint: Name of the joint.
-        along: "angle" or "travel"; the only one that is free if None.
-    """
+    checks: ClassVar[Checks] = {
+        "joint": text("the name of a joint"),
+        "along": one_of("angle", "travel"),
+    }
 
     joint: str
     along: str | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse names of no joint or coordinate."""
-        super().__post_init__()
-        if not isinstance(self.joint, str) or not self.joint:
-            raise SceneError(
-                f"{self.kind}: joint must be the name of a joint, got {shown(self.joint)}."
-            )
-        if self.along not in (None, "angle", "travel"):
-            raise SceneError(
-                f"{self.owner}: along must be 'angle' or 'travel', got {shown(self.along)}."
-            )
 
     @property
     def owner(self) -> str:
@@ -278,7 +261,7 @@ class JointSpring(OfJoint, Elastic):
     """
 
     is_lasting: ClassVar[bool] = True
-    checks: ClassVar[Checks] = Elastic.checks | {"rest": number}
+    checks: ClassVar[Checks] = OfJoint.checks | Elastic.checks | {"rest": number}
 
     joint: str
     stiffness: float = 0.0
@@ -309,11 +292,15 @@ class Stop(OfJoint, Elastic):
     """
 
     is_lasting: ClassVar[bool] = True
-    checks: ClassVar[Checks] = Elastic.checks | {
-        "low": number,
-        "high": number,
-        "stiffness": positive,
-    }
+    checks: ClassVar[Checks] = (
+        OfJoint.checks
+        | Elastic.checks
+        | {
+            "low": number,
+            "high": number,
+            "stiffness": positive,
+        }
+    )
 
     joint: str
     low: float | None = None

@@ -10,10 +10,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import direction, shown, vector
+from rigidfx.base.inputs import direction, vector
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array, Indices
-from rigidfx.effects.base import WHOLE, Effect
+from rigidfx.effects.base import WHOLE, Effect, text
 from rigidfx.effects.base import Vector as Place
 from rigidfx.effects.joints.averages import Vector
 from rigidfx.effects.joints.pieces import Pieces
@@ -37,14 +37,9 @@ RIGHT_ANGLE = 1e-6  # cosine that the axes of a universal joint may have at the 
 
 @dataclass(frozen=True)
 class Between(Effect):
-    """Something between two sides, in the whole run.
+    """Something between two sides a and b, in the whole run."""
 
-    Attributes:
-        a: First side.
-        b: Second side.
-        name: Its name in reports; kind and sides if None.
-    """
-
+    checks: ClassVar[Checks] = {"name": text("a text")}
     many: ClassVar[str] = "joints"  # its kind, for messages
     named: ClassVar[str] = "the name of a Rigid part"  # a side that is a text, likewise
 
@@ -55,8 +50,6 @@ class Between(Effect):
     def __post_init__(self) -> None:
         """Refuse names that are none, sides that cannot be used, and the same side twice."""
         super().__post_init__()
-        if self.name is not None and (not isinstance(self.name, str) or not self.name):
-            raise SceneError(f"{self.kind}: name must be a text, got {shown(self.name)}.")
         for name in ("a", "b"):
             check_side(self.kind, name, getattr(self, name), self.named)
         same = isinstance(self.a, Surface) and isinstance(self.b, Surface)
@@ -130,7 +123,7 @@ class Joint(Between):
 
     shares: ClassVar[tuple[str, ...]] = ()  # what `Pieces` hold: "point", "axis", "line", ...
     leaves: ClassVar[tuple[str, ...]] = ()  # and measure: "angle", "travel"
-    checks: ClassVar[Checks] = {"at": vector}
+    checks: ClassVar[Checks] = Between.checks | {"at": vector}
 
     at: Place | None = None
 

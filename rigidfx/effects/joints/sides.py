@@ -112,8 +112,7 @@ def side_of(scene: Any, owner: str, side: Side) -> Sided:
             f"is joined by MeanFace('{side}'), the ground is '{GROUND}'."
         )
     weights = np.array(scene.averaging_mass[:n])
-    if rigid[side] is not None:
-        weights *= scene.members(rigid[side], owner)[:n, 0]
+    weights *= scene.members(rigid[side], owner)[:n, 0]
     return Averages(scene, weights, title)
 
 
@@ -206,8 +205,6 @@ def _check_place(
 
 def _among(scene: Any, side: Sided, where: str | None, kind: str) -> bool:
     """Whether all nodes of a side are in a set. Collective."""
-    if where is None:
-        return True
     outside = scene.members(where, kind)[side.nodes, 0] == 0.0
     return bool(scene.sum(np.count_nonzero(outside)) == 0)
 
@@ -228,8 +225,8 @@ def cylinder_of(scene: Any, owner: str, where: str) -> tuple[Array, Array]:
     across, points = axes[:, 1:], x.reshape(-1, 3)
     centre, radius, off = _fitted(scene, points @ across)
     along = points @ axis
-    ends = scene.comm.allgather((along.min(initial=np.inf), along.max(initial=-np.inf), off))
-    low, high, worst = min(e[0] for e in ends), max(e[1] for e in ends), max(e[2] for e in ends)
+    (low,), (high,) = scene.box_of(along[:, None])
+    worst = max(scene.comm.allgather(off))
     if values[0] > ROUND or values[1] < ROUND or not worst <= ROUND * radius:
         raise SceneError(
             f"{owner}: the surface '{where}' is no cylinder, whose axis and middle could be found. "

@@ -15,12 +15,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rigidfx.base.errors import SceneError, together
-from rigidfx.base.inputs import is_function, numbers, shown, vector
+from rigidfx.base.inputs import is_function, numbers, vector
+from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.attached.point_mass import PointMass
-from rigidfx.effects.base import Scaled, Vector, check_vector, vector_at
+from rigidfx.effects.base import Scaled, Vector, check_vector, is_truth, must_be, vector_at
 from rigidfx.effects.fields import PlaceAndTime, check_values, of_place, some_points, values_at
 from rigidfx.effects.motion import Forces
 from rigidfx.effects.nodes import Nodes
@@ -161,19 +162,13 @@ class Traction(DeadLoad):
 
     dims: ClassVar[tuple[int, ...]] = (2,)
     local: ClassVar[bool] = True
+    checks: ClassVar[Checks] = DeadLoad.checks | {
+        "total": must_be("True or False, the force being its value", is_truth)
+    }
 
     where: str
     value: Vector | PlaceAndTime
     total: bool = field(default=False, kw_only=True)
-
-    def __post_init__(self) -> None:
-        """Raise `SceneError` if a value cannot be used."""
-        super().__post_init__()
-        if not isinstance(self.total, bool):
-            raise SceneError(
-                f"{self.owner}: total must be True or False, got {shown(self.total)}; the force "
-                "itself is its value."
-            )
 
     def weights(self, scene: Any) -> Array:
         """Area of each node [m²], or its part of the whole area [1]."""
@@ -231,13 +226,12 @@ class Gravity(DeadLoad):
 
     def _acts_on(self, scene: Any, effect: PointMass) -> bool:
         """Whether all nodes of the face of a mass are in its cells. Collective."""
-        inside = np.broadcast_to(self._members(scene), len(scene.point_masses))
-        missing = np.count_nonzero(inside[effect.remote.place.nodes] == 0.0)
+        missing = np.count_nonzero(self._members(scene)[effect.remote.place.nodes] == 0.0)
         return bool(scene.sum(missing) == 0)
 
-    def _members(self, scene: Any) -> Array | float:
+    def _members(self, scene: Any) -> Array:
         """1 at the nodes of its cells, 0 elsewhere, per local node. Collective."""
-        return 1.0 if self.where is None else scene.members(self.where, self.kind)[:, 0]
+        return np.asarray(scene.members(self.where, self.kind)[:, 0])
 
     def check(self, scene: Any) -> None:
         """Check its set, and that no other one loads the same point mass too. Collective."""

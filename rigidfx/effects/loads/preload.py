@@ -9,10 +9,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import shown, vector, whole
+from rigidfx.base.inputs import shown, vector
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
-from rigidfx.effects.base import Effect, Vector
+from rigidfx.effects.base import Effect, Vector, at_least_one
 from rigidfx.effects.inertia import Centrifugal, StaticForces
 from rigidfx.effects.joints.joint import Axial
 from rigidfx.effects.loads.dead_load import DeadLoad
@@ -41,7 +41,11 @@ class Preload(Effect):
 
     in_runs: ClassVar[str | None] = "its loads in the scene"
 
-    checks: ClassVar[Checks] = {"spin": vector, "centre": vector}
+    checks: ClassVar[Checks] = {
+        "increments": at_least_one,
+        "spin": vector,
+        "centre": vector,
+    }
 
     loads: Sequence[DeadLoad] = ()
     increments: int = 1
@@ -49,10 +53,7 @@ class Preload(Effect):
     centre: Vector | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Raise `SceneError` if one of its loads is not a dead load, or increments < 1.
-
-        There may be none with a spin.
-        """
+        """Refuse loads that are none; there may be none with a spin."""
         super().__post_init__()
         given = (self.loads,) if isinstance(self.loads, DeadLoad) else self.loads
         listed = isinstance(given, Iterable) and not isinstance(given, Set)
@@ -64,8 +65,6 @@ class Preload(Effect):
                 "loads it needs a spin."
             )
         object.__setattr__(self, "loads", loads)
-        increments = whole("Preload", "increments", self.increments, least=1)
-        object.__setattr__(self, "increments", increments)
 
     def check(self, scene: Any) -> None:
         """Check its loads."""

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from math import isfinite
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import ufl
@@ -21,6 +21,7 @@ from dolfinx import fem
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import is_function, number, scalar
+from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, FormTerm, Structure
 from rigidfx.effects.base import Scaled
@@ -28,6 +29,11 @@ from rigidfx.effects.motion import Motion, Tangent
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.element import Element
 from rigidfx.mechanics.rotation import IDENTITY
+
+
+def _number_or_function(owner: str, name: str, value: Any) -> None:
+    if not is_function(value):
+        number(owner, name, value)
 
 
 @dataclass(frozen=True)
@@ -42,14 +48,10 @@ class Pressure(Scaled):
         value: p [Pa], positive where it pushes inwards, or a function of time giving it.
     """
 
+    checks: ClassVar[Checks] = Scaled.checks | {"value": _number_or_function}
+
     where: str
     value: float | Callable[[float], float]
-
-    def __post_init__(self) -> None:
-        """Raise `SceneError` if window, value or time function cannot be used."""
-        super().__post_init__()
-        if not is_function(self.value):
-            number("Pressure", "value", self.value)
 
     def intensity(self, t: float) -> float:
         """Pressure at t [Pa]; zero outside the window. `SceneError` if it is no finite number."""

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rigidfx.base.errors import SceneError, together
-from rigidfx.base.inputs import direction, is_function, numbers, scalar, shown, vector
+from rigidfx.base.inputs import direction, numbers, of_time, scalar, shown, vector
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.effects.base import Vector
@@ -35,15 +35,6 @@ class GuidedSupport(Support):
     """Refuses a velocity that is not the derivative of the path, where a run would use it."""
 
     moves: ClassVar[bool] = True
-    functions: ClassVar[tuple[str, str]]  # fields of its path, and of the derivative or None
-
-    def __post_init__(self) -> None:
-        """Raise `SceneError` if window, components, path or derivative cannot be used."""
-        super().__post_init__()
-        for name in self.functions:
-            f = getattr(self, name)
-            if not is_function(f) and not (name == self.functions[1] and f is None):
-                raise SceneError(f"{self.owner}: {name} must be a function of t, got {shown(f)}.")
 
     @property
     def path_and_velocity(self) -> PathAndVelocity | None:
@@ -93,7 +84,7 @@ class PrescribedMotion(GuidedSupport):
             A wrong derivative is an error: path and velocity are compared at one node.
     """
 
-    functions: ClassVar[tuple[str, str]] = "displacement", "velocity"
+    checks: ClassVar[Checks] = {"displacement": of_time, "velocity": of_time}
 
     displacement: PlaceAndTime = field(kw_only=True)
     velocity: PlaceAndTime | None = field(default=None, kw_only=True)
@@ -173,8 +164,12 @@ class PrescribedRotation(GuidedSupport):
     """
 
     uniform: ClassVar[bool] = False
-    functions: ClassVar[tuple[str, str]] = "angle", "speed"
-    checks: ClassVar[Checks] = {"axis": direction, "through": vector}
+    checks: ClassVar[Checks] = {
+        "axis": direction,
+        "through": vector,
+        "angle": of_time,
+        "speed": of_time,
+    }
 
     axis: Vector = field(kw_only=True)
     through: Vector = field(default=(0.0, 0.0, 0.0), kw_only=True)

@@ -8,7 +8,6 @@ from math import isfinite
 from typing import Any, ClassVar
 
 import numpy as np
-from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import shown
@@ -158,12 +157,10 @@ class Symmetry(Fixed):
         """
         nodes = scene.nodes(self.where, self.kind, (2,))
         X = scene.start_places[nodes]
-        ends = np.stack([-X.min(axis=0, initial=np.inf), X.max(axis=0, initial=-np.inf)])
-        scene.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
-        low, high = -ends[0], ends[1]
+        low, high = scene.box_of(X)
         extent = high - low
         size = float(np.max(np.nan_to_num(extent, posinf=0.0, neginf=0.0)))
-        flat = np.flatnonzero(extent <= FLAT * max(size, np.abs(ends).max()))
+        flat = np.flatnonzero(extent <= FLAT * max(size, np.abs([low, high]).max()))
         if len(flat) != 1:
             raise SceneError(
                 f"{self.owner}: its facets must lie in one plane whose normal is x, y or z; they "
