@@ -128,11 +128,7 @@ class Drag(MassForces):
 
 @dataclass(frozen=True)
 class StaticForces(Effect):
-    """Forces of statics only.
-
-    Attributes:
-        of: Makes them for a division.
-    """
+    """Forces of statics only, which `of` makes for a division."""
 
     of: Callable[[Structure], Action]
 
@@ -142,11 +138,7 @@ class StaticForces(Effect):
 
 
 class StepDrag(MassForces):
-    """The drag on increments, s M (x - x*) as a resistance.
-
-    Attributes:
-        rate: s [1/s²].
-    """
+    """The drag on increments, s M (x - x*) as a resistance; its `rate` is s [1/s²]."""
 
     kind = "StepDrag"
 

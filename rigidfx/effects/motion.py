@@ -20,13 +20,7 @@ from rigidfx.mechanics.body_step import Increments
 
 @dataclass(frozen=True)
 class Instant:
-    """A state of nodes and bodies.
-
-    Attributes:
-        bodies: The bodies.
-        u: Displacements of the rows [m]; those at the start of the step if None.
-        t: Time [s]; none of an iterate.
-    """
+    """A state of bodies and of rows at t [s]; displacements are those at a step's start if None."""
 
     bodies: Bodies
     u: Array | None = None
@@ -116,11 +110,7 @@ class Forces:
 
 @dataclass(frozen=True)
 class ForcesOfNodes:
-    """Forces on all owned nodes of this rank, in bodies or not.
-
-    Attributes:
-        nodes: Shape (owned nodes, 3) [N].
-    """
+    """Forces on all owned nodes of this rank, in bodies or not, shape (owned nodes, 3) [N]."""
 
     nodes: Array
 

@@ -135,11 +135,7 @@ class Nodes:
 
 
 class LinearNodes(Nodes):
-    """Nodes with weights, for forces that are linear in displacements.
-
-    Attributes:
-        weights: Weight of each, shape (nodes,); 1 of a representative.
-    """
+    """Nodes with weights, 1 of a representative, for forces that are linear in displacements."""
 
     def __init__(
         self, structure: Structure, nodes: npt.NDArray[Any], weights: Array, rest: Array

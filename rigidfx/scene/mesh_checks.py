@@ -4,17 +4,8 @@ Which parts of a mesh are too slender for first-order cells as long as theirs?
 
 First-order cells cannot bend: a straight edge turns bending into shear. Bending hexahedra of length
 ℓ in something of thickness t takes 1 + ½ (ℓ/t)² times the energy (ν = 0), however many of them are
-across. Tip deflections of cantilevers over theory, ν = 0.3:
-
-    10 × 1 × 1   10 × 1 × 1 cells 0.65, 10 × 2 × 2 cells 0.69, 10 × 3 × 3 cells 0.70,
-                 20 × 2 × 2 cells 0.88, 20 × 3 × 3 cells 0.89
-    1 × 1 × 0.001  10 × 10 × 1 and 10 × 10 × 2 cells 2.6e-4, second-order cells 0.94
-
-    10 × 1 × 1   20 × 1 × 1 cells 0.80, 40 × 1 × 1 cells 0.85, 80 × 1 × 1 cells 0.86
-
-Tetrahedra, whose strain is constant, are worse still: 80 × 1 × 1 boxes of six each leave 0.29. The
-rule, for each connected part (through facets) of volume V, surface A, diagonal D of its box and
-mean length ℓ of its cells:
+across; tetrahedra are worse still (docs/notes/elements.md). The rule, for each connected part
+(through facets) of volume V, surface A, diagonal D of its box and mean length ℓ of its cells:
 
 * It is slender if D is more than 15 times 2V/A. A plate is as thick as 2V/A, a bar as 4V/A, a cube
   as 6V/A: a square bar counts from some 7 times its thickness on, a square plate from 9.
@@ -249,13 +240,7 @@ LONG = 0.7  # length of cells over thickness
 
 @dataclass(frozen=True)
 class ThinPart:
-    """A slender part of cells that lock in bending.
-
-    Attributes:
-        place: Where it is, for messages.
-        thickness: About how thick it is [m].
-        length: Mean length of its cells [m].
-    """
+    """A slender part of cells that lock in bending: its thickness, and mean length of cells [m]."""
 
     place: str
     thickness: float

@@ -23,12 +23,7 @@ from rigidfx.scene.scene import Scene
 
 @dataclass(frozen=True)
 class Point:
-    """A point of the body as a weighted sum of nodes.
-
-    Attributes:
-        nodes: Those nodes of its cell that this rank owns.
-        weights: Shape functions there.
-    """
+    """A point of the body as a weighted sum of those nodes of its cell that this rank owns."""
 
     nodes: Ints
     weights: Array

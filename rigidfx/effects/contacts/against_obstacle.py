@@ -4,13 +4,8 @@ With y the position relative to the obstacle, the resistance of a point is
 
     [U] m + μ N Δg_T/√(|Δg_T|² + (ε Δt)²),    N = -[U] |m|,    Δg_T = (I - n nᵀ) Δy,  n = m/|m|.
 
-The work of the first term on Δy is U₁ - U₀, exactly. The second term is perpendicular to it and
-takes energy in every step in which the point slides, μ N |Δg_T| above the sliding speed ε.
-
-Newton's method on x/√(x² + e²) diverges for |x| > e, the case of each step in which a node begins
-to stick. Linearised as a system, with t = x/√(x² + e²) as an additional unknown, it converges: the
-derivative becomes (I - t xᵀ/√)/√ with t kept from iterate to iterate and |t| ≤ 1 (T. F. Chan,
-G. H. Golub and P. Mulet, SIAM J. Sci. Comput. 20 (1999) 1964), which is the exact one in the limit.
+Newton's method on the root diverges where a node begins to stick. With t = Δg_T/√ as an additional
+unknown, kept from iterate to iterate with |t| ≤ 1, it converges (docs/theory/contact.md).
 """
 
 from __future__ import annotations
@@ -35,11 +30,9 @@ IDENTITY = np.eye(3)
 
 @dataclass(frozen=True)
 class Friction:
-    """Coulomb friction in a step.
+    """Coulomb friction in a step: μ, and ε Δt below which points creep [m].
 
     Attributes:
-        mu: Coefficient μ.
-        slip: Displacement ε Δt below which points creep [m].
         beside: How far each slides beside its partner, shape (points, 3) [m]; None for nothing.
         part: Part of its motion that counts as a slide.
     """
@@ -52,14 +45,12 @@ class Friction:
 
 @dataclass(frozen=True)
 class Pressed:
-    """The points that an obstacle presses at an iterate.
+    """The points that an obstacle presses at an iterate, and their resistance, shape (n, 3) [N].
 
     Attributes:
         at: Which of the points they are.
-        force: Their resistance, shape (n, 3) [N].
         moved: Δy, shape (n, 3) [m].
         normal: [U] and its derivative by g₁, shapes (n,) [N] and [N/m].
-        approach: How their gaps change.
         sliding: None without friction.
     """
 
@@ -140,10 +131,9 @@ NOTHING = Pressed(
 
 
 class Points:
-    """Points that an obstacle may press; their memory belongs to one step.
+    """Points with stiffnesses k that an obstacle may press; their memory belongs to one step.
 
     Attributes:
-        k: Stiffnesses, shape (n,) [N/m].
         y0: Positions relative to the obstacle at the start of the step, shape (n, 3) [m].
         g0: Gaps there, shape (n,) [m].
         pressed: Those that are pressed, at the last iterate; None before the first of a step.

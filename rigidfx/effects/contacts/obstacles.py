@@ -1,14 +1,7 @@
 """Obstacles: things in the way that do not deform, at rest or moving along a path.
 
-The gap of a point is taken in a variable that is at most quadratic in its position, so that the
-increment of the gap in a step is an exact product m·Δy, with y the position relative to the
-obstacle and
-
-    plane              m = n
-    sphere, cylinder   m = ± 2 z½/(|z₀| + |z₁|),    z = P (y - c),
-
-P the projection across the cylinder's axis (the identity for a sphere), minus where the inside of
-the obstacle is free.
+The gap of a point is taken in a variable that is at most quadratic in its position relative to the
+obstacle, so that its increment in a step is an exact product m·Δy: see docs/theory/contact.md.
 """
 
 from __future__ import annotations

@@ -1,17 +1,9 @@
 """Contact between two surfaces that deform: nodes of one against triangles of the other.
 
-In a step a node meets one triangle. Weights N and normal n are those of the node's projection on
-the triangle's plane at the midpoint, so that n is along x_s - Σ N_a x_a, and
-
-    ḡ₁ = ḡ₀ + n·(Δx_s - Σ N_a Δx_a),    force -[U] n on the node, N_a [U] n on the triangle's.
-
-So both momenta are kept exactly, and energy with U(ḡ) by construction, for any step (T. A. Laursen
-and V. Chawla, IJNME 40 (1997) 863). ḡ is summed up while a node is pressed. While it is free, ḡ is
-the distance from the plane, or zero if that is negative, since a negative gap would create energy.
-By the rotation of the normal in a step ḡ drifts from the distance, by second order in Δt.
-
-The derivative neglects the changes of n and N, which are of the size penetration over facet:
-Newton's method takes one or two more iterations for that.
+In a step a node meets one triangle, with the weights N and the normal n of its projection at the
+midpoint; docs/theory/contact.md has the gap ḡ, which is summed up while a node is pressed. By the
+rotation of the normal in a step ḡ drifts from the distance, by second order in Δt. The derivative
+neglects the changes of n and N: Newton's method takes one or two more iterations for that.
 
 A surface may meet itself: then a node meets only facets that face it, and not those near and behind
 it in the reference, which are the other side of a thin wall. A mesh that overlaps itself is refused
@@ -450,12 +442,7 @@ class PairForces(ContactForces):
 
 @dataclass(frozen=True)
 class PairMemory:
-    """Memory of a pair from step to step, of each node that is kept out.
-
-    Attributes:
-        gap: ḡ [m]; infinite while it meets nothing.
-        mate: The triangle that it met last, -1 if none.
-    """
+    """Memory of a pair of each node kept out: ḡ, ∞ while free, and its triangle, -1 if none."""
 
     gap: Array
     mate: Ints

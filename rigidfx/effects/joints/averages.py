@@ -1,36 +1,18 @@
 """Places and directions of sides: averages of the places of nodes, and vectors that turn with them.
 
-A side is a set of nodes with weights w, Σ w = 1, and places X at the start. Its mean place and its
-affine mean are
+A side is a set of nodes with weights w, Σ w = 1, and places X at the start. Its affine mean gives
+a point and a direction as Σ c x with constant c: exactly, while the part is rigid. A mean face
+shears: its directions turn with the rotation R that makes Σ w |x - x̄ - R (X - X̄)|² least, as those
+of a distributing coupling (RBE3). They depend on x̄ and on H_k = Σ w (X - X̄)·a_k x / s². The axes
+r_k = R a_k are those for which
 
-    x̄ = Σ w x,    F̄ = Σ w x ⊗ (X - X̄) W⁻¹,    W = Σ w (X - X̄) ⊗ (X - X̄).
+    c_j = r_i · H_k - r_k · H_i = 0,    (j, i, k) cyclic,                                       (1)
 
-A point P of a rigid part is at x̄ + F̄ (P - X̄), a direction a points along F̄ a: both are Σ c x with
-constant c, and the point and the direction themselves while the part is rigid.
-
-A mean face shears: its directions turn with it. With the principal axes a_k of W and its size s,
-
-    H_k = Σ w (X - X̄)·a_k x / s²
-
-are linear in x, too. The rotation R makes Σ w |x - x̄ - R (X - X̄)|² least: it is the rotation of a
-distributing coupling (RBE3). Its axes r_k = R a_k are those for which
-
-    c_j = r_i · H_k - r_k · H_i = 0,    (j, i, k) cyclic.                                       (1)
-
-A point P of the face is at x̄ + R (P - X̄), a direction a points along R a. Both are known of flat
-faces, too, where H_k is zero along the normal. Where one body holds all nodes, those of a rigid
-face always, both are linear in the body's pose: with V the places in its frame,
-
-    V̄ + Q (P - X̄)  a point P,     Q a  a direction a,     Q the rotation that fits Σ w (X - X̄) ⊗ V.
-
-The c_j are bilinear. In a step r and H change from r₀, H₀ to r₁, H₁, and Δr_k = θ × r½_k with the
-Cayley vector θ and r½ = ½ (r₀ + r₁). As c_j = 0 at both ends, exactly
+and in a step the axes turn by the Cayley vector θ of
 
     N θ = -c(r½, ΔH),    N θ = c(r½, θ × H½) for all θ,                                         (2)
 
-where c(r, δH) has δH in place of H. So Δ(R a) = θ × (R a)½, and θ is linear in ΔH. A couple M of
-the face acts on the H_k by forces that do the work M · θ exactly. They have the moment M about any
-point, since δH_k = ω × H½_k gives θ = ω.
+exactly: docs/theory/joints.md, also for nodes that one body holds.
 """
 
 from __future__ import annotations
@@ -49,12 +31,10 @@ from rigidfx.mechanics.rotation import nearest_rotations, skew
 
 @dataclass(frozen=True)
 class Average:
-    """A vector that is Σ c x over nodes of all ranks, and a constant.
+    """A vector that is Σ c x over owned nodes of all ranks, and a constant, shape (3,).
 
     Attributes:
-        nodes: Owned nodes of this rank.
         weights: c of each [1, or 1/m].
-        constant: Shape (3,).
         start: Its value at the start, shape (3,).
         is_place: Whether it is a place, not a direction.
         holder: Finds the body that it may be fixed to, as `FaceSide` does; None without one.
@@ -88,12 +68,8 @@ class FaceVector:
     """A point or a direction that follows the mean motion of a face.
 
     Attributes:
-        face: The face.
         arm: P - X̄, or the direction, at the start, shape (3,) [m, or 1].
-        is_place: Whether it is a point.
-        holder: Finds the body that it may be fixed to.
         averages: The averages that it depends on: x̄ and the three H_k.
-        nodes: Owned nodes of this rank.
         weights: Those of the nodes in the middle of the face, Σ w = 1.
         local: Components of the arm along the axes a_k, shape (3,).
         start: Its value at the start, shape (3,).
@@ -197,11 +173,7 @@ class Averages:
 
 
 class FaceSide(Averages):
-    """A face as a side, of which a body may hold all nodes; those of a rigid face always.
-
-    Attributes:
-        averages: x̄ and the three H_k.
-    """
+    """A face as a side, of which a body may hold all nodes; its averages are x̄ and the H_k."""
 
     def __init__(self, scene: Any, weights: Array, title: str) -> None:
         """See `Averages`. Collective."""

@@ -41,14 +41,11 @@ APART = float(np.sqrt(np.sqrt(np.finfo(np.float64).eps)))  # of a large coordina
 
 @dataclass
 class Drive:
-    """One of them.
+    """A motor, spring or stop, with its title in reports.
 
     Attributes:
         number: Its number among them.
-        effect: The effect.
-        title: Its name in reports.
         key: Number of the joint, and name of the coordinate.
-        coordinate: The coordinate.
         averages: Numbers of its averages among those of all joints.
         size: ℓ, 1 of a travel [m].
         large: Size of the coordinate that counts as large, in its unit.
@@ -82,10 +79,8 @@ class Drives:
 
     Attributes:
         static: Whether forces are those at the end of a step, and nothing moves.
-        each: All of them.
         kappa: κ of each [N/m], set where a step begins.
         masses: Mass that each one's joint moves [kg].
-        sizes: Size of each one's joint [m].
         multipliers: λ of each at the last iterate [N].
         prescribed: Whether each prescribes its coordinate.
     """

@@ -1,14 +1,9 @@
 """All joints of a division: where their vectors are, their rows, and the forces of these.
 
-Averages are B = W x over nodes that are no body's, plus those of nodes in bodies, which move as
-[1, V, Φ₁, ..., Φ_m] times the bodies' poses. The vectors p of joints are averages, or turn with a
-mean face; in a step they gain J̄ ΔB exactly (`vectors`). With g at most quadratic in p,
-
-    g(x₁) = g(x₀) + ∇g(p½) · Δp    exactly,
-
-so that forces λ ∇g(p½) do no work where g is zero at both ends, and have no resultant, as g does
-not see rigid motions. g(x₁) is computed like that, from increments: what rounding leaves of places
-is the same in all iterates of a step.
+The vectors of joints are averages of places of nodes, or turn with a mean face. Rows are at most
+quadratic in them, so that forces λ ∇g(p½) do no work where g is zero at both ends of a step
+(docs/theory/joints.md). g(x₁) is computed from increments: what rounding leaves of places is the
+same in all iterates of a step.
 """
 
 from __future__ import annotations
@@ -146,10 +141,7 @@ class JointRows:
     """The rows of all joints, those left out that others imply.
 
     Attributes:
-        terms: The rows by vectors.
-        sizes: Size of each one's joint [m].
         masses: Mass that each one's joint moves [kg].
-        of_joints: The rows of each joint.
         active: Numbers of the rows that have forces: those that the others follow from.
         multipliers: λ of all rows [N].
     """
@@ -209,15 +201,10 @@ class JointRows:
 
 
 class Linkage:
-    """The joints of a scene, bound to a division; arrays are equal on all ranks.
+    """The joints, motors, springs and remote points of a scene, bound to a division.
 
-    Attributes:
-        rows: The rows of joints.
-        drives: Motors and springs.
-        points: Remote points.
-        averages: The averages as nodes.
-        used: Which of them have forces; others are measured only.
-        forces: On the vectors at the last iterate, as a resistance, shape (vectors, 3) [N].
+    Arrays are equal on all ranks. Averages that are not `used` have no forces: they are measured
+    only. `forces` are a resistance on the vectors at the last iterate, shape (vectors, 3) [N].
     """
 
     def __init__(

@@ -5,19 +5,11 @@
     point in a plane    (p_B - p_A) · d_A = 0          one row
 
 A row is g = Σ c p_i + Σ s p_k · p_l + constant, in metres: products of directions, which have no
-unit, are multiplied by the size of the joint. As rows are quadratic, g(x₁) - g(x₀) is exactly the
-gradient at the middle of a step times its increments (docs/theory/joints.md).
-
-A free coordinate, an angle or a travel, is a function q(z) of two invariants z, products of
-averages p, whose gains are exactly ∇z(p½) · Δp. A force of it acts along the discrete gradient
-(O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449)
-
-    ∇̄q = [∂q(z½) + (q₁ - q₀ - ∂q(z½) · Δz) Δz/|Δz|²] · ∇z(p½),
-
-so that ∇̄q · Δp = q₁ - q₀ exactly. That holds in a lock, too, where q stays. As z does not see
-rigid motions, such forces have no resultant. q₁ - q₀ is found from Δz: the difference of two angles
-has the rounding of the angles, which the division by |Δz| magnifies where a machine is nearly at
-rest.
+unit, are multiplied by the size of the joint. A free coordinate, an angle or a travel, is a
+function q(z) of two invariants z, products of averages. A force of it acts along the discrete
+gradient of docs/theory/joints.md, in a lock too, where q stays. q₁ - q₀ is found from Δz: the
+difference of two angles has the rounding of the angles, which the division by |Δz| magnifies where
+a machine is nearly at rest.
 """
 
 from __future__ import annotations
@@ -40,13 +32,10 @@ SMALL = 1e-5  # gain of invariants, in lengths of a joint or none, whose cube is
 
 @dataclass(frozen=True)
 class Coordinate:
-    """A free coordinate of a joint.
+    """A free coordinate of a joint, by the numbers of three averages.
 
     Functions are of arrays over any number of them, of averages p of shape (..., 3, 3), and of
     invariants z of shape (..., 2).
-
-    Attributes:
-        averages: Numbers of the three averages.
     """
 
     averages: tuple[int, int, int]
@@ -181,11 +170,7 @@ def _chained(slope: Array, slopes: Array) -> Array:
 
 
 class Coordinates:
-    """Many coordinates at once.
-
-    Attributes:
-        at: Numbers of the averages of each, shape (coordinates, 3).
-    """
+    """Many coordinates at once, each at three averages: `at`, shape (coordinates, 3)."""
 
     def __init__(self, of: Sequence[Coordinate], firsts: Sequence[int]) -> None:
         """Sort them by their kinds; `firsts` are the numbers of the first average of each joint."""
@@ -363,10 +348,7 @@ class Terms:
     """g = Σ c p_i + Σ s p_k · p_l of many rows, at averages p of shape (averages, 3).
 
     With the components of all averages and a last one that is 1, x = [p, 1], each row is a sum of
-    products f x_m x_n.
-
-    Attributes:
-        averages: Numbers of those that have a part in any row.
+    products f x_m x_n. `averages` are those that have a part in any row.
     """
 
     def __init__(self, rows: Sequence[Sequence[Row]], firsts: Sequence[int], averages: int) -> None:

@@ -43,14 +43,7 @@ RemoteTangent = list[tuple[Ints, Ints, Array]]
 
 @dataclass(frozen=True)
 class RemotePoint:
-    """A point of a face, and directions there.
-
-    Attributes:
-        place: The place.
-        middle: The middle of the face.
-        arm: From there to the place at the start, shape (3,) [m].
-        directions: Three directions, along x, y and z at the start; none if nothing turns.
-    """
+    """A place of a face, three directions if anything turns, and its arm from the middle [m]."""
 
     place: Vector
     middle: Vector
@@ -122,12 +115,7 @@ class OnFace(Effect):
 
 @dataclass(frozen=True)
 class BodySide:
-    """The body of a carried mass as a side; finds the body by its name.
-
-    Attributes:
-        name: Name of the body.
-        mass: Its mass [kg].
-    """
+    """The body of a carried mass [kg] as a side; finds the body by its name."""
 
     name: str
     mass: float
@@ -214,13 +202,7 @@ class RemoteMotion:
 
 
 class RemoteNodes:
-    """Some averages as nodes; arrays are equal on all ranks, and have one row for each.
-
-    Attributes:
-        ends: The averages.
-        weights: 1 of each, shape (nodes,).
-        share: Part of a step at whose end forces are: one half, or all in statics.
-    """
+    """Some averages, its ends, as nodes: see `Nodes`; arrays are equal on all ranks."""
 
     def __init__(
         self, structure: Structure, ends: Sequence[Vector], rest: Array | float = 0.0
@@ -273,11 +255,7 @@ class RemoteNodes:
 
 
 class Points:
-    """Actions whose `nodes` are remote; their averages come after those of the joints.
-
-    Attributes:
-        rounding: Size of a force that the machine precision is to be multiplied with [N].
-    """
+    """Actions whose `nodes` are remote; their averages come after those of the joints."""
 
     def __init__(self, actions: Sequence[Action], heed: Heed = getattr) -> None:
         """Find their methods, which `heed` makes functions that keep a user's exceptions."""

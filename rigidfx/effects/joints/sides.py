@@ -30,11 +30,7 @@ FAR = 20.0  # times its own size, that a surface may be away from its joint or r
 
 @dataclass(frozen=True)
 class Surface:
-    """A surface as a side.
-
-    Attributes:
-        where: Name of a set of boundary facets, such as a hole.
-    """
+    """A surface as a side: a set of boundary facets, such as a hole."""
 
     where: str
 

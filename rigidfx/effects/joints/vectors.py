@@ -26,11 +26,9 @@ from rigidfx.mechanics.rotation import AXES, cross, nearest_rotations, skew
 
 @dataclass(frozen=True)
 class StiffRow:
-    """How a vector follows a body.
+    """How a vector follows a body, by coefficients of its [1, V], shape (4,).
 
     Attributes:
-        row: Its coefficients of [1, V] of the body, shape (4,).
-        body: Number of the body.
         products: Σ w (X - X̄) ⊗ V of the face, shape (3, 3) [m²].
     """
 
