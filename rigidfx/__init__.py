@@ -69,7 +69,7 @@ from rigidfx.effects import (
     Traction,
     Universal,
 )
-from rigidfx.mechanics.assumed import AssumedStrains
+from rigidfx.mechanics.enhanced import AssumedStrains
 from rigidfx.mechanics.materials import (
     Hyperelastic,
     Material,
@@ -88,8 +88,7 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.simulation import resume, simulate
 from rigidfx.statics import compliance, static
-from rigidfx.vibration.modes import Modes, modes, periods
-from rigidfx.vibration.rayleigh import rayleigh
+from rigidfx.vibration.modes import Modes, modes, periods, rayleigh
 
 __version__ = "0.2.0"
 

@@ -13,8 +13,8 @@ from rigidfx.base.uncaught import on_all_ranks
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.policy import Policy
 from rigidfx.effects import Contact, Rigid
-from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.flexible.strain_rate import Indicator
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.probe_stress import Probes

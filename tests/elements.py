@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.flexible.internal_forces import InternalForces
-from rigidfx.flexible.static_forces import static_forces
+from rigidfx.flexible.linear_forms import static_forces
 
 MATERIAL = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
 SOFT = rf.NeoHooke(E=1e4, nu=0.3, rho=10.0)

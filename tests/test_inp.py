@@ -13,7 +13,7 @@ from parallel import run as mpirun
 
 import rigidfx as rf
 from rigidfx.command.main import main
-from rigidfx.domain.inp_cells import faces_of
+from rigidfx.domain.inp_mesh import faces_of
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its ranks itself")
 

@@ -18,7 +18,7 @@ from rigidfx.base.errors import SceneError
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.kernels import jit_options
 from rigidfx.mechanics import schemes as forms
-from rigidfx.mechanics.rest import rest_moduli
+from rigidfx.mechanics.schemes import rest_moduli
 
 MATERIALS = {
     "StVenantKirchhoff": rf.StVenantKirchhoff(rho=10.0, E=2.0, nu=0.3),

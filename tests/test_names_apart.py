@@ -9,7 +9,7 @@ from histories import sizes
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.domain.inp_cards import folded
+from rigidfx.domain.inp_model import folded
 
 alone = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="writes files")
 

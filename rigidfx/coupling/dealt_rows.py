@@ -12,8 +12,7 @@ from dolfinx import la
 
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.coupling.dof_layout import DofLayout
-from rigidfx.domain.exchange import Exchange
-from rigidfx.flexible.dealt_cells import NOWHERE, DealtCells
+from rigidfx.flexible.dealt_cells import NOWHERE, DealtCells, Exchange
 
 # A step of an L all of whose flexible cells were one rank's of two took .62, .75 and .74 of the
 # time with these dealt at 20 600, 8700 and 3000 unknowns: 3200, 1300 and 430 cells for each rank.

@@ -18,7 +18,7 @@ increments of these rows are
 
 and moments of forces at them come by Nᵀ. PETSc multiplies, by vectors whose numbers are NumPy's: a
 product of SciPy's takes three times as long where bodies are small. A tangent passes L and P by a
-MatPtAP, see `interface`; a matrix that is condensed once per layout, such as a mass
+MatPtAP, see `condensed_tangent`; a matrix that is condensed once per layout, such as a mass
 matrix, by a MatPtAP with P itself.
 """
 

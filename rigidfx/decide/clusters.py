@@ -30,7 +30,7 @@ from scipy.sparse.csgraph import connected_components
 
 from rigidfx.base.errors import agree
 from rigidfx.base.types import Array, Bools, Indices, Ints
-from rigidfx.coupling.at_nodes import AtNodes
+from rigidfx.coupling.dof_layout import AtNodes
 from rigidfx.scene.scene import Scene
 
 NONE = -1  # label of a cell, or a node, that belongs to no body

@@ -19,8 +19,7 @@ from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.inputs import communicator, numbers, shown
 from rigidfx.base.taken import check_same
 from rigidfx.base.types import Ints
-from rigidfx.domain.domain import CELLS, Domain, Marker
-from rigidfx.domain.node_orders import (
+from rigidfx.domain.cell_quality import (
     CORNERS,
     advice_on,
     collapsed,
@@ -28,6 +27,7 @@ from rigidfx.domain.node_orders import (
     in_dolfinx_order,
     widths,
 )
+from rigidfx.domain.domain import CELLS, Domain, Marker
 
 MOST = 2**31 - 1  # cells of a box
 

@@ -38,9 +38,8 @@ from rigidfx.domain.cad_names import (
 from rigidfx.domain.cell_quality import volume
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_groups import name_of
-from rigidfx.domain.gmsh_model import domain_of, find_file, gmsh_session
+from rigidfx.domain.gmsh_model import domain_of, find_file, gmsh_session, silent
 from rigidfx.domain.gmsh_script import check_order, mesh_model, tell
-from rigidfx.domain.silence import silent
 
 EVEN = 1e-5  # relative: what is constant; of a surface's size over its radius: what is flat
 LOST = 0.01  # of the volume: more than that is told

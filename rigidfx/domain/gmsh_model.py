@@ -11,8 +11,11 @@ an element that the file has not: gmsh itself writes groups of points so.
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +28,50 @@ from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import communicator, positive
 from rigidfx.base.text_files import decoded
 from rigidfx.base.warning import warn
-from rigidfx.domain.domain import KINDS, Domain, EntitySet
-from rigidfx.domain.edges import by_corners
+from rigidfx.domain.domain import KINDS, Domain, EntitySet, by_corners
 from rigidfx.domain.gmsh_groups import Header, Names, names_in_header, take_groups
-from rigidfx.domain.silence import silent_files
+
+
+@contextmanager
+def silent() -> Iterator[None]:
+    """Drop all that is written to the process's standard output."""
+    try:
+        sys.stdout.flush()
+        kept = os.dup(1)
+    except (OSError, ValueError, AttributeError):  # there is none
+        yield
+        return
+    try:
+        with open(os.devnull, "wb") as nothing:
+            os.dup2(nothing.fileno(), 1)
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+
+
+@contextmanager
+def silent_files(gmsh: Any) -> Iterator[None]:
+    """Let a function of a user read and write files in silence; what it prints itself stays."""
+    calls = (gmsh, "open"), (gmsh, "merge"), (gmsh, "write"), (gmsh.model.occ, "importShapes")
+    own = [getattr(owner, name) for owner, name in calls]
+    try:
+        for (owner, name), call in zip(calls, own, strict=True):
+            setattr(owner, name, _silenced(call))
+        yield
+    finally:
+        for (owner, name), call in zip(calls, own, strict=True):
+            setattr(owner, name, call)
+
+
+def _silenced(call: Callable[..., Any]) -> Callable[..., Any]:
+    @wraps(call)
+    def quiet(*given: Any, **named: Any) -> Any:
+        with silent():
+            return call(*given, **named)
+
+    return quiet
+
 
 # Suffixes of geometry without a mesh, and the function that reads it.
 GEOMETRY = {".geo": "read_geo", ".geo_unrolled": "read_geo"} | dict.fromkeys(

@@ -33,8 +33,7 @@ from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.base.warning import warn
 from rigidfx.domain.cell_quality import check_points
 from rigidfx.domain.domain import Domain
-from rigidfx.domain.gmsh_model import domain_of, find_file
-from rigidfx.domain.silence import silent
+from rigidfx.domain.gmsh_model import domain_of, find_file, silent
 
 DEEPEST = 20  # files that include each other
 

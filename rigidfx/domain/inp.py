@@ -14,11 +14,9 @@ from rigidfx.base.text_files import Decoder
 from rigidfx.base.warning import warn
 from rigidfx.domain.arrays import from_arrays
 from rigidfx.domain.cell_quality import naming
-from rigidfx.domain.domain import Domain, EntitySet, replace_sets
-from rigidfx.domain.edges import by_corners
+from rigidfx.domain.domain import Domain, EntitySet, by_corners, replace_sets
 from rigidfx.domain.gmsh_model import find_file
-from rigidfx.domain.inp_cells import InpMesh, element_name
-from rigidfx.domain.inp_mesh import mesh_of
+from rigidfx.domain.inp_mesh import InpMesh, element_name, mesh_of
 from rigidfx.domain.inp_model import model_of
 
 

@@ -25,8 +25,7 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import names, shown
 from rigidfx.base.taken import check_same
 from rigidfx.base.types import Array, Indices, Ints
-from rigidfx.domain.domain import Domain, EntitySet
-from rigidfx.domain.edges import by_corners, nodes_of
+from rigidfx.domain.domain import Domain, EntitySet, by_corners, nodes_of
 
 NOWHERE = -1  # rank of a cell that has none yet
 

@@ -1,5 +1,5 @@
 /* Assumed natural strains of 8-node hexahedra that are thin in a known direction: see
-   mechanics/assumed.py. It stands behind enhanced.c and needs what that declares.
+   mechanics/enhanced.py. It stands behind enhanced.c and needs what that declares.
 
    Components are natural ones, E_ij = ½ (g_i·g_j - G_i·G_j) by coordinates from 0 to 1, the third
    across the thickness, shears twice. Those in the surface are of the integration points; E13 comes

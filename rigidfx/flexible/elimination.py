@@ -26,8 +26,7 @@ from ufl.constantvalue import Zero
 
 from rigidfx.base.c_library import c_library
 from rigidfx.base.form_cache import compile_values
-from rigidfx.mechanics.assumed import AssumedWork
-from rigidfx.mechanics.enhanced import Elimination, Enhancement, Note, ProjectedWork
+from rigidfx.mechanics.enhanced import AssumedWork, Elimination, Enhancement, Note, ProjectedWork
 
 MOVES, STRAINS, BLOCKS, PORTIONS, WORKS, READS, LARGEST = 4, 8, 4, 8, 4, 16, 1024  # as in C
 SLOTS = 1024  # kernels that may live at a time

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -20,13 +21,59 @@ from dolfinx import fem
 from rigidfx.base.errors import by_name, together
 from rigidfx.base.types import Indices
 from rigidfx.effects import Effect, FormTerm
-from rigidfx.flexible.bound_forces import BoundForces, Taken, Variant
 from rigidfx.flexible.dealt_cells import DealtCells
-from rigidfx.flexible.kernels import Kernel
-from rigidfx.flexible.material_classes import MaterialClass, material_classes
+from rigidfx.flexible.kernels import Kernel, MaterialClass, material_classes
 from rigidfx.flexible.surface import Surface
 from rigidfx.mechanics.schemes import initial_stiffness_times, stored_energy
 from rigidfx.scene.scene import Scene
+
+
+@dataclass(frozen=True)
+class BoundForces:
+    """Forms over the flexible cells and those of their facets that loads act on.
+
+    Attributes:
+        residual: Force vector.
+        interior: Its derivative by the unknown displacement, over cells that touch no rigid body.
+        interface: The same over those that do.
+        undeformed: Both derivatives where nothing is displaced, whatever the coefficients hold.
+    """
+
+    residual: fem.Form
+    interior: fem.Form
+    interface: fem.Form
+    undeformed: tuple[fem.Form, fem.Form]
+
+
+@dataclass(frozen=True)
+class Taken:
+    """Energy that terms of the forms take out of the motion in a step [J].
+
+    Attributes:
+        dissipated: By each kind of damping.
+        against_loads: Forces of cells against loads; no form if there are none.
+    """
+
+    dissipated: Mapping[str, fem.Form]
+    against_loads: Sequence[fem.Form]
+
+
+@dataclass(frozen=True)
+class Variant:
+    """Compiled forms of a step with the terms that act at a time.
+
+    Attributes:
+        residual: Virtual work.
+        tangent: Its derivative by the unknown displacement.
+        dissipated: Energy that damping takes in a step [J], by the kind of damping.
+        against_loads: Energy that goes into loads on facets [J].
+    """
+
+    residual: Kernel
+    tangent: Kernel
+    dissipated: Mapping[str, Kernel]
+    against_loads: Kernel | None
+
 
 Cells = Mapping[int, Indices]
 Facets = Mapping[int, Indices]

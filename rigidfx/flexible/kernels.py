@@ -7,6 +7,9 @@ The environment variable RIGIDFX_KERNEL_FLAGS names the C compiler's flags in pl
 `jit_options`: "-O2" for sums in the order of the forms, "-O3 -march=x86-64-v3" for one cache of
 compiled forms on different processors. Each set of flags has compiled forms of its own. Results
 with different flags differ in their last digits.
+
+Cells whose materials share an energy function share a compiled kernel. A parameter that has one value within a class is a constant of the kernel, one that varies is a
+cell-wise coefficient.
 """
 
 from __future__ import annotations
@@ -14,7 +17,8 @@ from __future__ import annotations
 import hashlib
 import os
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -29,10 +33,14 @@ from rigidfx.base.compat import bindable
 from rigidfx.base.errors import CompilerError, SceneError
 from rigidfx.base.form_cache import compile_form
 from rigidfx.base.inputs import shown
-from rigidfx.base.types import Array, Indices
+from rigidfx.base.types import Array, Bools, Indices
+from rigidfx.effects import Effect
 from rigidfx.flexible.dealt_cells import DealtCells
 from rigidfx.flexible.elimination import eliminate
 from rigidfx.mechanics.enhanced import Enhancement, Note
+from rigidfx.mechanics.materials import Energy
+from rigidfx.mechanics.schemes import Law
+from rigidfx.scene.scene import Scene
 
 FLAGS = "RIGIDFX_KERNEL_FLAGS"  # environment variable: the compiler's flags, as in a shell
 
@@ -199,3 +207,65 @@ def add_vector(values: Array, form: fem.Form) -> None:
     """Add a bound linear form of this rank's cells to the numbers of its local dofs."""
     if form.reaches:
         fem.assemble_vector(values, form)
+
+
+@dataclass(frozen=True)
+class MaterialClass:
+    """Cells whose materials share an energy function, and on which the same effects may act.
+
+    Attributes:
+        law: Their stored energy.
+        effects: Which of the effects told apart may act on them.
+        cells: Owned cells, sorted.
+    """
+
+    law: Law
+    effects: tuple[int, ...]
+    cells: Indices
+
+
+def material_classes(scene: Scene, effects: Sequence[Effect] = ()) -> list[MaterialClass]:
+    """Classes of a scene's owned cells, the same list on all ranks. Collective.
+
+    Args:
+        scene: The problem.
+        effects: Effects on cells, whose attribute `where` tells cells apart.
+    """
+    owned = scene.owned_cells(None, "")
+    covered = np.zeros((owned.size, len(effects)), dtype=bool)
+    for k, effect in enumerate(effects):
+        covered[scene.owned_cells(getattr(effect, "where", None), effect.kind), k] = True
+    members: dict[tuple[Energy, bool, tuple[int, ...]], list[Any]] = {}
+    for material, cells in scene.materials:
+        for numbers in _combinations(scene, covered[cells]):
+            own = cells[(covered[cells] == np.isin(np.arange(len(effects)), numbers)).all(axis=1)]
+            key = material.energy, material.quadratic, numbers
+            members.setdefault(key, []).append((material, own))
+    return [
+        MaterialClass(
+            Law(energy, quadratic, _parameters(scene, pairs)),
+            numbers,
+            np.sort(np.concatenate([cells for _, cells in pairs])),
+        )
+        for (energy, quadratic, numbers), pairs in members.items()
+    ]
+
+
+def _parameters(scene: Scene, pairs: Sequence[Any]) -> dict[str, Any]:
+    """Constants, or piecewise constant functions, from pairs of a material and its cells."""
+    out: dict[str, Any] = {}
+    for name in pairs[0][0].parameters:
+        values = [(m.parameters[name], cells) for m, cells in pairs]
+        same = len({value for value, _ in values}) == 1
+        out[name] = (
+            fem.Constant(scene.mesh, float(values[0][0])) if same else scene.cellwise(values)
+        )
+    return out
+
+
+def _combinations(scene: Scene, covered: Bools) -> list[tuple[int, ...]]:
+    """Which effects act together on any cell of any rank, the same list on all. Collective."""
+    if covered.shape[1] == 0:
+        return [()]
+    mine = {tuple(int(k) for k in np.flatnonzero(row)) for row in np.unique(covered, axis=0)}
+    return sorted(set().union(*scene.comm.allgather(mine)))

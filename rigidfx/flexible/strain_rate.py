@@ -6,17 +6,65 @@ the internal forces. Rigid motion changes neither E nor, therefore, either measu
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 import ufl
 from dolfinx import fem
+from mpi4py import MPI
 
 from rigidfx.base.form_cache import form_on
-from rigidfx.base.types import Array
+from rigidfx.base.types import Array, Indices
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import Kernel, add_vector
 from rigidfx.scene.scene import Scene
+
+
+class Indicator(Protocol):
+    """A measure of flexible cells in a step.
+
+    Attributes:
+        cells: Owned cells that are measured, sorted.
+        values: Number of each owned cell in the last step, zero where none is measured.
+        weights: ∫ Ė:Ė dV of each owned cell over its number squared, [m³] for strain rates.
+    """
+
+    @property
+    def cells(self) -> Indices:
+        """Owned cells that are measured, sorted."""
+        ...
+
+    @property
+    def values(self) -> Array:
+        """Number of each owned cell."""
+        ...
+
+    @property
+    def weights(self) -> Array:
+        """Weight of the square of each number."""
+        ...
+
+    def bind(
+        self, flexible: Cells, between: tuple[fem.Function, fem.Function] | None = None
+    ) -> None:
+        """Measure these cells from now on.
+
+        Args:
+            flexible: Owned cells by subdomain id.
+            between: Displacements at the ends of a step, in place of the forms' u₀ and u₁.
+        """
+        ...
+
+    def measure(self, dt: float) -> Array:
+        """Measure the bound cells in the step that the forms' u₀ and u₁ hold, in their order."""
+        ...
+
+    def strains(self) -> Array:
+        """The integral over time that the bound cells would have of it, from no displacement on.
+
+        That is of each owned cell, zero where none is measured, at the forms' u₀.
+        """
+        ...
 
 
 class StrainRates:
@@ -95,3 +143,58 @@ def _volumes(space: fem.FunctionSpace) -> Array:
     form = form_on(space.mesh.comm, ufl.TestFunction(space) * ufl.dx)
     fem.assemble_vector(volume.x.array, form)
     return volume.x.array.copy()
+
+
+def finite(values: Array, comm: MPI.Intracomm) -> Array:
+    """Values, if they are finite on all ranks. Collective.
+
+    Raises:
+        LinAlgError: On every rank, if they are not.
+    """
+    if comm.allreduce(bool(np.isfinite(values).all()), op=MPI.LAND):
+        return values
+    raise np.linalg.LinAlgError("numbers are not finite")
+
+
+class CellStrains:
+    """Measures the strain that a motion adds to a shape, in cells that are asked for."""
+
+    def __init__(self, scene: Scene, forces: InternalForces, indicator: Indicator) -> None:
+        """Measure nothing yet. Collective.
+
+        Args:
+            scene: The problem.
+            forces: Internal forces, which know the cells of each material.
+            indicator: A measure of its own.
+        """
+        self._comm, self._forces, self._indicator = scene.comm, forces, indicator
+        self._ends = fem.Function(scene.space), fem.Function(scene.space)
+        self._cells: Indices | None = None
+
+    def of(self, motion: Array, span: float, shape: fem.Function, cells: Indices) -> Array:
+        """Strain by a motion, over a time. Collective.
+
+        Args:
+            motion: Of the owned nodes, in the frame of the shape, shape (nodes, 3) [m].
+            span: The time [s]; 1 for a strain.
+            shape: Displacement that makes the shape [m].
+            cells: Owned cells.
+
+        Returns:
+            Linear strain of each of the cells [1/s], in their order.
+
+        Raises:
+            LinAlgError: On every rank, if the motion is not finite.
+        """
+        if self._cells is None or not np.array_equal(cells, self._cells):
+            self._cells = np.array(cells, dtype=np.int32)
+            self._indicator.bind(self._forces.cells(np.unique(self._cells)), self._ends)
+        motion = finite(motion, self._comm)
+        start, end = (f.x for f in self._ends)
+        # Between half of the motion on either side the part of second order is zero.
+        for side, half in ((start, -0.5), (end, 0.5)):
+            side.array[:] = shape.x.array
+            side.array[: motion.size] += half * motion.reshape(-1)
+            side.scatter_forward()
+        self._indicator.measure(span)
+        return np.asarray(self._indicator.values[self._cells])

@@ -40,8 +40,7 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.form_cache import compile_expression
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.flexible.elimination import library_of
-from rigidfx.flexible.kernels import jit_options
-from rigidfx.flexible.material_classes import material_classes
+from rigidfx.flexible.kernels import jit_options, material_classes
 from rigidfx.mechanics.enhanced import Enhancement
 from rigidfx.mechanics.rotation import nearest_rotations
 from rigidfx.mechanics.schemes import second_piola_kirchhoff

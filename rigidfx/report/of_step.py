@@ -11,7 +11,7 @@ import numpy as np
 from rigidfx.base.named import Named
 from rigidfx.base.types import Array
 from rigidfx.effects import Contact, Joint, JointReports, Rigid, SpringDamper, Touch
-from rigidfx.flexible.indicator import Indicator
+from rigidfx.flexible.strain_rate import Indicator
 from rigidfx.report.events import Event
 from rigidfx.report.probe_stress import Probes
 from rigidfx.report.report import Report

@@ -14,7 +14,7 @@ from rigidfx.base.in_notebook import as_table, in_short
 from rigidfx.base.named import Named
 from rigidfx.base.taken import read_only
 from rigidfx.base.types import Array
-from rigidfx.flexible.indicator import Indicator
+from rigidfx.flexible.strain_rate import Indicator
 from rigidfx.flexible.stress import Added, Recovered
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body

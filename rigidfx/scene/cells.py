@@ -23,12 +23,10 @@ from rigidfx.base.taken import read_only
 from rigidfx.base.types import Array, Indices
 from rigidfx.base.warning import warn
 from rigidfx.domain.domain import Domain
-from rigidfx.mechanics.assumed import AssumedElement, AssumedStrains
 from rigidfx.mechanics.element import Element, StandardElement
-from rigidfx.mechanics.enhanced import EnhancedElement
+from rigidfx.mechanics.enhanced import AssumedElement, AssumedStrains, EnhancedElement
 from rigidfx.mechanics.materials import Hyperelastic, Material
-from rigidfx.mechanics.rest import evaluated, rest_moduli
-from rigidfx.mechanics.schemes import EnergyMomentum
+from rigidfx.mechanics.schemes import EnergyMomentum, evaluated, rest_moduli
 
 STEP = 1e-3  # of C, for differences of W about rest
 STRESSED = 1e-2  # stress at rest over stiffness; differences know it to 1e-3

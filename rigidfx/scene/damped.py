@@ -32,7 +32,7 @@ from rigidfx.effects import (
 )
 from rigidfx.effects.supports.support import Support
 from rigidfx.mechanics.materials import Isotropic
-from rigidfx.mechanics.rest import rest_moduli
+from rigidfx.mechanics.schemes import rest_moduli
 from rigidfx.scene.scene import Scene
 
 DAMPING = KelvinVoigt, MassDamping, NumericalDamping, StiffnessDamping

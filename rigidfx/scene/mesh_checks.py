@@ -36,8 +36,7 @@ from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.base.warning import warn
 from rigidfx.domain.connected import ConnectedParts, connected_parts, hinges, touching
-from rigidfx.domain.domain import Domain
-from rigidfx.domain.edges import count_between
+from rigidfx.domain.domain import Domain, count_between
 
 DIGITS = 1e-9  # error of a cell's size that is warned of
 

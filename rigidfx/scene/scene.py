@@ -27,8 +27,8 @@ from rigidfx.base.types import Array, Indices
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.domain.domain import Domain
 from rigidfx.effects.joints.joint import cut_by_symmetry
-from rigidfx.mechanics.assumed import AssumedStrains
 from rigidfx.mechanics.element import Element
+from rigidfx.mechanics.enhanced import AssumedStrains
 from rigidfx.mechanics.materials import Material
 from rigidfx.mechanics.schemes import Scheme, scheme_of
 from rigidfx.scene.cells import assign, element_of

@@ -14,9 +14,9 @@ from rigidfx.base.types import Bools
 from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.effects import Contact, Support, Touch, Windowed
 from rigidfx.effects.motion import Instant
-from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.inversion import Inversion, InvertedCells
+from rigidfx.flexible.strain_rate import Indicator
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures, Momenta

@@ -35,8 +35,7 @@ from rigidfx.base.remembered import ON_DOFS, ON_NODES, PART, Remembered, same
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.decide.limits import Limits, part_of
 from rigidfx.effects import rigid_faces
-from rigidfx.flexible.cell_strains import CellStrains
-from rigidfx.flexible.indicator import Indicator
+from rigidfx.flexible.strain_rate import CellStrains, Indicator
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.mechanics.rigid_motions import best_rotation

@@ -13,7 +13,7 @@ from dolfinx import fem
 
 import rigidfx as rf
 from rigidfx.flexible.internal_forces import InternalForces
-from rigidfx.flexible.static_forces import static_forces
+from rigidfx.flexible.linear_forms import static_forces
 
 from .graded import block_of
 

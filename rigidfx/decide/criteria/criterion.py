@@ -30,9 +30,8 @@ from rigidfx.decide.criteria.judging import (
 from rigidfx.decide.criteria.release import Release
 from rigidfx.decide.limits import Limits
 from rigidfx.decide.memory.memory import Memory
-from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
-from rigidfx.flexible.strain_rate import StrainRates
+from rigidfx.flexible.strain_rate import Indicator, StrainRates
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import fraction
 from rigidfx.scene.timeline import Timeline

@@ -20,9 +20,8 @@ from rigidfx.decide.criteria.release import Release
 from rigidfx.decide.limits import Limits
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.effects import Reduced
-from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
-from rigidfx.flexible.strain_rate import StrainRates
+from rigidfx.flexible.strain_rate import Indicator, StrainRates
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.report.ledger import Rigidity
 from rigidfx.scene.scene import Scene

@@ -26,8 +26,7 @@ from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.motion import Forces, Instant, Motion, Tangent
-from rigidfx.flexible.bound_forces import BoundForces
-from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.flexible.internal_forces import BoundForces, InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import StaticStep, Step
 from rigidfx.scene.scene import Scene

@@ -17,9 +17,8 @@ from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Effect, Structure, Windowed
 from rigidfx.effects.joints.linkage import Linkage
-from rigidfx.flexible.bound_forces import BoundForces
-from rigidfx.flexible.internal_forces import Cells, InternalForces
-from rigidfx.flexible.static_forces import static_forces
+from rigidfx.flexible.internal_forces import BoundForces, Cells, InternalForces
+from rigidfx.flexible.linear_forms import static_forces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State

@@ -23,9 +23,9 @@ from mpi4py import MPI
 from rigidfx.base.errors import InversionError, StepError
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
-from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.inversion import Inversion
+from rigidfx.flexible.strain_rate import Indicator
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.materials import StVenantKirchhoff
 from rigidfx.scene.scene import Scene
