@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from copy import copy
 from typing import Any
 
@@ -91,29 +89,10 @@ def partition(neighbours: Ints, offsets: Indices, parts: int) -> Ints:
     return np.asarray(found.array, dtype=np.int64)
 
 
-def model_to_mesh(model: Any, comm: MPI.Intracomm) -> tuple[Any, Any, Any]:
-    """Mesh, cell tags and facet tags of the gmsh model held by rank 0."""
-    if VERSION == (0, 9):
-        from dolfinx.io import gmshio as gmsh_io
-    else:
-        from dolfinx.io import gmsh as gmsh_io
-    with _numbered(model):
-        data = gmsh_io.model_to_mesh(model, comm, 0, gdim=3, partitioner=ghosted_partitioner())
-    return data[0], data[1], data[2]
-
-
-@contextmanager
-def _numbered(model: Any) -> Iterator[None]:
-    """Remove the names of groups: DOLFINx 0.10 and 0.11 ask for them, and fail beyond UTF-8."""
-    name_of = getattr(model, "getPhysicalName", None)  # other ranks have no model
-    if name_of is None:
-        yield
-        return
-    model.getPhysicalName = staticmethod(lambda dim, tag: f"{dim}-{tag}")
-    try:
-        yield
-    finally:
-        model.getPhysicalName = staticmethod(name_of)
+def gmsh_order(cell: str, nodes: int) -> list[int]:
+    """Which of gmsh's nodes of a cell each of DOLFINx's is."""
+    kind = getattr(dolfinx.mesh.CellType, cell)
+    return [int(k) for k in dolfinx.cpp.io.perm_gmsh(kind, nodes)]
 
 
 def bindable(compiled: Any) -> tuple[Any, list[Any]]:

@@ -1,10 +1,12 @@
-"""Domains without a file: boxes of equal cells, and cells given as arrays."""
+"""How domains are made: of boxes, of arrays, and of the meshes that readers of files find."""
 
 from __future__ import annotations
 
 import hashlib
 import operator
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from math import prod
 
 import basix.ufl
@@ -15,19 +17,29 @@ import ufl
 from mpi4py import MPI
 
 from rigidfx.base import compat
-from rigidfx.base.errors import SceneError, agree
+from rigidfx.base.errors import SceneError, agree, together
 from rigidfx.base.inputs import communicator, numbers, shown
 from rigidfx.base.taken import check_same
-from rigidfx.base.types import Ints
+from rigidfx.base.types import Array, Ints
+from rigidfx.base.warning import warn
 from rigidfx.domain.cell_quality import (
     CORNERS,
     advice_on,
     collapsed,
     degree_of,
     in_dolfinx_order,
+    naming,
     widths,
 )
-from rigidfx.domain.domain import CELLS, Domain, Marker
+from rigidfx.domain.domain import (
+    CELLS,
+    KINDS,
+    Domain,
+    EntitySet,
+    Marker,
+    by_corners,
+    replace_sets,
+)
 
 MOST = 2**31 - 1  # cells of a box
 
@@ -126,8 +138,119 @@ def from_arrays(
     agree(comm, _repeated(given))
     rows, problem = in_dolfinx_order(x, rows, cell) if rows.size else (rows, None)
     agree(comm, problem)
-    element = basix.ufl.element("Lagrange", cell, degree_of(cell, width), shape=(3,))
-    return Domain(compat.create_mesh(comm, rows, x, ufl.Mesh(element)))
+    return Domain(_mesh(comm, x, rows, cell))
+
+
+def _mesh(comm: MPI.Intracomm, points: Array, cells: Ints, kind: str) -> dmesh.Mesh:
+    """A mesh of cells whose nodes are in DOLFINx's order. Collective."""
+    element = basix.ufl.element("Lagrange", kind, degree_of(kind, cells.shape[1]), shape=(3,))
+    return compat.create_mesh(comm, cells, points, ufl.Mesh(element))
+
+
+Names = dict[int, dict[str, Ints]]
+
+
+@dataclass
+class FileMesh:
+    """A mesh and its names, as a reader finds them on rank 0.
+
+    Attributes:
+        kind: "hexahedron" or "tetrahedron".
+        points: Nodes, shape (nodes, 3) [m].
+        cells: Nodes of each cell in DOLFINx's order, shape (cells, nodes of each).
+        sets: By dimension and name: rows of cells; of facets, edges and vertices the nodes at their
+            corners, shape (entities, corners).
+        notes: Texts of warnings.
+        elements: Name of each instance, and the numbers of its elements, one instance after the
+            other as `cells` are; none where a file does not number its cells.
+    """
+
+    kind: str
+    points: Array
+    cells: Ints
+    sets: Names = field(default_factory=lambda: {dim: {} for dim in KINDS})
+    notes: list[str] = field(default_factory=list)
+    elements: list[tuple[str, Ints]] = field(default_factory=list)
+
+
+def element_name(elements: Sequence[tuple[str, Ints]], cell: int) -> str:
+    """The name of a cell in its file."""
+    for instance, own in elements:
+        if cell < len(own):
+            return f"element {own[cell]}" + (f" of instance '{instance}'" if instance else "")
+        cell -= len(own)
+    return f"number {cell} of the input"
+
+
+def read_domain(
+    comm: MPI.Intracomm, owner: str, source: str, read: Callable[[], FileMesh]
+) -> Domain:
+    """The domain of a mesh that rank 0 reads. Collective.
+
+    Args:
+        comm: Communicator of the mesh.
+        owner: What is read, for messages.
+        source: Where the mesh comes from, for messages.
+        read: Reads it; called on rank 0 only.
+
+    Raises:
+        SceneError: If that fails, or the mesh cannot be a domain.
+    """
+    communicator(owner, comm)
+    mesh = together(comm, owner, lambda: read() if comm.rank == 0 else None)
+    told = mesh and (mesh.kind, mesh.cells.shape[1], mesh.sets, mesh.notes, mesh.elements)
+    kind, width, sets, notes, elements = comm.bcast(told)
+    for note in notes:
+        warn(comm, note)
+    points = np.empty((0, 3)) if mesh is None else mesh.points
+    cells = np.empty((0, width), np.int64) if mesh is None else mesh.cells
+    with naming(partial(element_name, elements) if elements else None):
+        domain = Domain(_mesh(comm, points, cells, kind))
+    found = sets_of(domain.mesh, sets)
+    _check_found(domain.mesh, source, sets, found)
+    return replace_sets(domain, {(each.name, each.dim): each for each in found})
+
+
+def sets_of(mesh: dmesh.Mesh, named: Names) -> list[EntitySet]:
+    """Sets of a mesh by the numbers of cells and nodes in its input. Collective.
+
+    Args:
+        mesh: The mesh.
+        named: See `FileMesh.sets`; the same on all ranks.
+    """
+    found = []
+    for name, rows in named[3].items():
+        cells = np.flatnonzero(np.isin(mesh.topology.original_cell_index, rows))
+        found.append(EntitySet(name, 3, cells.astype(np.int32)))
+    for dim in (2, 1, 0):
+        entities = by_corners(mesh, dim, named[dim]).items()
+        found += [EntitySet(name, dim, own) for name, own in entities]
+    return found
+
+
+def _check_found(mesh: dmesh.Mesh, source: str, named: Names, found: Sequence[EntitySet]) -> None:
+    """Refuse facets that bound no cell, and warn of other entities that cells lack. Collective."""
+    missed: dict[int, list[str]] = {2: [], 1: []}
+    for each in (one for one in found if one.dim < 3):
+        corners = named[each.dim][each.name]
+        count = len(np.unique(np.sort(corners, axis=1), axis=0))
+        owned = np.count_nonzero(each.entities < mesh.topology.index_map(each.dim).size_local)
+        if left := count - mesh.comm.allreduce(int(owned)):
+            kind = "" if each.dim == 2 else f" {KINDS[each.dim]}"
+            missed[max(each.dim, 1)].append(f"'{each.name}' ({left} of {count}{kind})")
+    if missed[2]:
+        raise SceneError(
+            f"{source}: of the facets {', '.join(missed[2])} bound no volume cell of the mesh, "
+            "which is made of the cells in physical groups. Leave them out of the group, or put "
+            "the volume that they bound into one."
+        )
+    if missed[1]:
+        warn(
+            mesh.comm,
+            f"{source}: the volume cells in physical groups do not have all edges and vertices of "
+            f"{', '.join(missed[1])}: these are left out. Mesh them with the volume (Coherence, "
+            "embed), or put the volume that they bound into a group.",
+        )
 
 
 def _repeated(given: Sequence[bytes]) -> str | None:

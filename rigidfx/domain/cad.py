@@ -39,7 +39,7 @@ from rigidfx.domain.cell_quality import volume
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_groups import name_of
 from rigidfx.domain.gmsh_model import domain_of, find_file, gmsh_session, silent
-from rigidfx.domain.gmsh_script import check_order, mesh_model, tell
+from rigidfx.domain.gmsh_script import check_order, mesh_model
 
 EVEN = 1e-5  # relative: what is constant; of a surface's size over its radius: what is flat
 LOST = 0.01  # of the volume: more than that is told
@@ -207,9 +207,8 @@ def read_cad(
     _check_wanted("surfaces", surfaces)
 
     exact: list[float] = []  # volumes that are meshed [m³]
-    told: list[str] = []
 
-    def fill(gmsh: Any) -> None:
+    def fill(gmsh: Any, notes: list[str]) -> None:
         cad = _open(gmsh, path, metres, glue)
         out = _name(gmsh, cad, volumes, surfaces or {}, leave_out)
         exact.extend(v.measure for v in cad.volumes if v.number not in out)
@@ -222,10 +221,10 @@ def read_cad(
         length = cad.size / CELLS if largest is None else largest
         if not per_circle:
             _refine_circles(gmsh, cad, length, metres)
-        told.extend(mesh_model(gmsh, path, length / metres, order, metres))
+        told = mesh_model(gmsh, path, length / metres, order, metres)
+        notes += [f"read_cad: '{path}': {text}" for text in told]
 
     domain = domain_of(comm, f"gmsh: '{path}'", f"'{path}'", fill, metres)
-    tell(comm, f"read_cad: '{path}'", told)
     _tell_lost(domain, comm.bcast(sum(exact)), order)
     return domain
 

@@ -5,9 +5,10 @@ taking it away. Two tests find one whatever the order of its vertices: det J mus
 all integration points of a cell, and the cells on the two sides of a facet must lie on different
 sides. Another sign at a corner alone falsifies no integral, and is told.
 
-Places also tell in which order the nodes of given cells are. Programs number the nodes of a cell in different ways: DOLFINx the corners of a hexahedron by x, y,
-z, most others round its bottom and then round its top; nodes on edges and in faces almost each in a
-way of its own. One order only makes sound cells.
+Places also tell in which order the nodes of given cells are. Programs number the nodes of a cell in
+different ways: DOLFINx the corners of a hexahedron by x, y, z, most others round its bottom and
+then round its top; nodes on edges and in faces almost each in a way of its own. One order only
+makes sound cells.
 """
 
 from __future__ import annotations
@@ -143,17 +144,19 @@ _names: list[Callable[[int], str]] = []  # of cells that are read now
 
 
 @contextmanager
-def naming(cell: Callable[[int], str]) -> Iterator[None]:
+def naming(cell: Callable[[int], str] | None) -> Iterator[None]:
     """Make messages name cells as their file does meanwhile.
 
     Args:
-        cell: The name of a cell by its number in the input, known on all ranks.
+        cell: The name of a cell by its number in the input, known on all ranks; None if the file
+            has none.
     """
-    _names.append(cell)
+    before = [*_names]
+    _names[:] = [cell] if cell else []
     try:
         yield
     finally:
-        _names.pop()
+        _names[:] = before
 
 
 def determinants(mesh: dmesh.Mesh, cells: Indices, points: Array) -> tuple[Array, Array]:

@@ -405,6 +405,8 @@ def by_corners(mesh: dmesh.Mesh, dim: int, named: Mapping[str, Ints]) -> dict[st
         named: Name → corners by their numbers in the input, in any order, shape (entities,
             corners); the same on all ranks.
     """
+    if not named:
+        return {}
     mesh.topology.create_entities(dim)
     known = mesh.topology.index_map(dim)
     every = np.arange(known.size_local + known.num_ghosts, dtype=np.int32)

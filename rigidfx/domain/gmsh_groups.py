@@ -1,8 +1,7 @@
 """Physical groups of gmsh's models: the meaning of their names.
 
-gmsh lets a face or a volume be in several groups, DOLFINx's tags hold one number per cell or facet.
-So the groups are replaced, before the mesh is handed over, by one for each elementary entity, and a
-name then stands for the entities of its group.
+A name stands for the cells, or for the corners of the facets, edges and points, of all elementary
+entities of its group, and a face or a volume may be in several groups.
 """
 
 from __future__ import annotations
@@ -14,18 +13,20 @@ from typing import Any
 
 import numpy as np
 
+from rigidfx.base import compat
 from rigidfx.base.errors import SceneError
 from rigidfx.base.text_files import decoded
+from rigidfx.domain.arrays import FileMesh
 from rigidfx.domain.domain import KINDS
 
 # gmsh's numbers of the cells that DOLFINx and rigidfx know, and of their facets.
 KNOWN = {4: "tetrahedra", 5: "hexahedra", 11: "second-order tetrahedra", 12: "27-node hexahedra"}
 FACETS = {4: 2, 5: 3, 11: 9, 12: 10}
+CELL = {"Tetrahedron": "tetrahedron", "Hexahedron": "hexahedron"}  # by gmsh's names
 
 SHOWN = 10  # numbers of volumes in a message
 UNLISTED = 1000  # numbers, from 1 and from the last group's on, at which empty ones are looked for
 
-Names = dict[tuple[int, str], Any]
 Header = Mapping[tuple[int, int], str]  # names by dimension and number
 
 
@@ -76,8 +77,8 @@ def name_of(call: Callable[[int, int], str], dim: int, tag: int) -> str:
         return decoded(error.object)
 
 
-def take_groups(gmsh: Any, source: str, header: Header) -> tuple[Names, int]:
-    """Give gmsh's model one group per entity; find the entities of each name.
+def mesh_of_model(gmsh: Any, source: str, header: Header, scale: float) -> FileMesh:
+    """The mesh of gmsh's model, with the names of its groups.
 
     Without any group, all volumes are named "body".
 
@@ -85,11 +86,7 @@ def take_groups(gmsh: Any, source: str, header: Header) -> tuple[Names, int]:
         gmsh: The module; its model is meshed.
         source: Where it comes from, for messages.
         header: Names of groups by dimension and number, for those that gmsh does not tell.
-
-    Returns:
-        By dimension and name, numbers of entities, or for dimensions 0, 1 numbers from 0 of the
-        nodes at the corners of their elements, shape (elements, corners); and the number of volume
-        cells that are in no group.
+        scale: Metres per unit of length of the model.
 
     Raises:
         SceneError: If a name is there twice, or cells or facets are of no kind that will do.
@@ -111,29 +108,36 @@ def take_groups(gmsh: Any, source: str, header: Header) -> tuple[Names, int]:
     # Files of version 2 hold a cell once for each of its groups.
     model.mesh.removeDuplicateElements()
     kind = _kind_of_cells(model, source, entities, listed)
-    _check_facets(model, source, kind, entities)
-    model.removePhysicalGroups()
-    used = {(dim, e) for (dim, _), own in entities.items() if dim >= 2 for e in own}
-    for dim, tag in sorted(used):
-        if len(model.mesh.getElements(dim, tag)[0]):
-            model.addPhysicalGroup(dim, [tag], tag=tag)
-    cells = {(3, e): _cells(model, e) for _, e in model.getEntities(3)}
-    outside = {volume: n for volume, n in cells.items() if n and volume not in used}
+    tags, flat, _ = model.mesh.getNodes()
+    number = np.empty(int(tags.max()) + 1, dtype=np.int64)
+    number[np.sort(tags)] = np.arange(len(tags))
+    name, _, _, width, *_ = model.mesh.getElementProperties(kind)
+    cell = CELL[name.split()[0]]
+    volumes = sorted({e for (dim, _), own in entities.items() if dim == 3 for e in own})
+    tables = [number[_nodes(model, 3, [e], width)] for e in volumes]
+    ends = np.cumsum([0, *map(len, tables)])
+    rows = {e: np.arange(*ends[k : k + 2]) for k, e in enumerate(volumes)}
+    order = compat.gmsh_order(cell, width)
+    points = scale * np.reshape(flat, (-1, 3))[np.argsort(tags)]
+    mesh = FileMesh(cell, points, np.concatenate(tables)[:, order])
+    corners = {2: model.mesh.getElementProperties(FACETS[kind])[5], 1: 2, 0: 1}
+    for (dim, name), own in entities.items():
+        mesh.sets[dim][name] = (
+            np.concatenate([ends[:0], *(rows[e] for e in own)])
+            if dim == 3
+            else number[_nodes(model, dim, own, corners[dim])]
+        )
+    outside = sum(_cells(model, e) for _, e in model.getEntities(3) if e not in rows)
     if outside:
-        model.mesh.clear([*outside])
-    # DOLFINx takes numbers without gaps only, of the nodes of groups; a script may ask for others.
-    gmsh.option.setNumber("Mesh.SaveAll", 0)
-    model.mesh.renumberNodes()
-    corners = {
-        key: _corners(model, key[0], own, key[0] + 1).astype(np.int64) - 1
-        for key, own in entities.items()
-        if key[0] < 2
-    }
-    return {**entities, **corners}, sum(outside.values())
+        mesh.notes.append(
+            f"{source}: {outside} volume cells are in no physical group and are left out. Put "
+            "their volumes into one, if they belong to the part."
+        )
+    return mesh
 
 
-def _corners(model: Any, dim: int, entities: Sequence[int], count: int) -> Any:
-    """Numbers of the nodes at the corners of all elements, shape (elements, count)."""
+def _nodes(model: Any, dim: int, entities: Sequence[int], count: int) -> Any:
+    """Tags of the first nodes of all elements of some entities, shape (elements, count)."""
     rows = [np.empty((0, count), np.uint64)]
     for e in entities:
         for _, elements, nodes in zip(*model.mesh.getElements(dim, e), strict=True):
@@ -223,43 +227,6 @@ def _kind_of_cells(
                 f"Facets of the volume cells there are of the kind {_shown(model, {facet})}."
             )
     return kind
-
-
-def _check_facets(
-    model: Any, source: str, kind: int, entities: Mapping[tuple[int, str], list[int]]
-) -> None:
-    """Refuse facets that bound no cell of the mesh; DOLFINx would end all ranks over them.
-
-    Raises:
-        SceneError: With the names that have such facets.
-    """
-    corners = model.mesh.getElementProperties(FACETS[kind])[5]
-    surfaces = {e for (dim, _), own in entities.items() if dim == 2 for e in own}
-    facets = {e: _corners(model, 2, [e], corners) for e in surfaces}
-    if not facets:
-        return
-    wanted = np.sort(np.concatenate(list(facets.values())), axis=1)
-    volumes = {e for (dim, _), own in entities.items() if dim == 3 for e in own}
-    sides = np.concatenate(
-        [model.mesh.getElementFaceNodes(kind, corners, e, primary=True) for e in volumes]
-    ).reshape(-1, corners)
-    sides = np.sort(sides[np.isin(sides, wanted).all(axis=1)], axis=1)
-    _, which = np.unique(np.concatenate([sides, wanted]), axis=0, return_inverse=True)
-    which = which.reshape(-1)
-    loose = ~np.isin(which[len(sides) :], which[: len(sides)])
-    ends = np.cumsum([len(rows) for rows in facets.values()])[:-1]
-    lost = {e: int(own.sum()) for e, own in zip(facets, np.split(loose, ends), strict=True)}
-    wrong = [
-        f"'{name}' ({sum(lost[e] for e in own)} of {sum(len(facets[e]) for e in own)})"
-        for (dim, name), own in entities.items()
-        if dim == 2 and any(lost[e] for e in own)
-    ]
-    if wrong:
-        raise SceneError(
-            f"{source}: of the facets {', '.join(wrong)} bound no volume cell of the mesh, which "
-            "is made of the cells in physical groups. Leave them out of the group, or put the "
-            "volume that they bound into one."
-        )
 
 
 def _shown(model: Any, kinds: set[int]) -> str:

@@ -14,22 +14,20 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
 from typing import Any
 
-import dolfinx.mesh as dmesh
 import numpy as np
 from mpi4py import MPI
 
-from rigidfx.base import compat
-from rigidfx.base.errors import SceneError, together
-from rigidfx.base.inputs import communicator, positive
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import positive
 from rigidfx.base.text_files import decoded
-from rigidfx.base.warning import warn
-from rigidfx.domain.domain import KINDS, Domain, EntitySet, by_corners
-from rigidfx.domain.gmsh_groups import Header, Names, names_in_header, take_groups
+from rigidfx.domain.arrays import FileMesh, read_domain
+from rigidfx.domain.domain import Domain
+from rigidfx.domain.gmsh_groups import Header, mesh_of_model, names_in_header
 
 
 @contextmanager
@@ -87,7 +85,6 @@ OPTIONS = (
     "General.Terminal",
     "Mesh.MeshSizeMax",
     "Mesh.MeshSizeFromCurvature",
-    "Mesh.SaveAll",
     "Mesh.SwitchElementTags",
 )
 ELEMENTS = "2412"  # the number of their data set
@@ -240,7 +237,7 @@ def read_msh(
     """
     factor = positive("read_msh", "scale", scale)
 
-    def fill(gmsh: Any) -> Header:
+    def fill(gmsh: Any, notes: list[str]) -> Header:
         reader = GEOMETRY.get(Path(path).suffix.lower())
         if reader:
             raise SceneError(f"'{path}' is a geometry, not a mesh. Take {reader}, which meshes it.")
@@ -306,7 +303,7 @@ def from_gmsh(
     """
     factor = positive("from_gmsh", "scale", scale)
 
-    def fresh(gmsh: Any) -> None:
+    def fresh(gmsh: Any, notes: list[str]) -> None:
         gmsh.model.add("rigidfx")
         with silent_files(gmsh):
             build(gmsh)
@@ -364,8 +361,8 @@ def domain_of(
     comm: MPI.Intracomm,
     owner: str,
     source: str,
-    fill: Callable[[Any], Header | None],
-    scale: float = 1.0,
+    fill: Callable[[Any, list[str]], Header | None],
+    scale: float,
 ) -> Domain:
     """The domain of gmsh's model once a function has filled and meshed it. Collective.
 
@@ -373,67 +370,25 @@ def domain_of(
         comm: Communicator of the mesh.
         owner: Name of the function, for messages.
         source: Where the model comes from, for messages.
-        fill: Function of the module gmsh; called on rank 0 only. It may return names of groups by
-            dimension and number, for those that gmsh does not tell.
+        fill: Function of the module gmsh and of texts of warnings, to which it may add; called on
+            rank 0 only. It may return names of groups by dimension and number, for those that gmsh
+            does not tell.
         scale: Metres per unit of length of the model.
 
     Raises:
         SceneError: If the function fails or its model cannot be a domain.
     """
-    communicator(owner, comm)
-    with ExitStack() as session:
 
-        def read() -> tuple[Any, Names, int]:
-            if comm.rank > 0:
-                return None, {}, 0
-            gmsh = session.enter_context(gmsh_session())
-            header = fill(gmsh) or {}
+    def read() -> FileMesh:
+        notes: list[str] = []
+        with gmsh_session() as gmsh:
+            header = fill(gmsh, notes) or {}
             if not gmsh.isInitialized():
                 raise SceneError(
                     f"{owner} has ended gmsh (finalize); that is for its caller to do."
                 )
-            if scale != 1.0:
-                gmsh.model.mesh.affineTransform(np.diag([scale, scale, scale, 1.0]).ravel())
-            return gmsh.model, *take_groups(gmsh, source, header)
+            mesh = mesh_of_model(gmsh, source, header, scale)
+        mesh.notes += notes
+        return mesh
 
-        model, *local = together(comm, owner, read)
-        names: Names
-        names, outside = comm.bcast(local)
-        mesh, cells, facets = compat.model_to_mesh(model, comm)
-    mesh.topology.create_connectivity(2, 3)
-    tags = {3: cells, 2: facets}
-    sets = []
-    for (dim, name), value in names.items():
-        if dim >= 2:
-            members = [tags[dim].find(tag) for tag in value]
-            entities = np.unique(np.concatenate([np.empty(0, np.int32), *members]))
-            sets.append(EntitySet(name, dim, entities.astype(np.int32)))
-    domain = Domain(mesh, [*sets, *_lines_and_points(mesh, names, source)])
-    if outside:
-        warn(
-            comm,
-            f"{source}: {outside} volume cells are in no physical group and are left out. Put "
-            "their volumes into one, if they belong to the part.",
-        )
-    return domain
-
-
-def _lines_and_points(mesh: dmesh.Mesh, names: Names, source: str) -> list[EntitySet]:
-    """Sets of edges and vertices of the groups of curves and points. Collective."""
-    sets, missed = [], []
-    for dim in (1, 0):
-        groups = {name: corners for (name_dim, name), corners in names.items() if name_dim == dim}
-        for name, entities in by_corners(mesh, dim, groups).items():
-            sets.append(EntitySet(name, dim, entities))
-            owned = np.count_nonzero(entities < mesh.topology.index_map(dim).size_local)
-            count = len(np.unique(np.sort(groups[name]), axis=0))
-            if left := count - mesh.comm.allreduce(int(owned)):
-                missed.append(f"'{name}' ({left} of {count} {KINDS[dim]})")
-    if missed:
-        warn(
-            mesh.comm,
-            f"{source}: the volume cells in physical groups do not have all edges and vertices of "
-            f"{', '.join(missed)}: these are left out. Mesh them with the volume (Coherence, "
-            "embed), or put the volume that they bound into a group.",
-        )
-    return sets
+    return read_domain(comm, owner, source, read)

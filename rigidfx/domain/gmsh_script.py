@@ -30,7 +30,6 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive, shown
 from rigidfx.base.text_files import decoded
 from rigidfx.base.types import Array, Bools, Ints
-from rigidfx.base.warning import warn
 from rigidfx.domain.cell_quality import check_points
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_model import domain_of, find_file, silent
@@ -236,18 +235,15 @@ def read_geo(
         if not isinstance(value, str):
             given[name] = number("read_geo", f"the parameter '{name}'", value)
 
-    told: list[str] = []
-
-    def fill(gmsh: Any) -> None:
+    def fill(gmsh: Any, notes: list[str]) -> None:
         find_file(path, "geometry")
         _check_parameters(Path(path), given)
         gmsh.model.add("rigidfx")
         _run(gmsh, path, given)
-        told.extend(mesh_model(gmsh, path, largest, order, factor))
+        told = mesh_model(gmsh, path, largest, order, factor)
+        notes += [f"read_geo: '{path}': {text}" for text in told]
 
-    domain = domain_of(comm, f"gmsh: '{path}'", f"'{path}'", fill, factor)
-    tell(comm, f"read_geo: '{path}'", told)
-    return domain
+    return domain_of(comm, f"gmsh: '{path}'", f"'{path}'", fill, factor)
 
 
 def _run(gmsh: Any, path: str | Path, given: Mapping[str, float | str]) -> None:
@@ -339,19 +335,6 @@ def _same(gmsh: Any, path: Path, size: float, metres: float) -> str:
         "no cells larger than a tenth of the geometry's diagonal, and smaller ones at short edges. "
         "Only smaller sizes give finer meshes."
     )
-
-
-def tell(comm: MPI.Intracomm, owner: str, told: list[str]) -> None:
-    """Warn of how a geometry was meshed. Collective.
-
-    Args:
-        comm: Ranks of the mesh.
-        owner: Name of the function and its file, for the message.
-        told: Texts of `mesh_model`, on rank 0.
-    """
-    texts: list[str] = comm.bcast(told)
-    for text in texts:
-        warn(comm, f"{owner}: {text}")
 
 
 def check_order(owner: str, order: int | None) -> None:

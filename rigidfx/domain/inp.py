@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
-from rigidfx.base.errors import SceneError, together
-from rigidfx.base.inputs import communicator, path_of, positive, shown
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import path_of, positive, shown
 from rigidfx.base.text_files import Decoder
-from rigidfx.base.warning import warn
-from rigidfx.domain.arrays import from_arrays
-from rigidfx.domain.cell_quality import naming
-from rigidfx.domain.domain import Domain, EntitySet, by_corners, replace_sets
+from rigidfx.domain.arrays import FileMesh, read_domain
+from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_model import find_file
-from rigidfx.domain.inp_mesh import InpMesh, element_name, mesh_of
+from rigidfx.domain.inp_mesh import mesh_of
 from rigidfx.domain.inp_model import model_of
 
 
@@ -61,48 +58,27 @@ def read_inp(
     """
     path = path_of("read_inp", "path", path)
     factor = positive("read_inp", "scale", scale)
-    communicator("read_inp", comm)
     if not isinstance(corners, (bool, np.bool_)):
         raise SceneError(f"read_inp: corners must be True or False, got {shown(corners)}.")
-
     if not (encoding is None or isinstance(encoding, str)):
         raise SceneError(f"read_inp: encoding must be a text or None, got {shown(encoding)}.")
+    owner = f"read_inp: '{path}'"
 
-    def read() -> InpMesh | None:
-        if comm.rank > 0:
-            return None
+    def read() -> FileMesh:
         find_file(path, "input")
         decoder = Decoder(encoding)
-        mesh = mesh_of(model_of(path, decoder), path, bool(corners))
-        odd = [name for table in mesh.names().values() for name in table if not name.isascii()]
+        mesh = mesh_of(model_of(path, decoder), path, bool(corners), factor)
+        odd = [name for table in mesh.sets.values() for name in table if not name.isascii()]
         if odd and decoder.guessed:
             mesh.notes.append(
                 "it is not in UTF-8, and names are read as those of Western Europe, such as "
                 f"{shown(odd[0])}{_in_chinese(odd[0])}. Others need the encoding: read_inp(…, "
                 "encoding='gb18030')."
             )
+        mesh.notes = [f"{owner}: {note}" for note in mesh.notes]
         return mesh
 
-    mesh = together(comm, f"read_inp: '{path}'", read)
-    found = comm.bcast(
-        mesh and (mesh.kind, mesh.cells.shape[1], mesh.names(), mesh.notes, mesh.elements)
-    )
-    kind, width, named, notes, elements = found
-    for note in notes:
-        warn(comm, f"read_inp: '{path}': {note}")
-    points = np.empty((0, 3)) if mesh is None else factor * mesh.points
-    cells = np.empty((0, width), np.int64) if mesh is None else mesh.cells
-    with naming(partial(element_name, elements)):
-        domain = from_arrays(points, cells, kind, comm)
-    of_file = domain.mesh.topology.original_cell_index
-    sets = [
-        EntitySet(name, 3, np.flatnonzero(np.isin(of_file, rows)).astype(np.int32))
-        for name, rows in named.pop(3).items()
-    ]
-    for dim, rows in named.items():
-        of_name = by_corners(domain.mesh, dim, rows)
-        sets += [EntitySet(name, dim, entities) for name, entities in of_name.items()]
-    return replace_sets(domain, {(each.name, each.dim): each for each in sets})
+    return read_domain(comm, owner, owner, read)
 
 
 def _in_chinese(name: str) -> str:

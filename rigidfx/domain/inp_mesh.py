@@ -4,47 +4,21 @@ from __future__ import annotations
 
 import reprlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.types import Array, Ints
-from rigidfx.domain.cell_quality import CORNERS, advice_on, collapsed, widths
+from rigidfx.domain.arrays import FileMesh, element_name
+from rigidfx.domain.cell_quality import (
+    CORNERS,
+    advice_on,
+    collapsed,
+    in_dolfinx_order,
+    widths,
+)
 from rigidfx.domain.inp_model import Group, Instance, Model, folded, is_number
-
-
-@dataclass
-class InpMesh:
-    """A mesh on rank 0.
-
-    Attributes:
-        kind: "hexahedron" or "tetrahedron".
-        points: Nodes of cells, shape (nodes, 3) [the file's unit of length].
-        cells: Shape (cells, nodes of each).
-        of_cells: Rows of cells by name.
-        of_facets: Corners of facets by name, sorted, shape (facets, 3 or 4).
-        of_edges: Corners of edges by name, sorted, shape (edges, 2).
-        of_nodes: Rows of nodes by name, shape (nodes, 1).
-        notes: Texts of warnings.
-        elements: Name of each instance, and the numbers of its elements, one instance after the
-            other as `cells` are.
-    """
-
-    kind: str
-    points: Array
-    cells: Ints
-    of_cells: dict[str, Ints] = field(default_factory=dict)
-    of_facets: dict[str, Ints] = field(default_factory=dict)
-    of_edges: dict[str, Ints] = field(default_factory=dict)
-    of_nodes: dict[str, Ints] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
-    elements: list[tuple[str, Ints]] = field(default_factory=list)
-
-    def names(self) -> dict[int, dict[str, Ints]]:
-        """Its sets by dimension."""
-        return {3: self.of_cells, 2: self.of_facets, 1: self.of_edges, 0: self.of_nodes}
 
 
 def faces_of(kind: str) -> list[tuple[int, ...]]:
@@ -61,15 +35,6 @@ def edges_of(kind: str) -> list[tuple[int, int]]:
         return [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
     low = [(k, (k + 1) % 4) for k in range(4)]
     return [*low, *((a + 4, b + 4) for a, b in low), *((k, k + 4) for k in range(4))]
-
-
-def element_name(elements: list[tuple[str, Ints]], cell: int) -> str:
-    """The name of a cell in the file."""
-    for instance, numbers in elements:
-        if cell < len(numbers):
-            return f"element {numbers[cell]}" + (f" of instance '{instance}'" if instance else "")
-        cell -= len(numbers)
-    return f"number {cell} of the input"
 
 
 class Numbers:
@@ -101,28 +66,29 @@ def kind_of(width: int) -> str:
     return next((kind for kind in CORNERS if width in widths(kind)), "other")
 
 
-def mesh_of(model: Model, path: Path, corners: bool) -> InpMesh:
+def mesh_of(model: Model, path: Path, corners: bool, scale: float) -> FileMesh:
     """The mesh of a model.
 
     Args:
         model: The content of the file.
         path: The file, for messages.
         corners: Whether cells are read by their corners.
+        scale: Metres per unit of length of the file.
 
     Raises:
         SceneError: If it has no cells, cells of several kinds, or names of sets, elements or nodes
             that are not there.
     """
-    return _Flat(model, path, corners).mesh()
+    return _Flat(model, path, corners, scale).mesh()
 
 
 class _Flat:
     """All instances together, numbered one after the other."""
 
-    def __init__(self, model: Model, path: Path, corners: bool) -> None:
+    def __init__(self, model: Model, path: Path, corners: bool, scale: float) -> None:
         here = Instance("", model.top, np.eye(3), np.zeros(3))
         self._places = [here, *model.instances]
-        self._path, self._corners = path, corners
+        self._path, self._corners, self._scale = path, corners, scale
         self._nodes: dict[str, Numbers] = {}
         self._cells: dict[str, Numbers] = {}
         self._flat: dict[str, Numbers] = {}  # triangles and quadrilaterals that bound cells
@@ -137,7 +103,7 @@ class _Flat:
     def _error(self, problem: str) -> SceneError:
         return SceneError(f"read_inp: '{self._path}' {problem}")
 
-    def mesh(self) -> InpMesh:
+    def mesh(self) -> FileMesh:
         """Cells, and the sets behind names."""
         for place in self._places:
             self._take_nodes(place)
@@ -148,7 +114,8 @@ class _Flat:
         self._new = np.full(len(self._x), -1)
         self._new[used] = np.arange(len(used))
         table = where.reshape(rows.shape)
-        mesh = InpMesh(kind, self._x[used], table, notes=self._notes, elements=self._elements)
+        points = self._scale * self._x[used]
+        mesh = FileMesh(kind, points, table, notes=self._notes, elements=self._elements)
         self._check_twice(mesh)
         faces = np.sort(table[:, faces_of(kind)], axis=2)
         self._faces = faces  # of each cell, by S1, S2, …
@@ -162,6 +129,9 @@ class _Flat:
         self._name(mesh)
         if told := self._told():
             mesh.notes.append(told)
+        mesh.cells, problem = in_dolfinx_order(points, table, kind)
+        if problem:
+            raise SceneError(problem)
         return mesh
 
     def _told(self) -> str:
@@ -186,7 +156,7 @@ class _Flat:
             )
         return " Also, ".join(texts)
 
-    def _check_twice(self, mesh: InpMesh) -> None:
+    def _check_twice(self, mesh: FileMesh) -> None:
         """Refuse cells of the same nodes."""
         same, times = np.unique(np.sort(mesh.cells, axis=1), axis=0, return_counts=True)
         if times.max() > 1:
@@ -302,7 +272,7 @@ class _Flat:
 
     # Names --------------------------------------------------------------------------------------
 
-    def _name(self, mesh: InpMesh) -> None:
+    def _name(self, mesh: FileMesh) -> None:
         """Give the mesh its names; those of nodes last, which yield to others of the same name."""
         every = [
             (kind == "NSET" or group.of_nodes, kind, place, group)
@@ -316,16 +286,16 @@ class _Flat:
                 self._name_nodes(mesh, name, place, group)
             elif kind == "SURFACE":
                 rows = [self._boundary[:0], *self._sides(place, group)]
-                self._put(mesh.of_facets, name, np.unique(np.concatenate(rows), axis=0), "surface")
+                self._put(mesh.sets[2], name, np.unique(np.concatenate(rows), axis=0), "surface")
             else:
                 cells = self._of(place, "ELSET", group)
                 flat = self._sides_of_flat[self._of(place, "FLAT", group)]
                 if len(flat) and not len(cells):
-                    self._put(mesh.of_facets, name, np.unique(flat, axis=0), "elements")
+                    self._put(mesh.sets[2], name, np.unique(flat, axis=0), "elements")
                 else:
-                    self._put(mesh.of_cells, name, cells, "elements")
-        if not mesh.of_cells:
-            mesh.of_cells["body"] = np.arange(len(mesh.cells))
+                    self._put(mesh.sets[3], name, cells, "elements")
+        if not mesh.sets[3]:
+            mesh.sets[3]["body"] = np.arange(len(mesh.cells))
 
     def _put(self, table: dict[str, Ints], name: str, rows: Ints, of: str) -> None:
         """Name rows; by their kind, too, where others have the name."""
@@ -343,29 +313,29 @@ class _Flat:
         several = sum(key in other.part.groups for other in self._places) > 1
         return f"{place.name}.{group.name}" if several and place.name else group.name
 
-    def _name_nodes(self, mesh: InpMesh, name: str, place: Instance, group: Group) -> None:
+    def _name_nodes(self, mesh: FileMesh, name: str, place: Instance, group: Group) -> None:
         """Facets or edges of all nodes of a set, or vertices; nothing for all nodes of cells."""
         of_file = self._of(place, "NSET", group)
         rows = self._new[of_file]
         own = np.zeros(len(mesh.points), dtype=bool)
         own[rows[rows >= 0]] = True
         own &= self._is_corner
-        if name in mesh.of_cells:
-            whole = np.unique(mesh.cells[mesh.of_cells[name], : CORNERS[mesh.kind]])
+        if name in mesh.sets[3]:
+            whole = np.unique(mesh.cells[mesh.sets[3][name], : CORNERS[mesh.kind]])
             if np.array_equal(np.flatnonzero(own), whole):
                 return
-            self._put(mesh.of_cells, f"{name} (elements)", mesh.of_cells.pop(name), "elements")
+            self._put(mesh.sets[3], f"{name} (elements)", mesh.sets[3].pop(name), "elements")
         covered = self._boundary[own[self._boundary].all(axis=1)]
         left = own.copy()
         left[covered] = False
         if len(covered) and not left.any():
-            self._put(mesh.of_facets, name, covered, "nodes")
+            self._put(mesh.sets[2], name, covered, "nodes")
             return
         edges = self._edges(mesh.kind, of_file)
         if len(edges) and np.array_equal(np.unique(edges), np.flatnonzero(own)):
-            self._put(mesh.of_edges, name, edges, "nodes")
+            self._put(mesh.sets[1], name, edges, "nodes")
         else:
-            self._put(mesh.of_nodes, name, np.flatnonzero(own)[:, None], "nodes")
+            self._put(mesh.sets[0], name, np.flatnonzero(own)[:, None], "nodes")
 
     def _edges(self, kind: str, nodes: Ints) -> Ints:
         """Corners of edges whose ends and middles are among nodes of the file, shape (n, 2)."""

@@ -25,7 +25,8 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import names, shown
 from rigidfx.base.taken import check_same
 from rigidfx.base.types import Array, Indices, Ints
-from rigidfx.domain.domain import Domain, EntitySet, by_corners, nodes_of
+from rigidfx.domain.arrays import Names, sets_of
+from rigidfx.domain.domain import KINDS, Domain, EntitySet, nodes_of
 
 NOWHERE = -1  # rank of a cell that has none yet
 
@@ -62,8 +63,10 @@ def redistribute(domain: Domain, sets: Sequence[str]) -> Domain:
 
     element = mesh.ufl_domain().ufl_coordinate_element()
     new = compat.create_mesh(comm, cells, points, ufl.Mesh(element), share)
-    moved = [_moved(mesh, new, entities) for entities in domain.sets.values()]
-    return Domain(new, moved)
+    named: Names = {dim: {} for dim in KINDS}
+    for each in domain.sets.values():
+        named[each.dim][each.name] = _numbers(mesh, each)
+    return Domain(new, sets_of(new, named))
 
 
 def _whole_mesh(mesh: dmesh.Mesh, sets: Sequence[EntitySet]) -> tuple[Ints, Array, Ints]:
@@ -145,16 +148,13 @@ def _ranks_of_pieces(
     return np.asarray(linear_sum_assignment(-shared)[1])
 
 
-def _moved(old: dmesh.Mesh, new: dmesh.Mesh, entities: EntitySet) -> EntitySet:
-    """The same entities in a mesh whose input was all of another one. Collective."""
+def _numbers(mesh: dmesh.Mesh, entities: EntitySet) -> Ints:
+    """Numbers of its cells or of the corners of others, as `sets_of` takes them. Collective."""
     dim = entities.dim
-    own = entities.entities[entities.entities < old.topology.index_map(dim).size_local]
+    own = entities.entities[entities.entities < mesh.topology.index_map(dim).size_local]
     if dim == 3:
-        numbers = np.concatenate(old.comm.allgather(old.topology.original_cell_index[own]))
-        found = np.flatnonzero(np.isin(new.topology.original_cell_index, numbers))
-        return EntitySet(entities.name, dim, found.astype(np.int32))
-    corners = len(basix.topology(getattr(basix.CellType, old.topology.cell_type.name))[dim][0])
-    nodes = nodes_of(old, dim, own)[:, :corners]
-    rows = old.geometry.index_map().local_to_global(nodes.reshape(-1)).reshape(nodes.shape)
-    every = {entities.name: np.concatenate(old.comm.allgather(rows))}
-    return EntitySet(entities.name, dim, by_corners(new, dim, every)[entities.name])
+        return np.concatenate(mesh.comm.allgather(mesh.topology.original_cell_index[own]))
+    corners = len(basix.topology(getattr(basix.CellType, mesh.topology.cell_type.name))[dim][0])
+    nodes = nodes_of(mesh, dim, own)[:, :corners]
+    rows = mesh.geometry.index_map().local_to_global(nodes.reshape(-1)).reshape(nodes.shape)
+    return np.concatenate(mesh.comm.allgather(rows))

@@ -8,8 +8,8 @@ The environment variable RIGIDFX_KERNEL_FLAGS names the C compiler's flags in pl
 compiled forms on different processors. Each set of flags has compiled forms of its own. Results
 with different flags differ in their last digits.
 
-Cells whose materials share an energy function share a compiled kernel. A parameter that has one value within a class is a constant of the kernel, one that varies is a
-cell-wise coefficient.
+Cells whose materials share an energy function share a compiled kernel. A parameter that has one
+value within a class is a constant of the kernel, one that varies is a cell-wise coefficient.
 """
 
 from __future__ import annotations
