@@ -11,7 +11,7 @@ import pytest
 import rigidfx as rf
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments, Step
-from rigidfx.step.newton.solution import Solution
+from rigidfx.step.newton.newton import Solution
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.step.watches.jumps import Jumps
 

@@ -30,7 +30,7 @@ def kept():
 
     given = SimpleNamespace(comm=MPI.COMM_SELF, unknowns=unknowns, first_column=0, owned=SIZE)
     starts = np.r_[0:12:3, 15:30:3].astype(np.int32)  # 12, 13 and 14 are no vector
-    low = LowRank(given, SimpleNamespace(starts=starts))
+    low = LowRank(given, starts)
     Q = Rotation.random(starts.size, rng=rng).as_matrix()
     yield rng, A, low, solve, starts, Q
     low.destroy()

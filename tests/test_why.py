@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rigidfx as rf
-from rigidfx.step.newton.solution import Solution
+from rigidfx.step.newton.newton import Solution
 from rigidfx.step.watches.judge import course, overload
 
 MATERIAL = rf.StVenantKirchhoff(E=1e4, nu=0.0, rho=10.0)  # collapses under 0.19 E = 1925 Pa

@@ -93,7 +93,6 @@ predict = system.predict
 RULES: dict[str, tuple[Any, str, Any]] = {  # where each is, and what stands there without it
     "secants": (kept_tangent.Secants, "mend", lambda *_: None),
     "secants, from iterates above rounding alone": (chord, "CLEAR", 0.0),
-    "six secants more": (kept_tangent, "MOST", 6),
     "judged after four iterations, not two": (chord, "OWN", 2),
     "guess with relative motion": (system, "predict", lambda *given: predict(*given)[-1:]),
     "guess by mean motion alone": (system, "predict", lambda *given: predict(*given)[:1]),

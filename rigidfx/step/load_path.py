@@ -23,7 +23,7 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures
 from rigidfx.step.newton.first_guess import Guess
-from rigidfx.step.newton.solution import Solution
+from rigidfx.step.newton.newton import Solution
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.statics import StaticSystem
 from rigidfx.step.system.system import StepResult

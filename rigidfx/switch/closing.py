@@ -27,7 +27,7 @@ from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.joints.elements import Motor
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.scene.scene import Scene
-from rigidfx.step.newton.parted import parted
+from rigidfx.step.newton.border import parted
 
 
 class Closing:

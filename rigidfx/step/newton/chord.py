@@ -21,44 +21,23 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear.linear_solver import PREFIX
 from rigidfx.step.newton.border import Border
-from rigidfx.step.newton.factors import Factors, entries_of, price
-from rigidfx.step.newton.frames import Frames
-from rigidfx.step.newton.incomplete import IncompleteFactors
-from rigidfx.step.newton.kept_tangent import KeptTangent
+from rigidfx.step.newton.factors import Factors, IncompleteFactors, entries_of, price
+from rigidfx.step.newton.kept_tangent import Frames, KeptTangent
 from rigidfx.step.newton.low_rank import LowRank
 from rigidfx.step.newton.stopping_test import ChordTest
 from rigidfx.step.newton.two_levels import TwoLevels
 
-# Price of a tangent, with as many entries in factors as in itself, from which tangents are kept.
-# Steps took .86 of the time by Newton's method at 1.5 (108 unknowns), .96 at 1.9 (135), .34 to .79
-# from 2.5 on (189 to 486), 1.23 at 1.4 (144 of a slender bar), 1.2 to 1.3 below .5 (6 and 36). With
-# a rigid body: 1.24 at 1.1, .93 at 2.2; with 8 shapes .81 at 1.5, .67 at 4; with 23 shapes .44.
-DEAR = 1.45
-# Unknowns up to which full factors are kept, as GMRES is no faster.
-FULL_UP_TO = 500
-# Unknowns up to which stiff parts keep full factors. At 97 470 of steel a step by Cholesky's takes
-# .58 of one by incomplete factors and a coarse grid, .72 by LU; factors take 4 and 6 s to make
-# against .44. What grows with the unknowns is in favour of the others: .68 at 174 570, 11 s and .8.
-FACTORS_UP_TO = 100_000
-# Of slender and thin ones, on one rank, whose full factors fill little: in a plate of one layer of
-# second-order hexahedra (130 680, waves that pass 1800 cells) steps with them took .39 of the time.
-SLENDER_UP_TO = 300_000
-SLENDER = 25.0  # fill at most; that plate has 20, a bar five times as long as thick 31
-# Soft parts whose factors have few entries keep full ones: a solve takes less than a handful of
-# iterations by GMRES and leaves less. Steps took .36 to .79 of the time at a fill of 1.3 to 6.5, in
-# bars, plates and blocks of 670 to 10 000 unknowns.
-FEW = 6.5
-FEW_UP_TO = 30_000  # unknowns; .25 and .51 from 17 000 on, with PETSc's factors
-# Cells that a wave passes in a step, as the diagonals of stiffness and mass estimate them, from
-# which a structure is stiff. Full factors took .53 to .67 of the time of incomplete ones at 9 to 14
-# cells (steps of an L of 3969 to 26 871 unknowns). A coarse grid took .63, .36 and .24 of it at 12,
-# 24 and 49 cells (solves of one of 196 875); 1.3 at 3 cells, 1 at 6 (steps of a block of 114 444).
-STIFF_FROM = 9.0
-# Beyond, solves with kept factors turn a slender part about its axis by rounding, for good: at
-# 2·10⁵ a needle of 1107 unknowns lost 8e-4 of its energy in 500 steps.
-STIFF_UP_TO = 5e3
-# Iterations in which a tangent is not judged (docs/notes/solver_ablation.md).
-OWN = 4
+# Measurements behind these numbers are in docs/notes/solver_ablation.md.
+DEAR = 1.45  # price of a tangent from which it is kept, with as many entries in factors as in it
+FULL_UP_TO = 500  # unknowns up to which full factors are kept, as GMRES is no faster
+FACTORS_UP_TO = 100_000  # unknowns up to which stiff parts keep full factors ...
+SLENDER_UP_TO = 300_000  # ... on one rank also slender and thin ones, whose factors fill little ...
+SLENDER = 25.0  # ... at most: entries of factors over the tangent's
+FEW_UP_TO = 30_000  # unknowns up to which soft parts keep full factors of few entries ...
+FEW = 6.5  # ... over the tangent's: a solve takes less than some iterations and leaves less
+STIFF_FROM = 9.0  # cells that a wave passes in a step, from which a structure is stiff
+STIFF_UP_TO = 5e3  # beyond, rounding of kept factors turns a slender part about its axis, for good
+OWN = 4  # iterations in which a tangent is not judged
 CLEAR = 10.0  # times what rounding may leave, of a residual that secants are learned from
 OF_SOLVERS = "ksp_", "pc_", "mat_", "sub_", "mg_", "snes_lag_", "snes_ksp_ew"
 
@@ -74,11 +53,7 @@ def worn(history: Sequence[float], since: int, target: float, limit: int) -> boo
     is renewed if the residual has grown, or if the remaining iterations, log(target/‖R‖)/log θ,
     exceed the limit of iterations. Newton's method takes over where that does not help.
 
-    Args:
-        history: ‖R‖ at each iterate of the step [N].
-        since: Iterate since which the tangent is the same.
-        target: ‖R‖ that ends the step [N].
-        limit: Iterations after which the step fails.
+    The tangent is the same since an iterate, and ‖R‖ [N] at the target ends the step.
     """
     taken, norm = len(history) - 1, history[-1]
     if taken - since <= OWN or norm <= target:
@@ -96,10 +71,8 @@ def fill(A: PETSc.Mat) -> float:
     With the rows of a sparse matrix in the order of Cuthill and McKee, reversed (A. George and J.
     W. H. Liu, Computer Solution of Large Sparse Positive Definite Systems, Prentice-Hall 1981),
     factors have entries only between the first entry of a row and the diagonal. These are few in
-    small structures, and in long and thin ones of any size.
-
-    Args:
-        A: A matrix whose pattern of entries is symmetric, and complete. Rows alike count as one.
+    small structures, and in long and thin ones of any size. The pattern of the matrix is symmetric
+    and complete; rows alike count as one.
     """
     if A.comm.size > 1:
         return np.inf
@@ -132,8 +105,7 @@ class Chord:
         self._once_stiff = False  # whether waves have got so far in a step
         like = equilibrium.unknowns()
         frames = Frames(p)
-        contacts = LowRank(p, frames)
-        inverse = self._suited(0.0)(equilibrium)
+        contacts, inverse = LowRank(p, frames.starts), self._suited(0.0)(equilibrium)
         self._kept = KeptTangent(inverse, frames, contacts, like, Border(equilibrium))
         like.destroy()
         self.ksp = PETSc.KSP().create(p.comm)
@@ -155,9 +127,7 @@ class Chord:
         """The solver for the tangents of steps of Δt [s].
 
         Once waves get far in a step, a structure counts as stiff, also in shorter steps and after
-        parts have become rigid. With GMRES a frame of 4914 unknowns took 60 to 120 iterations a
-        step at 3 to 13 cells, 130 ms; with full factors 13 ms. A plate in springs whose body came
-        and went took .6 of the time.
+        parts have become rigid.
         """
         size = self._equilibrium.prolongation.size
         self._once_stiff |= self._equilibrium.waves(dt) >= STIFF_FROM
@@ -194,21 +164,14 @@ class Chord:
 
     def renew(self) -> None:
         """Assemble the tangent at the last iterate, if that is worth it. Collective."""
-        history, stop = self.stop.history, self.stop
-        jumped = self._equilibrium.outdated()
-        if jumped and self._follow():
-            return
-        known = history, self._since, stop.target, stop.max_it
-        if jumped or self._missing or worn(*known):
+        history, stop, jumped = self.stop.history, self.stop, self._equilibrium.outdated()
+        if jumped and not self._missing:
+            entries = self._equilibrium.jumping()
+            if entries is not None and self._kept.follow(entries):
+                self._since = len(history) - 1
+                return
+        if jumped or self._missing or worn(history, self._since, stop.target, stop.max_it):
             self.make()
-
-    def _follow(self) -> bool:
-        """Update contacts in the kept tangent, if that is worth it. Collective."""
-        entries = self._equilibrium.jumping()
-        if self._missing or entries is None or not self._kept.follow(entries):
-            return False
-        self._since = len(self.stop.history) - 1
-        return True
 
     def make(self) -> None:
         """Assemble the tangent at the last iterate. Collective."""

@@ -6,7 +6,7 @@ same in its own frame. So corrections are
 
     z = Q A₀⁻¹ Qᵀ r,    Q = R R₀ᵀ,
 
-with the rotations R of nodes and bodies at the start of the step (`frames`), and R₀ those of the
+with the rotations R of nodes and bodies at the start of the step (`Frames`), and R₀ those of the
 step in which A₀ was assembled. Newton's method then converges linearly, the faster the better the
 tangent fits. For a steadily turning body the fit is exact.
 """
@@ -14,21 +14,72 @@ tangent fits. For a steadily turning body the fit is exact.
 from __future__ import annotations
 
 import numpy as np
+from dolfinx import la
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from rigidfx.base.types import Array
+from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.mechanics.local_rotations import LocalRotations, turn_vectors
+from rigidfx.mechanics.rotation import IDENTITY
 from rigidfx.step.newton.border import Border
-from rigidfx.step.newton.factors import Factors
-from rigidfx.step.newton.frames import Frames
-from rigidfx.step.newton.incomplete import IncompleteFactors
+from rigidfx.step.newton.factors import Factors, IncompleteFactors
 from rigidfx.step.newton.low_rank import LowRank
 
 NEAR = 0.1  # change of Δt that a tangent survives
 Inverse = Factors | IncompleteFactors  # solvers with a tangent that has been assembled once
-MOST = 12  # pairs that are kept
+PAIRS = 6  # that are kept
 INDEPENDENT = 1e-4  # square of the part in which pairs have to differ
+
+
+class Frames:
+    """How nodes and bodies have turned, and unknowns turned along with them.
+
+    A tangent belongs to directions in space. Where the surroundings of a node have turned by Q
+    since it was assembled, its rows and columns are turned: A ≈ Q A₀ Qᵀ with a block of Q for each
+    node and each body, exactly so for parts in steady rigid rotation, and up to curvature times
+    cell size in parts that bend. Increments of a node and residuals at it turn as vectors, and so
+    do Δr and ℓθ of a body. Coordinates of shapes do not turn. A node that supports hold in part
+    keeps its directions.
+
+    Attributes:
+        starts: Where vectors of three among this rank's unknowns begin.
+    """
+
+    def __init__(self, prolongation: Prolongation) -> None:
+        """Find where vectors of unknowns begin. Collective."""
+        self._p, layout = prolongation, prolongation.layout
+        parts = [np.empty(0, dtype=np.int32), *layout.flexible.values()]
+        cells = layout.space.dofmap.list[np.concatenate(parts)]
+        X = layout.space.tabulate_dof_coordinates()
+        self._local = LocalRotations(cells, X, prolongation.comm)
+        self._spread = la.vector(layout.space.dofmap.index_map, 9)
+        self._nodes = layout.rows.nodes
+        self._fitted = np.broadcast_to(IDENTITY, (self._nodes.size, 3, 3)).copy()
+        free = prolongation.free_of_nodes
+        self._whole = free.all(axis=1)
+        first = (np.cumsum(free.reshape(-1)).reshape(-1, 3) - 1)[self._whole, 0]
+        bodies = prolongation.six[:, ::3].reshape(-1)
+        self.starts = np.concatenate([first, bodies]).astype(np.int32)
+
+    def rotations(self, u: Array) -> Array:
+        """Rotation of each vector of unknowns of this rank, shape (vectors, 3, 3). Collective.
+
+        u is the displacement of all local nodes, ghosts included, one number per dof [m].
+        """
+        M = self._spread.array.reshape(-1, 9)
+        M[:] = 0.0
+        self._local.spread(u, M)
+        self._spread.scatter_reverse(la.InsertMode.add)
+        self._local.fit(M[self._nodes], self._fitted)
+        nodes = self._p.at_nodes(self._fitted.reshape(-1, 9)).reshape(-1, 3, 3)
+        bodies = self._p.increments.start.R[self._p.moving]
+        return np.concatenate([nodes[self._whole], np.repeat(bodies, 2, axis=0)])
+
+    def turn(self, y: Array, Q: Array, back: bool = False) -> None:
+        """Turn unknowns or residuals of this rank in place by Q, or back by Qᵀ."""
+        turn_vectors(y, self.starts, Q, back)
 
 
 class Secants:
@@ -42,27 +93,17 @@ class Secants:
 
     Parts that bend stay near the shape of a step before. So pairs are kept over steps, in the frame
     of the tangent, until there is a new one.
-
-    Attributes:
-        known: How many pairs are kept.
     """
 
     def __init__(self, comm: MPI.Intracomm, size: int) -> None:
-        """Begin without pairs.
-
-        Args:
-            comm: Communicator of the unknowns.
-            size: How many of them this rank owns.
-        """
+        """Begin without pairs of vectors of which this rank owns `size` unknowns."""
         self._comm = comm
-        self._changes = np.zeros((MOST, size))  # Δz, the newest in a place of its own by turns
-        self._mending = np.zeros((MOST, size))  # s - Δz
-        self._products = np.zeros((MOST, MOST))
+        self._pairs = np.zeros((2, PAIRS, size))  # Δz and s - Δz
         self.forget()
 
     def forget(self) -> None:
         """Drop all pairs: there is a new tangent."""
-        self.known, self._next = 0, 0
+        self._learned = 0
         self.begin()
 
     def begin(self) -> None:
@@ -79,42 +120,29 @@ class Secants:
         """
         given = z.copy()
         if learning and self._last is not None:
-            self._learn(given)
-        if self.known:
-            z += self._coefficients(given) @ self._mending[: self.known]
+            before, taken = self._last
+            change = given - before
+            self._pairs[:, self._learned % PAIRS] = change, -taken - change
+            self._learned += 1
+        if self._learned:
+            changes, mending = self._pairs[:, : self._learned]
+            z += self._coefficients(changes, given) @ mending
         self._last = given, z.copy()
 
-    def _learn(self, given: Array) -> None:
-        """Add the pair of the last two iterates."""
-        assert self._last is not None
-        before, taken = self._last
-        k = self._next
-        np.subtract(given, before, out=self._changes[k])
-        np.negative(taken, out=self._mending[k])
-        self._mending[k] -= self._changes[k]
-        self.known, self._next = max(self.known, k + 1), (k + 1) % MOST
-        row = self._sums(self._changes[k])
-        self._products[k, : self.known] = self._products[: self.known, k] = row
-
-    def _sums(self, vector: Array) -> Array:
-        """Products of a vector with all Δz, on all ranks."""
-        with np.errstate(over="ignore", invalid="ignore"):  # infinite: see _coefficients
-            out: Array = self._changes[: self.known] @ vector
-        self._comm.Allreduce(MPI.IN_PLACE, out, op=MPI.SUM)
-        return out
-
-    def _coefficients(self, given: Array) -> Array:
+    def _coefficients(self, changes: Array, given: Array) -> Array:
         """c of each pair."""
-        products = self._products[: self.known, : self.known]
+        with np.errstate(over="ignore", invalid="ignore"):
+            products = np.column_stack([changes @ changes.T, changes @ given])
+        self._comm.Allreduce(MPI.IN_PLACE, products)
         sizes = np.sqrt(products.diagonal())
         if not (np.isfinite(sizes).all() and sizes.all()):
-            return np.zeros(self.known)  # what overflows is no step
+            return np.zeros(len(sizes))  # what overflows is no step
+        products /= sizes[:, None]
         # As numpy's pinv, of whose time this takes a quarter: an eighth of small models' steps.
-        squares, parts = np.linalg.eigh(products / np.outer(sizes, sizes))
+        squares, parts = np.linalg.eigh(products[:, :-1] / sizes)
         differ = squares > INDEPENDENT * squares[-1]
         parts = parts[:, differ]
-        out: Array = parts @ ((self._sums(given) / sizes) @ parts / squares[differ]) / sizes
-        return out
+        return np.asarray(parts @ (products[:, -1] @ parts / squares[differ]) / sizes)
 
 
 class KeptTangent:
@@ -134,15 +162,7 @@ class KeptTangent:
         y: PETSc.Vec,
         border: Border,
     ) -> None:
-        """Keep the solver of a matrix that others fill.
-
-        Args:
-            inverse: Solves with it.
-            frames: Nodes and bodies of the structure.
-            contacts: Corrects it where contacts change.
-            y: Of the kind of the unknowns; not kept.
-            border: Joints.
-        """
+        """Keep the solver of a matrix that others fill; y is of the kind of the unknowns."""
         self.inverse, self._frames, self._border = inverse, frames, border
         self._contacts = contacts
         self._right = y.duplicate()
@@ -155,11 +175,7 @@ class KeptTangent:
         self.iterations, self.learning = 0, True
 
     def replace(self, inverse: Inverse) -> None:
-        """Replace the inverse by one that has no tangent yet. Collective.
-
-        Args:
-            inverse: Solves with a matrix that others fill.
-        """
+        """Replace the inverse by one that has no tangent yet. Collective."""
         self.inverse.destroy()
         self.inverse, self._assembled_for = inverse, 0.0
         self._contacts.renewed(None)
@@ -169,12 +185,7 @@ class KeptTangent:
         return abs(dt - self._assembled_for) <= NEAR * dt
 
     def begin(self, u: Array, dt: float) -> None:
-        """Begin a step: find how the structure stands. Collective.
-
-        Args:
-            u: Displacement of all local nodes at its start, ghosts included [m].
-            dt: Δt [s].
-        """
+        """Begin a step of Δt [s] from the displacement u of all local nodes [m]. Collective."""
         self.iterations = 0
         self._now = self._frames.rotations(u)
         self._Q = None if self._then is None else self._now @ self._then.swapaxes(1, 2)
@@ -195,11 +206,7 @@ class KeptTangent:
     def follow(self, entries: csr_array) -> bool:
         """Update the tangent by the stiffness of contacts at the last iterate. Collective.
 
-        Args:
-            entries: The stiffness, equal on all ranks.
-
-        Returns:
-            False if a new tangent is as cheap, and nothing is changed.
+        False if a new tangent is as cheap; then nothing is changed.
         """
         most, solve = self.inverse.renewal, self.inverse.solve
         if not self._contacts.follow(entries, self._Q, self._factor, most, solve):
@@ -209,11 +216,7 @@ class KeptTangent:
         return True
 
     def renewed(self, entries: csr_array | None) -> None:
-        """Record that the tangent has just been assembled, in this step. Collective.
-
-        Args:
-            entries: Stiffness of contacts in it; None without any.
-        """
+        """Record a new tangent, and the stiffness of contacts in it. Collective."""
         self.inverse.renew()
         self._contacts.renewed(entries)
         self._border.renew(self.inverse.solve)

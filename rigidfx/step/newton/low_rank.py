@@ -2,7 +2,7 @@
 
 A contact that opens or closes changes the tangent A by a matrix of low rank. With K the stiffness
 of contacts at the last iterate, K₀ that in A, and Q the rotation of the unknowns since A was
-assembled (`frames`),
+assembled (`Frames`),
 
     A' = A + Δ,    Δ = Qᵀ K Q - K₀ ≈ B Bᵀ Δ,
     A'⁻¹ r = z - Y (I + W Y)⁻¹ W z,    z = A⁻¹ r,  Y = A⁻¹ B,  W = Bᵀ Δ
@@ -25,7 +25,7 @@ from scipy.sparse import csc_array, csr_array
 from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.contacts.penalty import STALE
-from rigidfx.step.newton.frames import Frames
+from rigidfx.mechanics.rotation import AXES
 
 Solve = Callable[[PETSc.Vec, PETSc.Vec], None]
 
@@ -37,24 +37,15 @@ class LowRank:
         columns: How many B has.
     """
 
-    def __init__(self, prolongation: Prolongation, frames: Frames) -> None:
-        """Begin without a tangent. Collective.
-
-        Args:
-            prolongation: Map between unknowns and dofs.
-            frames: Nodes and bodies of the structure.
-        """
-        self._comm, self._frames = prolongation.comm, frames
+    def __init__(self, prolongation: Prolongation, starts: Ints) -> None:
+        """Begin without a tangent. Vectors among this rank's unknowns begin at `starts`."""
+        self._comm, self._starts = prolongation.comm, starts.astype(np.int64)
         self._right, self._left = (prolongation.unknowns() for _ in range(2))
         self._first, self._owned = prolongation.first_column, prolongation.owned
         self.renewed(None)
 
     def renewed(self, entries: csr_array | None) -> None:
-        """Record a new tangent.
-
-        Args:
-            entries: K₀, equal on all ranks; None if nothing may jump.
-        """
+        """Record a new tangent with K₀, equal on all ranks; None if nothing may jump."""
         self._then = self._now = entries
         self._rows: Ints = np.empty(0, np.int64)  # unknowns at which B has entries
         self._B: Array = np.empty((0, 0))  # there
@@ -98,12 +89,7 @@ class LowRank:
         return B
 
     def turn(self, Q: Array | None, factor: float) -> None:
-        """Follow a turn of the structure, or a change of Δt. Collective.
-
-        Args:
-            Q: Rotation of each vector of unknowns since the tangent was assembled; None for none.
-            factor: What solutions with the tangent are multiplied by.
-        """
+        """Follow a turn of the structure, or a change of Δt, as in `follow`. Collective."""
         if self.columns and self._now is not None:
             _, change, _ = self._change(self._now, Q, factor)
             self._take(change)
@@ -125,36 +111,29 @@ class LowRank:
 
     def _whole(self, rows: Ints) -> Ints:
         """Unknowns with all of the vectors that they are of. Collective."""
-        own = rows[self._here(rows)] - self._first
-        start, within = self._vectors(own)
-        every = (start[within][:, None] + np.arange(3)).reshape(-1)
-        found = np.concatenate([every, own[~within]]) + self._first
+        turning = self._turning(np.ones((self._starts.size, 3, 3)))
+        found = turning[rows[self._here(rows)] - self._first].indices.astype(np.int64) + self._first
         return np.unique(np.concatenate(self._comm.allgather(found)))
 
     def _here(self, rows: Ints) -> Bools:
         """Which unknowns are this rank's."""
         return np.asarray((rows >= self._first) & (rows < self._first + self._owned))
 
-    def _vectors(self, own: Ints) -> tuple[Ints, Bools]:
-        """Where the vector of each unknown of this rank begins, and whether it is of one."""
-        starts = self._frames.starts.astype(np.int64)
-        if not starts.size:
-            return own, np.zeros(own.size, dtype=bool)
-        start = starts[np.maximum(np.searchsorted(starts, own, side="right") - 1, 0)]
-        return start, (own >= start) & (own < start + 3)
+    def _turning(self, Q: Array) -> csr_array:
+        """Q as a matrix of this rank's unknowns."""
+        at = self._starts[:, None] + AXES
+        alone = np.setdiff1d(np.arange(self._owned), at)
+        i = np.concatenate([at.repeat(3, axis=1).ravel(), alone])
+        j = np.concatenate([np.tile(at, 3).ravel(), alone])
+        values = np.concatenate([Q.ravel(), np.ones(alone.size)])
+        return csr_array((values, (i, j)), shape=(self._owned,) * 2)
 
     def _rotation(self, rows: Ints, Q: Array) -> csr_array:
         """Q at some unknowns, whole vectors. Collective."""
         here = np.flatnonzero(self._here(rows))
-        own = rows[here] - self._first
-        start, within = self._vectors(own)
-        alone, here, component = here[~within], here[within], (own - start)[within]
-        turns = Q[np.searchsorted(self._frames.starts, start[within]), component]
-        columns = (here - component)[:, None] + np.arange(3)
-        i = np.concatenate([np.repeat(here, 3), alone])
-        j = np.concatenate([columns.reshape(-1), alone])
-        values = np.concatenate([turns.reshape(-1), np.ones(alone.size)])
-        every = zip(*self._comm.allgather((values, i, j)), strict=True)
+        own = self._turning(Q)[rows[here] - self._first].tocoo()
+        i, j = here[own.coords[0]], np.searchsorted(rows, own.coords[1] + self._first)
+        every = zip(*self._comm.allgather((own.data, i, j)), strict=True)
         values, i, j = (np.concatenate(parts) for parts in every)
         return csr_array((values, (i, j)), shape=(rows.size,) * 2)
 
@@ -196,16 +175,9 @@ class LowRank:
 
 
 def _basis(change: csr_array, B: Array, least: float, most: float) -> Array | None:
-    """Columns that a basis of a matrix lacks, by Gram and Schmidt with the largest one first.
+    """Columns that a basis B of a matrix lacks, by Gram and Schmidt with the largest one first.
 
-    Args:
-        change: The matrix, shape (n, n).
-        B: Orthonormal columns that there are, shape (n, k).
-        least: Length of a column of the matrix that needs no more.
-        most: Limit of new columns.
-
-    Returns:
-        Shape (n, new); None if more are needed.
+    Columns of the matrix up to the length `least` need none. None if more than `most` are needed.
     """
     columns = csc_array(change)
     squares = np.asarray(columns.power(2).sum(axis=0)) - ((columns.T @ B) ** 2).sum(axis=1)

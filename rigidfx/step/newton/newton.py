@@ -6,14 +6,13 @@ ones of this division. Where factors without pivots fail, it is solved again wit
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from petsc4py import PETSc
 
 from rigidfx.base.types import Array
-from rigidfx.scene.scene import Scene
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear.linear_solver import (
     DIRECT_BELOW,
@@ -27,132 +26,65 @@ from rigidfx.step.linear.petsc_options import monitor_solves
 from rigidfx.step.newton.border import BorderedFactors
 from rigidfx.step.newton.chord import Chord, pays
 from rigidfx.step.newton.first_guess import Guess
-from rigidfx.step.newton.solution import Solution
 from rigidfx.step.newton.stopping_test import (
+    CONSERVED,
     MAX_ITERATIONS,
     RELATIVE_TOLERANCE,
-    ROUNDING,
     ChordTest,
+    Conserving,
     StoppingTest,
     judged,
     reason_name,
 )
 
-CONSERVED = 3e-3  # of the tolerance of residuals, what a step may take from energy and momenta
-SLOW = 0.5  # factor by which what falls in an iteration is no rounding
-GROWN = 2.0  # a residual that has grown by that belongs to no solution any more
 
-
-class Conserving:
-    """Follows the iterates of a step from the first one that is good enough as a solution.
-
-    Newton's method often ends a step far below its tolerance. Iterations with a kept tangent end
-    just below it. In long steps that remainder may change energy and momenta: they drifted by 2e-10
-    in 300 steps of a bar of steel whose Δt changed from step to step. So the change by a solution
-    is measured. If it is too large, the iteration continues while each iteration halves it. If a
-    new tangent does not halve it either, it is rounding. The size of that rounding is kept, also
-    through new divisions, and later steps need not be better. An iterate with a larger change than
-    the one before is undone.
+@dataclass(frozen=True)
+class Solution:
+    """How the equations of a step were solved.
 
     Attributes:
-        rounding: Rounding of each quantity, as far as it has been met, relative.
-        best: Whether no iterate before the last one, of those that were followed, was better.
-        doubtful: Whether the next iteration wants a new tangent, to tell rounding from a tangent
-            that does not fit.
+        converged: Whether Newton met its tolerance.
+        reason: SNES's reason in words.
+        residuals: ‖R‖ [N] at each iterate.
+        tangents: Tangents assembled; fewer than iterations where one is kept.
+        linear_iterations: Krylov iterations in total; factorisations count one.
+        solver: Linear solver used, with a remark where it is a fall-back.
+        place: Reference position of the largest residual [m], shape (3,), if not converged.
+        moved: Largest increment of an unknown [m].
+        left: Largest displacement of an unknown by the rest of the residual against its own
+            stiffness and inertia [m]; 0 if Newton has met its relative tolerance.
+        rounding: Size of ‖R‖ below which rounding may be all of it [N].
+        given_up: Iterations of a solve with a kept tangent that came to nothing before; its
+            tangents and Krylov iterations are among those above.
     """
 
-    def __init__(self, tolerance: float) -> None:
-        """Begin without a step.
-
-        Args:
-            tolerance: Permitted loss of energy and momenta in a step, relative.
-        """
-        self._tolerance = tolerance
-        self.rounding: float | Array = 0.0
-        self.restart()
-
-    def restart(self) -> None:
-        """Begin a step, or an attempt at it."""
-        self._lost: list[Array] = []
-        self._residual = self._least = np.inf
-        self.best, self.doubtful = True, False
+    converged: bool
+    reason: str
+    residuals: tuple[float, ...]
+    tangents: int
+    linear_iterations: int
+    solver: str
+    place: Array | None
+    moved: float
+    left: float
+    rounding: float
+    given_up: int = 0
 
     @property
-    def following(self) -> bool:
-        """Whether there has been a solution already, which takes too much."""
-        return bool(self._lost)
+    def iterations(self) -> int:
+        """Newton iterations."""
+        return len(self.residuals) - 1 + self.given_up
 
-    def grown(self, residual: float) -> bool:
-        """Whether an iterate is none to go on from. True ends the step."""
-        self.best = residual <= GROWN * self._residual
-        return not self.best
-
-    def enough(self, residual: float, lost: Array, kept: bool = False) -> bool:
-        """Whether an iterate is to be the last; another one is asked for if not.
-
-        Args:
-            residual: ‖R‖ there [N].
-            lost: Loss of each quantity, relative.
-            kept: Whether tangents are kept: that of the last iteration was an earlier one, unless
-                this one was in doubt.
-        """
-        self._lost.append(lost)
-        if np.shape(self.rounding) not in ((), lost.shape):
-            self.rounding = 0.0  # it was met while other quantities were looked at
-        self._residual = min(self._residual, residual)
-        allowed = np.maximum(self._tolerance, ROUNDING * self.rounding)
-        worst = float((lost / allowed).max(initial=0.0))
-        self.best, self._least = worst <= self._least, min(worst, self._least)
-        much = lost > allowed
-        if len(self._lost) > 1:
-            before, older = self._lost[-2], kept and not self.doubtful
-            stays = much & (lost > SLOW * before)
-            self.doubtful = older and bool(stays.any())
-            if self.doubtful:
-                return False
-            met = np.where(stays, np.minimum(lost, before), 0.0)
-            self.rounding = np.maximum(self.rounding, met)
-            much &= ~stays
-        return not much.any()
-
-
-@contextmanager
-def errors_of_callbacks() -> Iterator[None]:
-    """Around a call of PETSc that calls back.
-
-    Python raises a Ctrl-C mostly in a function that SNES has called. PETSc replaces any exception
-    of such a function by an error of its own (number -1), with the exception as its cause.
-
-    Raises:
-        BaseException: The exception of a function called by PETSc.
-    """
-    try:
-        yield
-    except PETSc.Error as error:
-        cause = error.__cause__ or error.__context__
-        if cause is None:
-            raise
-        raise cause from None
-
-
-def residual(snes: PETSc.SNES, y: PETSc.Vec, r: PETSc.Vec, newton: Newton) -> None:
-    """SNES callback: R(y), unless the choice of a first guess has left it there."""
-    if newton.known:
-        newton.known = False
-    else:
-        newton.equilibrium.residual(y, r)
-
-
-def tangent(snes: PETSc.SNES, y: PETSc.Vec, A: PETSc.Mat, B: PETSc.Mat, newton: Newton) -> None:
-    """SNES callback: dR/dy at the iterate of the last residual, unless an older one is kept."""
-    newton.renew_tangent()
-
-
-def convergence(
-    snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float], newton: Newton
-) -> int:
-    """SNES callback: the stopping test."""
-    return newton.ended(iteration, norms[2])
+    def after(self, failed: Solution | None) -> Solution:
+        """The same, with the cost of an earlier solve of the step, if there was one."""
+        if failed is None:
+            return self
+        return replace(
+            self,
+            tangents=self.tangents + failed.tangents,
+            linear_iterations=self.linear_iterations + failed.linear_iterations,
+            given_up=failed.iterations,
+        )
 
 
 class Newton:
@@ -162,10 +94,9 @@ class Newton:
         equilibrium: The equations.
         stop: The stopping test, with the history of the last solve.
         conserving: Whether the last iterate is enough for energy and momenta.
-        known: Whether the residual at the first guess has been evaluated already.
     """
 
-    def __init__(self, equilibrium: Equilibrium, scene: Scene) -> None:
+    def __init__(self, equilibrium: Equilibrium) -> None:
         """Create the SNES. Collective."""
         self.equilibrium = equilibrium
         self._y = equilibrium.unknowns()
@@ -177,6 +108,7 @@ class Newton:
         self._krylov = equilibrium.inertial and not direct
         self._pivots = True  # whether factors need them
         self._snes = self._create_snes()
+        self._configure()
         rtol, _, _, max_it = self._snes.getTolerances()
         self.stop = StoppingTest(rtol, max_it)
         self.conserving = Conserving(CONSERVED * rtol)
@@ -187,7 +119,7 @@ class Newton:
         self._experience = self._chord
         self._keeping = False  # whether the present solve is by the chord method
         self._offered, self._best = 0, 0  # first guesses of the last choice, and what it was
-        self.known = False
+        self._known = False  # whether the residual at the first guess has been evaluated already
         self._tangents, self._failed = 0, False  # and whether the last iteration has failed
         self._ending, self._saved_norm = 0, 0.0  # reason to stop at a solution, and its ‖R‖ [N]
         self._left = 0.0  # ‖R‖ of the last solution [N]
@@ -205,23 +137,23 @@ class Newton:
         snes = PETSc.SNES().create(self.equilibrium.prolongation.comm)
         snes.setOptionsPrefix(PREFIX)
         snes.setType(PETSc.SNES.Type.NEWTONLS)
-        snes.setFunction(residual, self._r, args=(self,))
+        snes.setFunction(self._evaluate, self._r)
         A = self.equilibrium.tangent_matrix
-        snes.setJacobian(tangent, A if joined is None else joined.operator, args=(self,))
-        snes.setConvergenceTest(convergence, args=(self,))
+        snes.setJacobian(self._renew_tangent, A if joined is None else joined.operator)
+        snes.setConvergenceTest(self._ended)
         snes.setTolerances(rtol=RELATIVE_TOLERANCE, max_it=MAX_ITERATIONS)
         with default_options(PREFIX, snes_linesearch_type="basic"):
             snes.setFromOptions()
         monitor_solves(snes)
-        self._configure(snes.getKSP(), not self._krylov)
         return snes
 
-    def _configure(self, ksp: PETSc.KSP, direct: bool) -> None:
-        p = self.equilibrium.prolongation
+    def _configure(self) -> None:
+        """Set the linear solver of new tangents up. Collective."""
+        p, ksp = self.equilibrium.prolongation, self._snes.getKSP()
         if self._bordered is not None:
             ksp = self._bordered.within(ksp)
         quick = not self._pivots and p.size <= QUICK_UP_TO
-        configure(ksp, direct, p.size, len(p.layout.bodies) > 0, quick)
+        configure(ksp, not self._krylov, p.size, len(p.layout.bodies) > 0, quick)
 
     @np.errstate(all="ignore")  # an iterate may leave the numbers: a residual says so
     def solve(self, guesses: Sequence[Guess]) -> Solution:
@@ -255,26 +187,21 @@ class Newton:
 
     def _solve_by_newton(self, guesses: Sequence[Guess]) -> Solution:
         """Solve with a new tangent in each iteration."""
-        self._take_pivots(not self.equilibrium.well_conditioned)
+        if not self._krylov and self._pivots == self.equilibrium.well_conditioned:
+            self._pivots = not self._pivots
+            self._configure()
         self._tangents = 0
         reason, remark = self._iterate(guesses), ""
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE and self._krylov:
-            self._krylov = False
-            self._configure(self._snes.getKSP(), True)
-            reason, remark = self._iterate(guesses), " (fall-back from Krylov)"
+            self._krylov, remark = False, " (fall-back from Krylov)"
         elif reason < 0 and not self._krylov and not self._pivots:
-            # Whatever it was: factors with pivots are sure.
-            self._take_pivots(True)
-            reason, remark = self._iterate(guesses), " (with pivots)"
+            self._pivots, remark = True, " (with pivots)"  # whatever it was: these are sure
+        if remark:
+            self._configure()
+            reason = self._iterate(guesses)
         ksp, linear = self._snes.getKSP(), self._snes.getLinearSolveIterations()
         solver = f"{ksp.getType()}+{ksp.getPC().getType()}{remark}"
         return self._solution(reason, self._tangents, linear, solver)
-
-    def _take_pivots(self, pivots: bool) -> None:
-        """Choose factors of Newton's own solver with pivots, or without."""
-        if not self._krylov and pivots != self._pivots:
-            self._pivots = pivots
-            self._configure(self._snes.getKSP(), True)
 
     def _solution(self, reason: int, tangents: int, linear: int, solver: str) -> Solution:
         """The findings. Collective."""
@@ -292,8 +219,54 @@ class Newton:
             self.stop.rounding,
         )
 
-    def renew_tangent(self) -> None:
-        """Assemble the tangent of the next linear system. Collective."""
+    def _iterate(self, guesses: Sequence[Guess]) -> int:
+        """Solve from the best guess by the present linear solver; SNES's reason to stop."""
+        if self._failed and not self._keeping and self._bordered is None:
+            forget_failed(self._snes.getKSP())
+        self.stop.restart()
+        self.conserving.restart()
+        self._choose(guesses)
+        self.stop.expect_rounding(self.equilibrium.noise())
+        try:
+            self._snes.solve(None, self._y)
+        except PETSc.Error as error:
+            # Python raises a Ctrl-C mostly in a function that SNES has called. PETSc replaces any
+            # exception there by an error of its own (number -1), with the exception as its cause.
+            raise (error.__cause__ or error.__context__ or error) from None
+        reason = judged(int(self._snes.getConvergedReason()))
+        self._failed = reason < 0
+        self._left = self.stop.history[-1] if self.stop.history else np.inf
+        if self.conserving.following and (reason < 0 or not self.conserving.best):
+            self._saved.copy(self._y)
+            self._left = self._saved_norm
+            return self._ending
+        return reason
+
+    def _choose(self, guesses: Sequence[Guess]) -> None:
+        """Begin at the guess with the smallest residual, which is kept for SNES. Collective."""
+        # The likely one comes last, so that its residual need not be evaluated again.
+        order = sorted(range(len(guesses)), key=lambda k: k == self._best)
+        norms = [self._norm_at(guesses[k]) for k in order]
+        least = int(np.argmin(np.nan_to_num(norms, nan=np.inf)))
+        if len(guesses) > 1:
+            self._offered, self._best = len(norms), order[least]
+        if least < len(norms) - 1:
+            self._norm_at(guesses[order[least]])
+        self._known = True
+
+    def _norm_at(self, guess: Guess) -> float:
+        self.equilibrium.guess(guess.increment, guess.bodies, self._y)
+        self.equilibrium.residual(self._y, self._r)
+        return float(self._r.norm())
+
+    def _evaluate(self, snes: PETSc.SNES, y: PETSc.Vec, r: PETSc.Vec) -> None:
+        """SNES's call: R(y), unless the choice of a first guess has left it there."""
+        if not self._known:
+            self.equilibrium.residual(y, r)
+        self._known = False
+
+    def _renew_tangent(self, snes: PETSc.SNES, y: PETSc.Vec, A: PETSc.Mat, B: PETSc.Mat) -> None:
+        """SNES's call: dR/dy at the iterate of the last residual, unless an older one is kept."""
         if self._keeping and self._chord is not None:
             self._chord.look()
             if not self.conserving.following:
@@ -306,43 +279,10 @@ class Newton:
                 self._bordered.renew()
             self._tangents += 1
 
-    def _iterate(self, guesses: Sequence[Guess]) -> int:
-        if self._failed and not self._keeping and self._bordered is None:
-            forget_failed(self._snes.getKSP())
-        self.stop.restart()
-        self.conserving.restart()
-        self.known = False
-        if len(guesses) > 1:
-            # The likely one comes last, so that SNES finds its residual.
-            order = sorted(range(len(guesses)), key=lambda k: k == self._best)
-            norms = [self._norm_at(guesses[k]) for k in order]
-            last = int(np.argmin(np.nan_to_num(norms, nan=np.inf)))
-            self._offered, self._best = len(norms), order[last]
-            self.known = last == len(norms) - 1
-            guesses = [guesses[self._best]]
-        if not self.known:  # rounding is that of the guess, not of a failed iterate
-            self._norm_at(guesses[0])
-            self.known = True
-        self.stop.expect_rounding(self.equilibrium.noise())
-        with errors_of_callbacks():
-            self._snes.solve(None, self._y)
-        reason = judged(int(self._snes.getConvergedReason()))
-        self._failed = reason < 0
-        self._left = self.stop.history[-1] if self.stop.history else np.inf
-        if self.conserving.following and (reason < 0 or not self.conserving.best):
-            self._saved.copy(self._y)
-            self._left = self._saved_norm
-            return self._ending
-        return reason
-
-    def _norm_at(self, guess: Guess) -> float:
-        self.equilibrium.guess(guess.increment, guess.bodies, self._y)
-        self.equilibrium.residual(self._y, self._r)
-        return float(self._r.norm())
-
-    def ended(self, iteration: int, norm: float) -> int:
-        """SNES's reason to stop, or 0 to go on. Collective."""
-        reason, conserving = self.stop(iteration, norm), self.conserving
+    def _ended(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
+        """SNES's call: its reason to stop, or 0 to go on. Collective."""
+        norm, conserving = norms[2], self.conserving
+        reason = self.stop(iteration, norm)
         if conserving.following:
             if conserving.grown(norm):
                 return self._ending

@@ -25,14 +25,11 @@ from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear.linear_solver import configure
-from rigidfx.step.newton.incomplete import OWN, IncompleteFactors
+from rigidfx.step.newton.factors import OF_INCOMPLETE, IncompleteFactors
 
-COARSE = OWN + "coarse_"  # prefix of the coarse solver's options
+COARSE = OF_INCOMPLETE + "coarse_"  # prefix of the coarse solver's options
 Int = PETSc.IntType
-
-# Nodes of an aggregate, at most. An L of 196 875 unknowns (solves to a hundredth, 8.0 iterations
-# without a coarse grid) took 3.7, 4.1, 4.4 and 4.6 with 130, 200, 260 and 520.
-NODES = 260
+NODES = 260  # of an aggregate, at most
 EMPTY = 1e-12  # squared norm of a motion that nothing takes part in, relative to the largest
 
 

@@ -34,7 +34,7 @@ from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.rotation import orthonormalized
 from rigidfx.state import State
 from rigidfx.step.equations.equations import Equilibrium
-from rigidfx.step.newton.parted import parted
+from rigidfx.step.newton.border import parted
 from rigidfx.step.system.supports import PrescribedDofs, ReducedMass
 
 # Finds additions to multipliers of joints [N], and forces of these on vectors, shape (vectors, 3).

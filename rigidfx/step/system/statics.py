@@ -25,8 +25,7 @@ from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures
 from rigidfx.step.linear.linear_solver import PREFIX, default_options
 from rigidfx.step.newton.first_guess import Guess
-from rigidfx.step.newton.newton import Newton
-from rigidfx.step.newton.solution import Solution
+from rigidfx.step.newton.newton import Newton, Solution
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.system import System, Work
 
@@ -128,7 +127,7 @@ class StaticSystem(System):
         """Newton's method with a line search, made when it is first needed. Collective."""
         if self._searching is None:
             with default_options(PREFIX, snes_linesearch_type="bt"):
-                self._searching = Newton(self.equilibrium, self._scene)
+                self._searching = Newton(self.equilibrium)
         return self._searching
 
     def _renew(self) -> None:
@@ -136,7 +135,7 @@ class StaticSystem(System):
         for newton in (self.newton, self._searching):
             if newton is not None:
                 newton.destroy()
-        self.newton, self._searching = Newton(self.equilibrium, self._scene), None
+        self.newton, self._searching = Newton(self.equilibrium), None
 
     @property
     def size(self) -> float:

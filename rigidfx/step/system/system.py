@@ -35,8 +35,7 @@ from rigidfx.step.equations.energies import Energies
 from rigidfx.step.equations.equations import Trial
 from rigidfx.step.equations.shape_damping import ShapeDamping
 from rigidfx.step.newton.first_guess import predict
-from rigidfx.step.newton.newton import Newton
-from rigidfx.step.newton.solution import Solution
+from rigidfx.step.newton.newton import Newton, Solution
 from rigidfx.step.system.constraint_forces import Added, AddedForces, MeanConstraints
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.equations import Equations, Kind
@@ -147,7 +146,7 @@ class System(Equations):
         self.bind(effects, acting, loose=loose, damping=self._damping)
         self.energies = Energies(scene, forces, self.mass, self.layout, self.actions, self.linkage)
         self._taken = forces.bind_taken(flexible, driven) if steps else None
-        self.newton = Newton(self.equilibrium, scene)
+        self.newton = Newton(self.equilibrium)
         self.held = HeldBodies(scene, division.held, state.bodies)
         self._v0: Any = self.layout.rows.vector() if steps else None  # of statics there is none
         self._mean = self._mean_constraints(state.bodies) if steps else None

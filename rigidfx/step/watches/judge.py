@@ -29,7 +29,7 @@ from rigidfx.flexible.strain_rate import Indicator
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.materials import StVenantKirchhoff
 from rigidfx.scene.scene import Scene
-from rigidfx.step.newton.solution import Solution
+from rigidfx.step.newton.newton import Solution
 from rigidfx.step.newton.stopping_test import MARGIN
 
 INVERTED = ". There det F ≤ 0 at an integration point, or a stretch is above 10⁶."
