@@ -17,8 +17,8 @@ import rigidfx as rf
 from rigidfx.plot.pictures import spent
 from rigidfx.scene.damped import Damped, comes_back
 from rigidfx.step.length.controller import REST, Controller, Moves, RunError
-from rigidfx.step.length.elsewhere import Elsewhere
 from rigidfx.step.length.given import Onsets
+from rigidfx.step.length.time_error import Elsewhere
 
 # Paths whose velocity jumps.
 pytestmark = [

@@ -36,7 +36,7 @@ class StepControl:
     """Δt by a permitted error of displacements.
 
     The sum of the errors of all steps is kept below `tol` times the largest displacement so far;
-    see `rigidfx.step.length.time_error` for the estimate and `rigidfx.step.length.step_length` for
+    see `rigidfx.step.length.time_error` for the estimate and `rigidfx.step.length.controller` for
     the rule.
 
     Attributes:

@@ -18,7 +18,7 @@ fourfold, the step included,
 
 each no less than `poorest` of its value with E = 0. Without the second term a motion that begins
 would have to keep a part of its still small displacement. E is damped
-(`rigidfx.step.length.run_error`). U' is the displacement after the longest step, or after 4 s, with
+(`RunError`). U' is the displacement after the longest step, or after 4 s, with
 the present velocity and acceleration; it is at most 4 U, and at most U times its former growth.
 """
 
@@ -76,13 +76,10 @@ class RunError:
     )
 
     def __init__(self, scene: Scene, points: int, time: float, step: float) -> None:
-        """Nothing has moved. Collective.
+        """Nothing has moved at some points in a run of some time [s]. Collective.
 
-        Args:
-            scene: The problem.
-            points: How many points are tracked.
-            time: Length of the run: slower vibrations than one over it do not turn [s].
-            step: Shortest Δt, which resolves none faster than one over it [s].
+        Slower vibrations than one over its time do not turn, and the shortest step [s] resolves
+        none faster than one over it.
         """
         octaves = 0 if scene.named(Contact) else max(int(np.ceil(log2(time / step))), 1)
         self.cuts: Array = np.append(np.exp2(np.arange(octaves)) / time, np.inf)
@@ -158,12 +155,9 @@ class RunError:
         return float((slower + 2 * self._sizes).min())
 
     def rates_to(self, limits: Array, times: Array, dt: float) -> Array:
-        """Errors per time by which E comes to limits [m/s].
+        """Errors per time by which E comes to limits after times, shape (n,) each [m/s, m, s].
 
-        Args:
-            limits: Shape (n,) [m].
-            times: When, shape (n,) [s].
-            dt: Length of a step [s]: what it may spend of even limits tells no account's part.
+        A step of the length dt [s] that spends evenly tells no account's part.
         """
         gone = -np.expm1(-self.rates * times[:, None])  # of an error that is made now
         lasting = np.repeat(times[:, None], self.rates.size, axis=1)
@@ -259,17 +253,7 @@ class Controller:
         size: float,
         of: float | None = None,
     ) -> None:
-        """Nothing has moved.
-
-        Args:
-            tol: Error of the run over the largest displacement.
-            t_end: Length of the run [s].
-            error: Sum of the errors of steps.
-            shortest: Δt that is always long enough [s].
-            longest: Δt that is never exceeded [s].
-            size: Size of a cell [m].
-            of: Displacement in place of the largest so far [m].
-        """
+        """Nothing has moved in a run up to t_end [s], in cells of some size [m]."""
         self.tol, self._t_end, self._of, self.error = tol, t_end, of, error
         self.wanted = self.longest = longest
         self.shortest, self.spent, self._t, self._dt = shortest, 0.0, 0.0, 0.0

@@ -64,14 +64,7 @@ class Breakpoints:
         self._stop = nan
 
     def end(self, t: float, dt: float, longest: float, tol: float) -> float:
-        """End of the step that begins at a time, if nothing else happens [s].
-
-        Args:
-            t: The time [s].
-            dt: Δt that is wanted [s].
-            longest: Δt that is never exceeded [s].
-            tol: Error of a load's mean that does not matter, over its largest value.
-        """
+        """End of a step of Δt from t, with no other reason to end [s]."""
         stop = self._stop_after(t, dt, tol)
         if stop != self._stop or dt != self._for:
             self._stop, self._for = stop, dt
@@ -103,13 +96,7 @@ class Given:
     remembered: ClassVar[Remembered] = same("_range", "_changed", "_asked")
 
     def __init__(self, load: Windowed, scene: Scene, signal: Signal | None = None) -> None:
-        """Nothing has been evaluated. Collective.
-
-        Args:
-            load: The load.
-            scene: The scene that names it.
-            signal: Its value by t and Δt [s]; its `signal` if None.
-        """
+        """Nothing has been evaluated of a load, or of a signal in its place. Collective."""
         self._load: Any = load
         self._signal = load.signal if signal is None else signal
         self.owner, self.start = load.owner, load.start
@@ -167,21 +154,13 @@ class Given:
         return bool(self._parts(self.at(after, dt) - self.at(before, dt)) > SMOOTH)
 
     def _parts(self, off: Array) -> Array:
-        """Ratio of differences to the change of the load: the most of any component.
-
-        Args:
-            off: Shape (..., nodes, components).
-        """
+        """Differences over the change of the load: the most of any component."""
         sums = self.weights @ np.abs(off)
         part = np.divide(sums, self._changed, out=np.zeros_like(sums), where=self._changed > 0)
         return np.asarray(part.max(axis=-1, initial=0.0))
 
     def ask_again(self, t: float, dt: float) -> None:
-        """See whether it gives the same twice.
-
-        Args:
-            t: Time [s].
-            dt: Length of a step [s].
+        """See whether it gives the same twice at t in a step of Δt [s].
 
         Raises:
             SceneError: On this rank, if not.
@@ -198,11 +177,7 @@ class Given:
         )
 
     def at(self, t: float, dt: float) -> Array:
-        """Its value, shape (points, components), also where that is none that can be used.
-
-        Args:
-            t: Time [s].
-            dt: Length of a step [s].
+        """Its value at t in a step of Δt [s], shape (points, components), usable or not.
 
         Raises:
             SceneError: On this rank, if its function fails.

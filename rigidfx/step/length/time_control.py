@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isnan, sqrt
 from typing import Any, ClassVar
 
@@ -10,19 +11,121 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import StepError
 from rigidfx.base.remembered import PART, Remembered, same
+from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.base.warning import warn
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.scene.points import far_apart, find_probes, parts_of_nodes
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
 from rigidfx.state import State
-from rigidfx.step.length.blows import Blows
 from rigidfx.step.length.controller import Controller, Moves, RunError
-from rigidfx.step.length.elsewhere import Elsewhere
 from rigidfx.step.length.given import Breakpoints, Onsets
-from rigidfx.step.length.time_error import TimeError
-from rigidfx.step.length.tracked import Tracked
+from rigidfx.step.length.time_error import Blows, Elsewhere, TimeError
 from rigidfx.step.system.system import System
 from rigidfx.step.watches.judge import Attempt, WarnsOnce
+
+NODES = 32  # of its own choice
+ROUNDING = 1e-9  # of a probe's weights of nodes, which add up to one
+
+
+class Tracked:
+    """Some probes, and nodes far from each other of the connected parts that these belong to.
+
+    A body's nodes have its motion, whether they take part in a step or not. A node of a support is
+    at its prescribed place at the end of each step, without an error. After a kink of the path the
+    velocity of such a node, 2 Δu/Δt - v, alternates from step to step, which would count as an
+    error at each change of Δt. So such nodes have the mean velocity of a step at both ends.
+
+    Attributes:
+        asked: Number of the points that are asked for, the first of all: the probes, or all nodes
+            if there are none.
+        count: Number of all points.
+        nodes: Owned nodes, of whose motion that of points is a weighted sum.
+    """
+
+    def __init__(self, scene: Scene, names: Sequence[str]) -> None:
+        """Find the points. Collective."""
+        self._scene, probes = scene, find_probes(scene) if names else {}
+        points = [probes[name] for name in names]
+        own = np.concatenate([np.empty(0, np.int64), *(p.nodes for p in points)])
+        nodes, places = far_apart(scene, NODES, _parts_of(scene, own) if names else None)
+        self.count, self.asked = len(points) + NODES, len(points) or NODES
+        self.nodes: Ints = np.concatenate([own, nodes]).astype(np.int64)
+        of = np.repeat(np.arange(len(points)), [p.nodes.size for p in points])
+        self._sums = np.zeros((self.count, self.nodes.size))
+        self._sums[np.concatenate([of, len(points) + places]), np.arange(self.nodes.size)] = (
+            np.concatenate([*(p.weights for p in points), np.ones(nodes.size)])
+        )
+        self._X = scene.space.tabulate_dof_coordinates()[self.nodes]
+        self._dofs = 3 * self.nodes[:, None] + np.arange(3)
+        self._body: Ints = np.full(self.nodes.size, -1)
+        self._a: Array = np.zeros((self.nodes.size, 4))  # their coordinates in bodies
+        self._free: Ints = np.empty(0, np.int64)  # those that take part in a step ...
+        self._rows: Ints = np.empty((0, 3), np.int64)  # ... and where in its increments
+        self._held: Bools = np.zeros(self._X.shape, dtype=bool)
+        self._bodies: tuple[object, ...] = ()
+
+    def bind(self, system: System, bodies: Bodies) -> bool:
+        """Find the points in a division; whether there are other bodies than before."""
+        before, self._bodies = self._bodies, bodies.of.records
+        self._body[:] = -1
+        self._a = np.zeros((self.nodes.size, bodies.pose.shape[1]))
+        for k, body in enumerate(bodies.of.records):
+            inside, place = _found(body.nodes, self.nodes)
+            a = body.coordinates(place)
+            self._body[inside] = k
+            self._a[inside, : a.shape[1]] = a
+        known, place = _found(system.layout.rows.nodes, self.nodes)
+        taking = self._body[known] < 0
+        self._free = known[taking]
+        self._rows = 3 * place[taking, None] + np.arange(3)
+        self._held = system.layout.prescribed[self._dofs]
+        return [*map(id, before)] != [*map(id, self._bodies)]
+
+    @property
+    def led(self) -> bool:
+        """Whether supports hold or move all points that are asked for. Collective."""
+        weights = np.abs(self._sums[: self.asked])
+        return float(self._scene.sum((weights @ ~self._held).sum())) < ROUNDING
+
+    def motion(self, system: System, state: State, dt: float) -> tuple[Array, Array, Array]:
+        """Velocities at both ends of a solved step of Δt [s], displacements at its end. Collective.
+
+        Returns:
+            Shape (points, 3) each [m/s, m/s, m].
+        """
+        free, inside = self._free, self._body >= 0
+        local: Array = np.empty((self.nodes.size, 9))
+        v0, v1, moved = local[:, :3], local[:, 3:6], local[:, 6:]
+        v0[:] = v1[:] = state.v.x.array[self._dofs]
+        moved[:] = state.u.x.array[self._dofs]
+        d = system.equilibrium.d.array_r[self._rows]
+        v1[free] = 2 / dt * d - v0[free]
+        moved[free] += d
+        v0[self._held] = v1[self._held] = (v0[self._held] + v1[self._held]) / 2
+        if inside.any():
+            increments, k = system.equilibrium.prolongation.increments, self._body[inside]
+            a, end = self._a[inside, None], increments.end
+            for v, bodies in ((v0, increments.start), (v1, end)):
+                v[inside] = (a @ bodies.pose_rate[k])[:, 0]
+            moved[inside] = (a @ end.pose[k])[:, 0] - self._X[inside]
+        total = np.asarray(self._scene.sum(self._sums @ local))
+        return total[:, :3], total[:, 3:6], total[:, 6:]
+
+
+def _found(among: npt.NDArray[np.integer[Any]], nodes: Ints) -> tuple[Ints, Ints]:
+    """Which of some nodes are among sorted ones, and their places there."""
+    place = np.searchsorted(among, nodes)
+    inside = np.flatnonzero(np.isin(nodes, among))
+    return inside, place[inside]
+
+
+def _parts_of(scene: Scene, nodes: Ints) -> Bools:
+    """Owned nodes of the connected parts that some nodes of all ranks are in. Collective."""
+    of_node = parts_of_nodes(scene)
+    held = np.asarray(scene.sum(np.bincount(of_node[nodes], minlength=scene.parts.count) + 0.0))
+    return np.asarray(held[of_node[: scene.owned_nodes]] > 0)
 
 
 class TimeControl(WarnsOnce):
@@ -111,11 +214,7 @@ class TimeControl(WarnsOnce):
         return onset.t
 
     def objection(self, attempt: Attempt) -> StepError | None:
-        """An error if a step is to be repeated with a shorter Δt; None to accept it. Collective.
-
-        Args:
-            attempt: The step that has been solved.
-        """
+        """An error if a step is to be repeated with a shorter Δt; None to accept it. Collective."""
         t, dt = attempt.t, attempt.dt
         v0, v1, u = self._tracked.motion(self._system, self._state, dt)
         self._elsewhere.look(u)

@@ -1,4 +1,6 @@
-"""Error of time integration in a step, from the velocities at its ends.
+"""Error of time integration in a step: of motions, of motions elsewhere, and of impulses.
+
+It follows from the velocities at the ends of a step.
 
 The local error of the midpoint rule is Δt³/12 times the jerk. With a = (v₁ - v₀)/Δt, which belongs
 to the middle of a step, and the divided differences j = Δa/Δt of two steps,
@@ -20,17 +22,24 @@ vibration add up to √2 of Σ d, those of a steady rotation to Σ d.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import cache
-from math import comb, exp, nan, sqrt
-from typing import ClassVar
+from math import comb, exp, inf, nan, sqrt
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.types import Array
+from rigidfx.effects import Contact, Touch
+from rigidfx.scene.points import met, parts_of_nodes
+from rigidfx.scene.scene import Scene
 
 DIFFERENCES = 3  # that ĵ is the mean of: two let a ringing from step to step through
 TURN = 3.0  # over ω, the time in which squares fade: half a period
+LONGER = 4.0  # times a step: the force in one so long tells nothing of that at its ends, but is
+# next to nothing where it gives less than this step: a step that ends at a touch may press a little
+SETTLED = 4  # steps that a contact has been open before it closes with a blow
 
 
 class TimeError:
@@ -44,11 +53,7 @@ class TimeError:
     remembered: ClassVar[Remembered] = same("_times", "_a", "_squares", "_patient")
 
     def __init__(self, points: int) -> None:
-        """Nothing is known.
-
-        Args:
-            points: How many points there are.
-        """
+        """Nothing is known of some points."""
         self.jerk: Array = np.full((points, 3), nan)
         self.swinging: Array = self.jerk[:, 0]
         # Of the last steps: their middles [s], accelerations there, shape (steps, points, 3).
@@ -86,11 +91,7 @@ class TimeError:
     def look(self, v0: Array, v1: Array, t: float, dt: float) -> Array:
         """Error of each point in a step that has been solved, shape (points,) [m]; NaN if unknown.
 
-        Args:
-            v0: Velocities at its start, shape (points, 3) [m/s].
-            v1: Velocities at its end.
-            t: Time at its start [s].
-            dt: Its length [s].
+        It begins at t with v0 and ends after dt with v1, shape (points, 3) [s, m/s].
         """
         times = (*self._times[-DIFFERENCES:], t + dt / 2)
         a: Array = np.concatenate([self._a[-DIFFERENCES:], ((v1 - v0) / dt)[None]])
@@ -123,3 +124,151 @@ def _mean(values: Array) -> Array:
 def _binomial(count: int) -> Array:
     """Weights of repeated means of two among some values: ¼, ½, ¼ of three."""
     return np.array([comb(count - 1, k) for k in range(count)]) / 2.0 ** (count - 1)
+
+
+class Elsewhere:
+    """Errors at other places of a structure, which travel to the points where accuracy is asked.
+
+    The tip of a cantilever does not move until the wave from its root arrives: the jerks of many
+    modes cancel there, while each mode has an error. Modes are orthogonal, so they do not cancel in
+    the mean square over a structure. So the root mean square over nodes counts as well, in relation
+    to their displacements:
+
+        d = max( d_p , d_s min(1, U_p/U_s) ) ,  d_s = sqrt(mean |d_k|²) ,  U_s² = max mean |u_k|² ,
+
+    with U_p the largest displacement so far of the points where accuracy is asked. If these move
+    more than others, their own error counts.
+    """
+
+    remembered: ClassVar[Remembered] = same("_moved")
+
+    def __init__(self, asked: int) -> None:
+        """Nothing has moved; accuracy is asked at so many points, the first of all."""
+        self._asked = asked
+        self._moved = self._next = 0.0, 0.0
+
+    def look(self, u: Array) -> None:
+        """See how far points have moved at the end of a step, shape (points, 3) [m]."""
+        moved, others = self._both(np.linalg.norm(u, axis=1)[None])
+        self._next = max(self._moved[0], float(moved[0])), max(self._moved[1], float(others[0]))
+
+    def worth(self, lengths: Array) -> Array:
+        """Lengths at all points, shape (n, points), as those that are asked for, shape (n,) [m]."""
+        own, others = self._both(lengths)
+        here, there = self._next
+        return np.maximum(own, others * min(1.0, here / there)) if there > 0 else own
+
+    def _both(self, lengths: Array) -> tuple[Array, Array]:
+        """The largest at the points that are asked for, and the root mean square at others."""
+        n = self._asked
+        others = np.sqrt(np.sum(lengths[:, n:] ** 2, axis=1) / max(lengths.shape[1] - n, 1))
+        return lengths[:, :n].max(axis=1), others
+
+    def accept(self) -> None:
+        """Accept the step that was looked at last."""
+        self._moved = self._next
+
+
+class Blow(NamedTuple):
+    """When a contact closed last after it had been open [s], and its impulse since then [N s]."""
+
+    began: float
+    impulse: float
+
+
+class Forces(NamedTuple):
+    """Of contacts at the middle t of a step: three components and the pressing force, by titles."""
+
+    t: float
+    dt: float
+    of: Mapping[str, Array]
+
+
+class Blows:
+    """The error of an impulse, as the force of a contact changes within a step.
+
+    The motion of a probe hardly shows this error at first: an impulse that is too large causes a
+    small error during the contact, and a growing one afterwards. A step takes the force at its
+    middle for the mean force, so the error of the impulse is
+
+        Δt³/24 F'' ≈ Δt/24 |F - F*| ,
+
+    with F* the force that a line through the two steps before gives. Divided by the mass of the
+    lightest connected part that touches, this is an error of velocity, and after the time U/V an
+    error of displacement, with U the largest displacement and V the largest speed so far, or half
+    of the contact's impulse over that mass where that is more: a body may be struck at rest, and
+    far from the probes. It counts for this time after the closing of a contact that was open for
+    some steps. Contacts that rest or rattle send nothing off, and do not count.
+
+    Attributes:
+        any: Whether there are contacts.
+    """
+
+    remembered: ClassVar[Remembered] = same("_known", "_open", "_last", "_fastest")
+
+    def __init__(self, scene: Scene) -> None:
+        """Nothing touches. Collective."""
+        contacts = scene.named(Contact)
+        self.any = bool(contacts)
+        self._mass = _masses(scene, contacts) if contacts else {}
+        self._known: tuple[Forces, ...] = ()  # of the last two steps
+        self._next, self._speed = Forces(0.0, 0.0, {}), 0.0
+        self._open: dict[str, int] = {}  # steps that each contact has been open
+        self._last: dict[str, Blow] = {}  # of each contact
+        self._fastest = 0.0
+
+    def look(
+        self, touches: Mapping[str, Touch], t: float, dt: float, size: float, speed: float
+    ) -> float:
+        """By how much a step from t of the length dt [s] errs once it shows [m].
+
+        `size` is U, the largest displacement so far [m], `speed` the largest at its end [m/s].
+        """
+        self._speed = max(self._fastest, speed)
+        forces = {title: np.array([*a.force, a.pressing]) for title, a in touches.items()}
+        self._next, off = Forces(t + dt / 2, dt, forces), 0.0
+        if len(self._known) < 2:
+            return 0.0
+        before, last = self._known
+        way = (self._next.t - last.t) / (last.t - before.t)
+        for title, force in forces.items():
+            blow, mass = self._add(title, force), self._mass[title]
+            fastest = max(self._speed, blow.impulse / (2 * mass))
+            if fastest == 0:
+                continue
+            f0, f1 = (step.of.get(title, np.zeros(4)) for step in self._known)
+            given = force[3] * dt
+            known = all(
+                step.dt <= LONGER * dt or f[3] * step.dt <= given
+                for f, step in ((f0, before), (f1, last))
+            )
+            if known and t <= blow.began + size / fastest:
+                off += float(np.abs(force - f1 - (f1 - f0) * way).max()) / (2 * mass * fastest)
+        return size * dt / 12 * off
+
+    def accept(self) -> None:
+        """Accept the step that was looked at last."""
+        self._known, self._fastest = (*self._known[-1:], self._next), self._speed
+        for title, force in self._next.of.items():
+            # A step that ends at a touch may press by rounding, on some ranks and not on others.
+            least = sqrt(np.finfo(np.float64).eps) * self._mass[title] * self._fastest
+            closed = force[3] * self._next.dt > least
+            if closed:
+                self._last[title] = self._add(title, force)
+            self._open[title] = 0 if closed else self._open.get(title, SETTLED) + 1
+
+    def _add(self, title: str, force: Array) -> Blow:
+        """The blow of a contact with what the step that was looked at last adds."""
+        t, dt, _ = self._next
+        settled = self._open.get(title, 0) > SETTLED
+        begun = Blow(t + dt / 2, 0.0)
+        last = begun if settled else self._last.get(title, Blow(-inf, 0.0))
+        return Blow(last.began, last.impulse + dt * float(np.linalg.norm(force[:3])))
+
+
+def _masses(scene: Scene, contacts: Sequence[Contact]) -> dict[str, float]:
+    """Mass of the lightest part that each contact may touch, by titles [kg]. Collective."""
+    of_node, n = parts_of_nodes(scene), scene.owned_nodes
+    own = np.bincount(of_node[:n], scene.nodal_mass[:n], scene.parts.count)
+    whole = np.asarray(scene.sum(own))
+    return {contact.title: float(whole[met(scene, contact)].min()) for contact in contacts}
