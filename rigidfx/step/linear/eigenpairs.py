@@ -192,12 +192,7 @@ def lowest(
 
 
 def clusters(values: Array, gap: float) -> Ints:
-    """Number of the cluster that each of some sorted values belongs to.
-
-    Args:
-        values: Sorted values.
-        gap: Relative distance of neighbours up to which they are one cluster.
-    """
+    """Number of the cluster of each sorted value; neighbours in one are a relative gap apart."""
     size = np.maximum(np.abs(values[1:]), np.abs(values[:-1]))
     return np.asarray(np.r_[0, np.cumsum(np.diff(values) > gap * size)][: values.size])
 

@@ -10,8 +10,6 @@ one that has it, from
 Options known to be ignored, or to end in an error of PETSc's own, are refused by name. Of other
 options from Python a run warns if none of PETSc's objects has asked for them once it has solved.
 
-Has PETSc looked at an option? One that nobody asks for has no effect, and is misspelt at worst.
-
 PETSc marks each option that is looked up. petsc4py 3.22 does not pass the marks on, so PETSc's
 library, which it has loaded, is asked.
 """
@@ -59,11 +57,7 @@ LATE = ("mat_mumps_", "pc_factor_")  # asked for by LU, to which a later step ma
 
 
 def asked(names: Iterable[str]) -> set[str]:
-    """Those options that have been looked up since they were set; all where PETSc cannot tell.
-
-    Args:
-        names: Names with their prefix, without '-'.
-    """
+    """Those names, with their prefix, that have been looked up; all where PETSc cannot tell."""
     used, every = _options_used(), set(names)
     return every if used is None else {name for name in every if _is_marked(used, name)}
 
@@ -190,11 +184,7 @@ def _named(error: PETSc.Error) -> Exception:
 
 
 def take_arguments(arguments: list[str]) -> None:
-    """Give PETSc the options behind `--petsc`, and take them away from a script's own parser.
-
-    Args:
-        arguments: The command line, shortened where it has such options.
-    """
+    """Give PETSc the options behind `--petsc`, and take them off a script's command line."""
     if "--petsc" not in arguments:
         return
     begin = arguments.index("--petsc")

@@ -41,15 +41,9 @@ class Guess:
 def predict(
     scene: Scene, layout: DofLayout, u: Array, v: Array, start: Bodies, dt: float
 ) -> tuple[Guess, ...]:
-    """First guesses, the most natural one first. Collective.
+    """First guesses of a step of Δt [s], the most natural one first. Collective.
 
-    Args:
-        scene: The problem.
-        layout: Division of the dofs.
-        u: Displacements of the active nodes at the start of the step, one number per row [m].
-        v: Their velocities there [m/s].
-        start: The bodies there.
-        dt: Δt [s].
+    At its start are u and v of the active nodes, one number per row [m, m/s], and the bodies.
     """
     x, v = layout.rows.X + u.reshape(-1, 3), v.reshape(-1, 3)
     turns = dt * start.angular_velocity
@@ -91,12 +85,7 @@ def _mean_motion(
 ) -> tuple[Array, Array, Array]:
     """Centre of mass of nodes and bodies, its velocity, and ω, by their momenta. Collective.
 
-    Args:
-        scene: The problem.
-        mass: Mass of each active node that is its own [kg].
-        start: The bodies.
-        x: Positions of the active nodes, shape (nodes, 3) [m].
-        v: Their velocities, likewise [m/s].
+    Active nodes have masses of their own [kg], positions x and velocities v, (nodes, 3) [m, m/s].
     """
     n, bodies = len(x), len(start) if scene.comm.rank == 0 else 0  # all ranks know all bodies
     both = np.empty((n + bodies, 6))

@@ -43,11 +43,7 @@ class Aggregates:
     """
 
     def __init__(self, prolongation: Prolongation) -> None:
-        """Divide the nodes. Collective.
-
-        Args:
-            prolongation: Map between unknowns and dofs.
-        """
+        """Divide the nodes. Collective."""
         self._prolongation = prolongation
         self._free = prolongation.free_of_nodes
         leaf = _leaves(prolongation.at_nodes(prolongation.layout.rows.X), NODES)
@@ -58,12 +54,8 @@ class Aggregates:
     def motions(self, x: Array) -> PETSc.Mat:
         """Their rigid motions, orthonormal, as a new matrix that the caller destroys. Collective.
 
-        Args:
-            x: Positions of the active nodes, shape (nodes, 3) [m].
-
-        Returns:
-            A row for each unknown; six columns for each aggregate, fewer where supports leave none
-            of some of its motions.
+        It has a row for each unknown, and six columns for each aggregate, fewer where supports
+        leave none of some of its motions. Positions of the active nodes are x, (nodes, 3) [m].
         """
         B, kept = self._orthonormal(self._prolongation.at_nodes(x))
         numbers = np.cumsum(kept).reshape(kept.shape) - 1
@@ -147,12 +139,7 @@ class CoarseGrid:
     """A preconditioner of PETSc's in Python: a coarse correction, then that of another one."""
 
     def __init__(self, equilibrium: Tangent, fine: PETSc.PC) -> None:
-        """Divide the nodes into aggregates. Collective.
-
-        Args:
-            equilibrium: The equations whose tangent it is.
-            fine: The other preconditioner.
-        """
+        """Divide the nodes into aggregates; `fine` is the other preconditioner. Collective."""
         self.fine = fine
         self._equilibrium = equilibrium
         self._aggregates = Aggregates(equilibrium.prolongation)
@@ -204,11 +191,7 @@ class TwoLevels(IncompleteFactors):
     """As `IncompleteFactors`, with a coarse grid; `destroy` frees it."""
 
     def __init__(self, equilibrium: Equilibrium) -> None:
-        """Create the solver. Collective.
-
-        Args:
-            equilibrium: The equations whose tangent it is.
-        """
+        """Create the solver for the tangent of some equations. Collective."""
         super().__init__(equilibrium)
         # The factors stay as they are, and as PETSc's options would have them.
         self._grid = CoarseGrid(equilibrium, self._ksp.getPC())
