@@ -44,33 +44,19 @@ class Exchange:
         self._units: dict[int, MPI.Datatype] = {1: MPI.DOUBLE}
 
     def give(self, values: Array) -> Array:
-        """Values of the items, at their copies. Collective.
-
-        Args:
-            values: Shape (items, k).
-
-        Returns:
-            Shape (copies, k).
-        """
-        out = np.empty((self._copies, values.shape[1]))
-        given, unit = np.ascontiguousarray(values), self._unit(values.shape[1])
-        self._graph.bcastBegin(unit, given, out, MPI.REPLACE)
-        self._graph.bcastEnd(unit, given, out, MPI.REPLACE)
+        """Values of the items, shape (items, k), at their copies, (copies, k). Collective."""
+        given, out = np.ascontiguousarray(values), np.empty((self._copies, values.shape[1]))
+        passed = self._unit(values.shape[1]), given, out, MPI.REPLACE
+        self._graph.bcastBegin(*passed)
+        self._graph.bcastEnd(*passed)
         return out
 
     def collect(self, values: Array) -> Array:
-        """The sum of the values of its copies, for each item. Collective.
-
-        Args:
-            values: Shape (copies, k).
-
-        Returns:
-            Shape (items, k).
-        """
-        out = np.zeros((self._items, values.shape[1]))
-        given, unit = np.ascontiguousarray(values), self._unit(values.shape[1])
-        self._graph.reduceBegin(unit, given, out, MPI.SUM)
-        self._graph.reduceEnd(unit, given, out, MPI.SUM)
+        """Sums of copies' values, shape (copies, k), for their items, (items, k). Collective."""
+        given, out = np.ascontiguousarray(values), np.zeros((self._items, values.shape[1]))
+        passed = self._unit(values.shape[1]), given, out, MPI.SUM
+        self._graph.reduceBegin(*passed)
+        self._graph.reduceEnd(*passed)
         return out
 
     def _unit(self, numbers: int) -> MPI.Datatype:
@@ -122,20 +108,12 @@ class DealtCells:
         self._spaces = {space.ufl_element(): self.space}
 
     def hold(self, cells: Indices) -> bool:
-        """Whether these are among them, on all ranks. Collective.
-
-        Args:
-            cells: Owned cells of the original mesh.
-        """
+        """Whether owned cells of the original mesh are among them, on all ranks. Collective."""
         here = bool(np.isin(cells, self._cells).all())
         return bool(self.mesh.comm.allreduce(here, op=MPI.LAND))
 
     def counts(self, own: Indices) -> Ints:
-        """How many copies each rank has of some of the cells. Collective.
-
-        Args:
-            own: Owned cells of the original mesh.
-        """
+        """How many copies each rank has of some owned cells. Collective."""
         return np.array(self.mesh.comm.allgather(self.cells(own).size))
 
     def forget(self) -> None:
@@ -143,11 +121,7 @@ class DealtCells:
         self._copies.clear()
 
     def cells(self, own: Indices) -> Indices:
-        """Copies on this rank of some of the cells. Collective.
-
-        Args:
-            own: Owned cells of the original mesh.
-        """
+        """Copies on this rank of some owned cells. Collective."""
         wanted = np.isin(self._cells, own).astype(np.float64)
         return np.flatnonzero(self._exchange.give(wanted[:, None])[:, 0]).astype(np.int32)
 
@@ -173,11 +147,7 @@ class DealtCells:
         return self._copies[function]
 
     def refresh(self, known: Sequence[fem.Function]) -> None:
-        """Update copies to the values of the coefficients. Collective.
-
-        Args:
-            known: Those whose copies need nothing.
-        """
+        """Update copies to the values of the coefficients, but for known ones. Collective."""
         for function in self._copies:
             if not any(function is other for other in known):
                 self._copy(function)

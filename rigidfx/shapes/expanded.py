@@ -19,7 +19,7 @@ from dolfinx import fem, la
 from mpi4py import MPI
 
 from rigidfx.base.types import Array, Bools, Indices
-from rigidfx.coupling.mass import mass_operator
+from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.kernels import add_vector
@@ -63,7 +63,7 @@ class Expanded:
         """
         self._scene, self._linear, self._state = scene, linear, state
         self.nodes, self.cells, self.rows = nodes, cells, Rows(scene.space, nodes)
-        self._mass = mass_operator(scene, self.rows, cells, np.ones(nodes.size, dtype=bool))
+        self._mass = Mass(scene, self.rows, cells, np.ones(nodes.size, dtype=bool))
         with self._displaced(0 * state):
             self._K = self.rows.assembled(linear.tangent(cells))
         self._force = linear.force(cells)

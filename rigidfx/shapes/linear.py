@@ -13,7 +13,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from rigidfx.base.types import Array
-from rigidfx.coupling.mass import mass_operator
+from rigidfx.coupling.mass import Mass
 from rigidfx.shapes.responses import Responses
 from rigidfx.step.linear.eigenpairs import EigenControl, clusters, lowest
 from rigidfx.step.linear.linear_solver import solver_of
@@ -42,7 +42,7 @@ class Linear:
             [np.empty(0, np.int32), *(body.cells for body in bodies.of.records)]
         )
         cells = {i: np.setdiff1d(own, inside) for i, own in stiffness.cells.items()}
-        mass = mass_operator(seen.scene, seen.rows, cells, seen.own)
+        mass = Mass(seen.scene, seen.rows, cells, seen.own)
         M = mass.matrix()
         self._K = stiffness.matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
         self._M = p.condense(M)

@@ -12,7 +12,7 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.types import Array
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.dof_layout import dof_layout, nodes_of
-from rigidfx.coupling.mass import Mass, mass_operator
+from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.coupling.rows import product
 from rigidfx.effects import Structure, Windowed
@@ -64,7 +64,7 @@ class Stiffness:
             self.held |= np.repeat(nodes_of(scene, {0: cells})[: scene.owned_nodes], 3)
         layout = dof_layout(scene, self.cells, self.bodies.of, self.held)
         rows, own = layout.rows, np.ones(layout.rows.nodes.size, dtype=bool)
-        self.mass: Mass = mass_operator(scene, rows, self.cells, own)
+        self.mass: Mass = Mass(scene, rows, self.cells, own)
         self.structure = Structure(
             scene=scene,
             rows=rows,

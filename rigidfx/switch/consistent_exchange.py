@@ -30,7 +30,7 @@ from petsc4py import PETSc
 
 from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.dof_layout import nodes_of, split
-from rigidfx.coupling.mass import mass_operator
+from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.rows import Rows
 from rigidfx.decide.decision import PlannedBody
 from rigidfx.effects import Motor
@@ -89,7 +89,7 @@ class Present:
                 own[body.nodes] = False  # a point mass moves with the body that holds its node
             rows = Rows(scene.space, np.arange(scene.owned_nodes, dtype=np.int32))
             near = split(scene, forces.cells(flexible), differing)[1]
-            theirs = mass_operator(scene, rows, near, own)
+            theirs = Mass(scene, rows, near, own)
             v.array[:] = self.difference.reshape(-1)
             theirs.mult(v, p)
             theirs.destroy()
@@ -126,7 +126,7 @@ class WholeMass:
             counted[body.nodes] = False
         rows = Rows(scene.space, np.arange(scene.owned_nodes, dtype=np.int32))
         cells = self._forces.cells(np.setdiff1d(every, theirs))
-        operator = mass_operator(scene, rows, cells, counted)
+        operator = Mass(scene, rows, cells, counted)
         self._matrix, self._without = operator.matrix(), without
         operator.destroy()
         return self._matrix

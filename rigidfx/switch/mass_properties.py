@@ -20,7 +20,7 @@ import basix.ufl
 import numpy as np
 
 from rigidfx.base.types import Array, Indices
-from rigidfx.coupling.mass import Mass, mass_operator
+from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.rows import Rows
 from rigidfx.domain.cell_quality import CHUNK, determinants
 from rigidfx.flexible.internal_forces import Cells
@@ -68,7 +68,7 @@ def mass_properties(
     total = np.asarray(scene.sum(np.r_[x[nodes].sum(axis=0), nodes.size]))
     reference = total[:3] / max(total[3], 1.0)
     rows = Rows(scene.space, nodes)
-    operator = mass_operator(scene, rows, cells, np.ones(nodes.size, dtype=bool))
+    operator = Mass(scene, rows, cells, np.ones(nodes.size, dtype=bool))
     M_tot, momentum, kinetic = _project(scene, operator, rows, x[nodes] - reference, v[nodes])
     operator.destroy()
     m = np.trace(M_tot[:3, :3]) / 3  # (36)

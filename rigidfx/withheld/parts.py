@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from rigidfx.base.types import Array, Indices, Ints
-from rigidfx.coupling.mass import Mass, mass_operator
+from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.mechanics.rigid_body import RigidBody
@@ -218,10 +218,10 @@ def mass_of(scene: Scene, rows: Rows, cells: Cells, carried: bool = False) -> Ma
         scene: The problem.
         rows: The rows.
         cells: Owned cells by subdomain id.
-        carried: See `mass_operator`.
+        carried: See `Mass`.
     """
     counted = np.ones(rows.nodes.size, dtype=bool)
-    return mass_operator(scene, rows, cells, counted, carried=carried)
+    return Mass(scene, rows, cells, counted, carried=carried)
 
 
 def watched(bodies: Sequence[RigidBody], in_pieces: frozenset[str]) -> list[RigidBody]:

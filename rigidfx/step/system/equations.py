@@ -13,7 +13,7 @@ from typing import Any, Literal
 from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.coupling.dof_layout import dof_layout
-from rigidfx.coupling.mass import mass_operator
+from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Effect, Structure, Windowed
 from rigidfx.effects.joints.linkage import Linkage
@@ -84,7 +84,7 @@ class Equations:
         bodies = state.bodies if bodies is None else bodies
         self.layout = layout = dof_layout(scene, flexible, bodies.of, held, driven)
         own = layout.massive[layout.rows.nodes]
-        self.mass = mass_operator(scene, layout.rows, flexible, own, driven)
+        self.mass = Mass(scene, layout.rows, flexible, own, driven)
         self.structure = Structure(
             scene=scene,
             rows=layout.rows,
