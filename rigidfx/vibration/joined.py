@@ -23,7 +23,7 @@ from scipy.linalg import qr, solve_triangular
 from scipy.sparse import csr_array, dia_array
 
 from rigidfx.base.matrices import dense
-from rigidfx.base.types import Array
+from rigidfx.base.types import Array, Ints
 from rigidfx.coupling.ports import RANK, independent
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.bodies import Bodies
@@ -105,78 +105,33 @@ class HeldRows:
         return PETSc.Mat().createAIJ(K.getSizes(), csr=csr, comm=K.comm)
 
 
-class FreeMotions:
-    """Z: the unknowns y of a run by those that joints leave free, q; `destroy` frees it."""
+def free_motions(held: csr_array, prolongation: Prolongation) -> tuple[PETSc.Mat, Ints]:
+    """Z, which the caller destroys, and the unknowns of this rank that are in q. Collective.
 
-    def __init__(self, held: csr_array, prolongation: Prolongation) -> None:
-        """Choose the unknowns that rows give. Collective.
-
-        Args:
-            held: Independent rows, shape (rows, unknowns), equal on all ranks.
-            prolongation: Tells how many unknowns each rank has.
-        """
-        comm, count = prolongation.comm, held.shape[0]
-        used = np.unique(held.tocoo().coords[1])
-        rows = held[:, used].toarray()
-        rows /= np.linalg.norm(rows, axis=1)[:, None]
-        R, order = qr(rows, mode="r", pivoting=True)
-        by = -solve_triangular(R[:count, :count], R[:count, count:])
-        given, others, by = comm.bcast((used[order[:count]], used[order[count:]], by))
-        first, owned = prolongation.first_column, prolongation.owned
-        mine = np.arange(first, first + owned)
-        kept = ~np.isin(mine, given)
-        self._comm, self._kept = comm, np.flatnonzero(kept)
-        # Rows over the norms of their derivatives, by the unknowns of this rank.
-        norms = np.sqrt((held * held).sum(axis=1))
-        self._held = csr_array(held[:, mine] / norms[:, None])
-        # Unknowns that stay have the numbers of their order.
-        before = np.searchsorted(np.sort(given), np.r_[mine, others])
-        places = np.r_[mine, others] - before
-        at = np.flatnonzero((given >= first) & (given < first + owned))
-        of_given = np.repeat(given[at] - first, others.size), np.tile(places[owned:], at.size)
-        row, column = np.r_[self._kept, of_given[0]], np.r_[places[:owned][kept], of_given[1]]
-        values = np.r_[np.ones(self._kept.size), by[at].ravel()]
-        Z = csr_array((values, (row, column)), shape=(owned, prolongation.size - count))
-        kind = PETSc.IntType
-        csr = Z.indptr.astype(kind), Z.indices.astype(kind), Z.data
-        sizes = (owned, prolongation.size), (self._kept.size, prolongation.size - count)
-        self._Z = PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
-
-    def of_matrix(self, A: PETSc.Mat) -> PETSc.Mat:
-        """ZᵀAZ; the caller destroys it. Collective."""
-        return A.ptap(self._Z)
-
-    def of_forces(self, r: PETSc.Vec) -> PETSc.Vec:
-        """Zᵀr; the caller destroys it. Collective."""
-        out = self._Z.createVecRight()
-        self._Z.multTranspose(r, out)
-        return out
-
-    def of_motions(self, motions: list[PETSc.Vec]) -> list[PETSc.Vec]:
-        """The q of those combinations of motions that joints leave free. Collective.
-
-        Args:
-            motions: By y; the new vectors take their place.
-        """
-        Y = np.stack([y.array_r for y in motions], axis=1)
-        held = self._comm.allreduce(self._held @ Y)
-        sizes = np.sqrt(self._comm.allreduce((Y * Y).sum(axis=0)))
-        sizes[sizes == 0] = 1.0
-        _, values, combined = np.linalg.svd(held / sizes)
-        seen = int(np.count_nonzero(values > RANK * values.max(initial=0.0)))
-        out = []
-        for column in self._comm.bcast(combined)[seen:]:
-            q = self._Z.createVecRight()
-            q.array[:] = Y[self._kept] @ (column / sizes)
-            out.append(q)
-        for y in motions:
-            y.destroy()
-        return out
-
-    def expand(self, q: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Set y = Z q. Collective."""
-        self._Z.mult(q, y)
-
-    def destroy(self) -> None:
-        """Free Z. Collective."""
-        self._Z.destroy()
+    Args:
+        held: Independent rows, shape (rows, unknowns), equal on all ranks.
+        prolongation: Tells how many unknowns each rank has.
+    """
+    comm, count = prolongation.comm, held.shape[0]
+    used = np.unique(held.tocoo().coords[1])
+    rows = held[:, used].toarray()
+    rows /= np.linalg.norm(rows, axis=1)[:, None]
+    R, order = qr(rows, mode="r", pivoting=True)
+    by = -solve_triangular(R[:count, :count], R[:count, count:])
+    given, others, by = comm.bcast((used[order[:count]], used[order[count:]], by))
+    first, owned = prolongation.first_column, prolongation.owned
+    mine = np.arange(first, first + owned)
+    is_free = ~np.isin(mine, given)
+    kept = np.flatnonzero(is_free)
+    # Unknowns that stay have the numbers of their order.
+    before = np.searchsorted(np.sort(given), np.r_[mine, others])
+    places = np.r_[mine, others] - before
+    at = np.flatnonzero((given >= first) & (given < first + owned))
+    of_given = np.repeat(given[at] - first, others.size), np.tile(places[owned:], at.size)
+    row, column = np.r_[kept, of_given[0]], np.r_[places[:owned][is_free], of_given[1]]
+    values = np.r_[np.ones(kept.size), by[at].ravel()]
+    Z = csr_array((values, (row, column)), shape=(owned, prolongation.size - count))
+    kind = PETSc.IntType
+    csr = Z.indptr.astype(kind), Z.indices.astype(kind), Z.data
+    sizes = (owned, prolongation.size), (kept.size, prolongation.size - count)
+    return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm), kept

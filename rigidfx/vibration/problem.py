@@ -39,6 +39,7 @@ from rigidfx.effects import (
 from rigidfx.effects.inertia import Centrifugal, StaticForces
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.report.report import Report
 from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
@@ -50,7 +51,7 @@ from rigidfx.step.system.rigid_motion import free_to_move
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 from rigidfx.switch.inventory import divide
 from rigidfx.switch.shaping import Shaping
-from rigidfx.vibration.joined import FreeMotions, HeldRows
+from rigidfx.vibration.joined import HeldRows, free_motions
 
 # Part of an energy: of the kinetic one, by which a motion that turns may differ from a rigid one;
 # of a mode's, by a spin that changes no frequency by more than half of it.
@@ -189,9 +190,9 @@ class Problem:
         if self._bind(acting, t, loaded, masses) > BALANCED and about is None:
             self._equations.unbind()
             self._bind(acting, t, False, masses)
-        self._free = None
+        self._Z: PETSc.Mat | None = None
         if self._rows is not None and self._rows.held.shape[0]:
-            self._free = FreeMotions(self._rows.held, self._prolongation)
+            self._Z, self._kept = free_motions(self._rows.held, self._prolongation)
         self.K, self.M = self._in_q(self._stiffness()), self._in_q(masses)
         self.motions = self._rigid_motions() if loose else []
 
@@ -280,10 +281,19 @@ class Problem:
 
     def _in_q(self, A: PETSc.Mat) -> PETSc.Mat:
         """A matrix by the motions that joints leave free, in place of that by y. Collective."""
-        if self._free is None:
+        if self._Z is None:
             return A
-        out = self._free.of_matrix(A)
+        out = A.ptap(self._Z)
         A.destroy()
+        return out
+
+    def _forces_in_q(self, r: PETSc.Vec) -> PETSc.Vec:
+        """The same of forces. Collective."""
+        if self._Z is None:
+            return r
+        out = self._Z.createVecRight()
+        self._Z.multTranspose(r, out)
+        r.destroy()
         return out
 
     def _masses(self) -> PETSc.Mat:
@@ -311,7 +321,7 @@ class Problem:
             self._mass.mult(d, f)
             r = p.unknowns()
             p.restrict(f, (blocks @ six[:, :, None])[:, :, 0], r)
-            out.append(r if self._free is None else self._free.of_forces(r))
+            out.append(self._forces_in_q(r))
         d.destroy()
         f.destroy()
         return out
@@ -324,18 +334,17 @@ class Problem:
             shape (bodies, 6).
         """
         rows, bodies = self._layout.rows, self._state.bodies
-        x = rows.X + self._state.u.x.array[rows.dofs].reshape(-1, 3) - centre
-        arms = bodies.r - centre
+        x = rows.X + self._state.u.x.array[rows.dofs].reshape(-1, 3)
+        of_nodes, of_bodies = (rigid_motions(at - centre, 1.0) for at in (x, bodies.r))
         for axis in range(6):
-            e = np.eye(3)[axis % 3]
             six = np.zeros_like(bodies.rates)
-            six[:, :3] = np.cross(e, arms) if axis >= 3 else e
+            six[:, :3] = of_bodies[:, :, axis]
             if axis >= 3:
-                six[:, 3:6] = bodies.of.length[:, None] * e
-            yield (np.cross(e, x) if axis >= 3 else np.tile(e, (len(x), 1))), six
+                six[:, axis] = bodies.of.length
+            yield of_nodes[:, :, axis], six
 
     def _rigid_motions(self) -> list[PETSc.Vec]:
-        """Six of each connected part, or those of their combinations that joints leave free."""
+        """Six of each connected part, some of which joints may prevent."""
         scene, p, out = self._scene, self._prolongation, []
         of_node = parts_of_nodes(scene)
         of_row = of_node[self._layout.rows.nodes]
@@ -354,14 +363,21 @@ class Problem:
                     (moved * (of_row == k)[:, None]).reshape(-1), six * (of_body == k)[:, None], y
                 )
                 out.append(y)
-        return out if self._free is None else self._free.of_motions(out)
+        return out if self._Z is None else [self._kept_of(y) for y in out]
+
+    def _kept_of(self, y: PETSc.Vec) -> PETSc.Vec:
+        """The unknowns of y that are in q, in place of y."""
+        q = self._Z.createVecRight()
+        q.array[:] = y.array_r[self._kept]
+        y.destroy()
+        return q
 
     def at_nodes(self, q: PETSc.Vec) -> Array:
         """Displacements of all local nodes by q, shape (nodes, 3) [m]. Collective."""
         p, rows, bodies = self._prolongation, self._layout.rows, self._state.bodies
         out, d, y = self._state.u.copy(), rows.vector(), q
-        if self._free is not None:
-            self._free.expand(q, y := p.unknowns())
+        if self._Z is not None:
+            self._Z.mult(q, y := p.unknowns())
         out.x.array[:] = 0.0
         six = p.bodies_part(y)
         p.apply(y, six, np.zeros(p.prescribed.size), d)
@@ -392,12 +408,9 @@ class Problem:
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
-        if self._free is not None:
-            self._free.destroy()
-        if self.shaping is not None:
-            self.shaping.destroy()
-        for item in (*self.motions, self.K, self.M, self._equations):
-            item.destroy()
+        for item in (*self.motions, self.K, self.M, self._Z, self.shaping, self._equations):
+            if item is not None:
+                item.destroy()
 
 
 def _state(scene: Scene, about: Report | None) -> State:
