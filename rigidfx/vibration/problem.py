@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -190,7 +191,7 @@ class Problem:
         if self._bind(acting, t, loaded, masses) > BALANCED and about is None:
             self._equations.unbind()
             self._bind(acting, t, False, masses)
-        self._Z: PETSc.Mat | None = None
+        self._Z: Any = None  # the identity
         if self._rows is not None and self._rows.held.shape[0]:
             self._Z, self._kept = free_motions(self._rows.held, self._prolongation)
         self.K, self.M = self._in_q(self._stiffness()), self._in_q(masses)
