@@ -89,6 +89,12 @@ class Forces:
             f = fem.assemble_vector(fem.form(ufl.inner(ufl.as_vector(effect.value), w) * ds(1)))
             f.scatter_reverse(la.InsertMode.add)
             self.dead.append((effect, f.array.reshape(-1, 3)[: self.n].copy()))
+        for effect in scene.named(rf.NodalForce):
+            nodes = scene.nodes(effect.where, "")
+            own = nodes[nodes < self.n]
+            f = np.zeros((self.n, 3))
+            f[own] = np.asarray(effect.value) / scene.sum(own.size)
+            self.dead.append((effect, f))
         trial = ufl.TrialFunction(scene.space)
         if scene.mass == "consistent":
             degree = {"quadrature_degree": 2 * scene.order + 2}

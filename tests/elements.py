@@ -93,13 +93,6 @@ class Forces:
         return fem.assemble_scalar(self.of.bind_energy(self.cells))
 
 
-def imbalance(reports):
-    """Largest |ΔH - work + dissipation| of a step over the largest H."""
-    H = np.array([r.energy for r in reports])
-    given = [r.work_of_loads + r.work_of_supports - sum(r.dissipated.values()) for r in reports]
-    return np.abs(np.diff(H) - given[1:]).max() / H.max()
-
-
 def drifts(reports):
     """Of energy and both momenta, relative to the first and to what they are compared with."""
     first, scale = reports[0], max(r.momentum_scale for r in reports)

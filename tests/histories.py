@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +55,30 @@ def table(path: Path) -> list[dict[str, str]]:
     """The rows of a table that a recorder has left."""
     with path.open(newline="") as file:
         return list(csv.DictReader(file))
+
+
+@contextmanager
+def heard(words: str = "") -> Iterator[list[str]]:
+    """Texts of the warnings that come and hold these words, there at the end."""
+    texts: list[str] = []
+    with warnings.catch_warnings(record=True) as shown:
+        warnings.simplefilter("always")
+        yield texts
+    texts += [str(w.message) for w in shown if words in str(w.message)]
+
+
+def imbalance(reports: Sequence[rf.Report]) -> float:
+    """Largest error of the balance of energy, relative to the largest energy."""
+    given = [
+        r.work_of_loads
+        + r.work_of_supports
+        + (r.impact.energy if r.impact else 0.0)
+        - sum(r.dissipated.values())
+        for r in reports
+    ]
+    energy = np.array([r.energy for r in reports])
+    error = energy - np.cumsum(given)
+    return float(np.abs(error - error[0]).max() / np.abs(energy).max())
 
 
 def tips(reports: Iterable[rf.Report]) -> Array:

@@ -14,10 +14,6 @@ from scipy.special import ellipk
 from tumbling_l import tumbling_l
 
 import rigidfx as rf
-from rigidfx.decide.decision import PlannedBody
-from rigidfx.flexible.internal_forces import InternalForces
-from rigidfx.state import State
-from rigidfx.switch.exchange import freeze
 
 SOFT = rf.StVenantKirchhoff(rho=1000.0, E=1e6, nu=0.3)
 CELLS = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
@@ -107,27 +103,6 @@ def test_what_lumping_adds_to_the_inertia_of_a_bar_is_reported(across, ratio):
 def test_where_lumping_does_no_harm_nothing_is_said(scene, ratio):
     report = list(rf.simulate(scene(), 0.1, 0.3))[-1]
     assert report.bodies[0].inertia_ratio == pytest.approx(ratio, rel=1e4 * EPS)
-
-
-def test_excess_of_lumping_in_a_deformed_body_of_two_materials():
-    """It is the difference of the two inertias, lumped and consistent, of the same shape."""
-    domain = rf.box((0, 0, 0), (3, 1, 1), (4, 2, 1)).with_cells("a", lambda x: x[0] < 1.51)
-    domain = domain.with_cells("b", lambda x: x[0] > 1.49)
-    materials = {"a": SOFT, "b": rf.NeoHooke(rho=300.0, E=1e6, nu=0.3)}
-    found = []
-    for mass in ("lumped", "consistent"):
-        scene = rf.Scene(domain, materials, [rf.Rigid()], mass=mass)
-        state, n = State(scene), scene.owned_nodes
-        X = state.X[:n]
-        moved = 0.1 * np.sin(X @ np.array([[1, 2, 0], [0, 1, 1], [3, 0, 1.0]]))
-        state.place(moved.ravel())
-        what = PlannedBody(np.arange(8, dtype=np.int32), np.arange(n, dtype=np.int32), "x", 1)
-        found.append(freeze(scene, InternalForces(scene, state.u), state, what).data)
-    lumped, consistent = found
-    assert lumped.mass == pytest.approx(consistent.mass, rel=100 * EPS)
-    wanted = lumped.inertia - consistent.inertia
-    assert np.abs(lumped.excess - wanted).max() <= 1e-12 * np.abs(lumped.inertia).max()
-    assert not consistent.excess.any()
 
 
 def test_data_of_the_tumbling_l():
@@ -335,20 +310,6 @@ def test_tumbling_box():
     slope = np.log2(errors[0] / errors[1])
     show(error=errors[1], slope=slope)
     assert abs(slope - 2) <= 0.1
-
-
-@pytest.mark.convergence
-def test_tumbling_box_of_lumped_mass():
-    """Its period tends to the exact one with the square of the cell size."""
-    errors = []
-    for n in (2, 4, 8):
-        domain = rf.box((0, 0, 0), (4, 2, 1), (4 * n, 2 * n, n))
-        J = body_of(rf.Scene(domain, SOFT, [rf.Rigid()])).inertia
-        assert np.abs(J - np.diag(np.diag(J))).max() <= 1000 * EPS * J.max()
-        errors.append(abs(exact_period(np.diag(J), BOX_OMEGA) - BOX_PERIOD))
-    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
-    show(error=errors[-1], slope=slopes[-1])
-    assert np.abs(slopes - 2).max() <= 0.1
 
 
 @pytest.mark.filterwarnings("ignore:.*rad per step:rigidfx.RigidfxWarning")

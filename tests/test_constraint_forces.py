@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from histories import heard
 from test_contact_pairs import boxes
 
 import rigidfx as rf
@@ -246,9 +246,7 @@ def test_forces_that_alternate_are_told_by_name(at, words):
         "smooth": [pin, smooth],
     }
     scene = rf.Scene(domain, STEEL, effects[at])
-    with warnings.catch_warnings(record=True) as found:
-        warnings.simplefilter("always")
+    with heard("back and forth") as told:
         _steps(scene, DT, 20)
-    told = [str(w.message) for w in found if "back and forth" in str(w.message)]
     assert len(told) == bool(words)
     assert all(word in told[0] for word in [*words, "rf.ResolvedForces()"] if words)

@@ -13,10 +13,6 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.effects.contacts.against_obstacle import Friction, Points
-from rigidfx.effects.contacts.penalty import secant, stored
-from rigidfx.step.equations.actions import Jumping
-from rigidfx.step.newton.chord import Chord
 
 # Bounces in long steps, and a floor that comes back under a skin: balances hold through both.
 pytestmark = [
@@ -72,49 +68,6 @@ def books(scene, dt, t_end, **options):
 
 
 # The law ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("friction", [None, Friction(0.5, 0.05)])
-@pytest.mark.parametrize("name", [name for name in OBSTACLES if name != "shaken"])
-def test_forces_do_the_work_that_the_penalty_stores_and_friction_takes(name, friction):
-    """Point by point, whatever the step; and the stiffness is the derivative of the forces."""
-    rng, obstacle, n = np.random.default_rng(1), OBSTACLES[name], 300
-    y0 = 0.2 + 0.3 * rng.normal(size=(n, 3))
-    moved, k = 0.1 * rng.normal(size=(n, 3)), rng.uniform(1, 2, n)
-    points = Points(obstacle, k)
-
-    def forces(moved):
-        out = np.zeros((n, 3))
-        pressed = points.press(moved)
-        out[pressed.at] = pressed.force
-        return out, pressed
-
-    points.begin(y0, friction)
-    for _ in range(3):  # then what friction's derivative remembers is what is true
-        f, pressed = forces(moved)
-    assert 0 < pressed.at.size < n
-    gained = stored(k, obstacle.gap(y0 + moved)) - stored(k, points.g0)
-    work = np.einsum("ni,ni->n", f, moved)
-    if friction is None:
-        np.testing.assert_allclose(work, gained, atol=1e-15)
-    assert work.sum() == pytest.approx(gained.sum() + pressed.dissipated, abs=1e-13)
-    assert (pressed.dissipated > 0) == (friction is not None)
-    K, h = pressed.stiffness, 1e-6
-    for j, e in enumerate(np.eye(3)):
-        change = (forces(moved + h * e)[0] - forces(moved - h * e)[0])[pressed.at] / (2 * h)
-        np.testing.assert_allclose(change, K[:, :, j], atol=1e-6)
-
-
-def test_a_gap_that_opens_or_closes_divides_by_nothing():
-    """At gaps of zero and next to it, both ends."""
-    tiny = np.finfo(float).tiny
-    gaps = np.array([-1.0, -tiny, 0.0, tiny, 1.0])
-    g0, g1 = (g.reshape(-1) for g in np.meshgrid(gaps, gaps))
-    with np.errstate(divide="raise", invalid="raise"):
-        value, slope = secant(np.ones(g0.size), g0, g1)
-    assert (value <= 0).all()
-    assert (slope >= 0).all()
-    assert (value[(g0 >= 0) & (g1 >= 0)] == 0).all()
 
 
 # Energy and momenta ----------------------------------------------------------------------------
@@ -260,28 +213,6 @@ def test_a_block_on_a_slope_creeps_no_faster_than_told():
 
 
 # Kept tangents ---------------------------------------------------------------------------------
-
-
-@NO_WARNINGS
-def test_a_kept_tangent_follows_gaps_that_close_and_open(monkeypatch):
-    """A corner of steel comes and goes: no solve with kept factors is in vain, tangents are few."""
-    steel = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)
-    failed = []
-    lose = Chord.lose
-    monkeypatch.setattr(Chord, "lose", lambda self: (failed.append(self), lose(self)))
-
-    def touching():
-        contact = rf.Contact("skin", against=FLOOR)
-        scene = block(contact, THROWN, material=steel, cells=(8, 4, 4), above=1e-3)
-        reports = list(rf.simulate(scene, 5e-5, 1.5e-3))[1:]
-        return [r for r in reports if r.touches[contact.title].nodes]
-
-    tangents = sum(r.tangents for r in touching())
-    assert not failed
-    monkeypatch.setattr(Jumping, "outdated", lambda self: False)
-    reports = touching()
-    assert len(reports) >= 5
-    assert tangents < 0.7 * sum(r.tangents for r in reports)
 
 
 # Waking ----------------------------------------------------------------------------------------

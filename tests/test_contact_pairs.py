@@ -11,7 +11,6 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.effects.contacts.pairs import PairSurface
 from rigidfx.step.first_touch import FirstTouch
 
 # Bounces in long steps: balances hold at any Δt.
@@ -252,26 +251,6 @@ def test_a_surface_that_meets_itself_wakes():
 
 
 @NO_WARNINGS
-def test_two_sides_of_one_body_are_not_looked_at(monkeypatch):
-    """A prong of the fork flies at the other, or both do as one body: nothing is searched for."""
-    looked = []
-    mates = PairSurface.mates
-
-    def counted(*given):
-        looked.append(given)
-        return mates(*given)
-
-    for parts in ((), (rf.Rigid(),)):
-        scene = fork(*BOTH, *parts)  # which looks where they are at the start
-        monkeypatch.setattr(PairSurface, "mates", counted)
-        looked.clear()
-        reports = list(rf.simulate(scene, 1e-3, 0.01))
-        monkeypatch.undo()
-        assert bool(looked) == (not parts)
-    assert reports[-1].unknowns == 6
-
-
-@NO_WARNINGS
 def test_what_is_pressed_within_one_body_keeps_its_energy():
     """A fork freezes as a whole while its prongs press on each other."""
     # Within some steps of the first touch: what rattles on depends on the last digits.
@@ -284,26 +263,6 @@ def test_what_is_pressed_within_one_body_keeps_its_energy():
         told = sum(touch.energy for touch in r.touches.values())
         assert told == pytest.approx(r.contact, abs=1e-14 * reports[0].energy)
     assert frozen[-1].contact > 0
-
-
-@pytest.mark.parametrize("size", [1.0, 1e-12])
-def test_the_nearer_of_two_facets_is_met_in_any_unit_of_length(size):
-    """In a corner, the wall: gaps counted as equal within 1e-12 m, so the floor was met."""
-    floor, wall = [(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 0, 0), (0, 1, 0), (0, 0, 1)]
-    x = size * np.array([(0.01, 0.3, 0.02), *floor, *wall])
-    pair = PairSurface(
-        nodes=np.arange(7),
-        numbers=np.arange(7),
-        size=7,
-        slaves=np.array([0]),
-        stiffness=np.ones(1),
-        triangles=np.array([[1, 2, 3], [4, 5, 6]]),
-        reach=2 * size,
-        spacing=size,
-        X=x,
-        itself=False,
-    )
-    assert pair.mates(x, np.full(7, -1)).tolist() == [1]
 
 
 @NO_WARNINGS

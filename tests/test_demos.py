@@ -14,6 +14,7 @@ from pathlib import Path
 
 import parallel
 import pytest
+from cad import saved
 from mpi4py import MPI
 
 from rigidfx.command.main import materials
@@ -239,19 +240,17 @@ def test_custom_geometry_applies_the_total_force(tmp_path):
 
 def test_custom_geometry_applies_the_total_force_to_curved_facets(tmp_path):
     """Of cells of second order."""
-    gmsh = pytest.importorskip("gmsh")
-    gmsh.initialize(interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.option.setNumber("Mesh.MeshSizeMax", 1.2)
-    gmsh.model.occ.addCylinder(0, 0, 0, 2, 0, 0, 1)
-    gmsh.model.occ.synchronize()
-    gmsh.model.addPhysicalGroup(3, [1], name="bar")
-    faces = [tag for _, tag in gmsh.model.getEntities(2) if gmsh.model.getType(2, tag) != "Plane"]
-    gmsh.model.addPhysicalGroup(2, faces, name="round")
-    gmsh.model.mesh.generate(3)
-    gmsh.model.mesh.setOrder(2)
-    gmsh.write(str(tmp_path / "bar.msh"))
-    gmsh.finalize()
+
+    def build(model):
+        model.occ.addCylinder(0, 0, 0, 2, 0, 0, 1)
+        model.occ.synchronize()
+        model.addPhysicalGroup(3, [1], name="bar")
+        faces = [tag for _, tag in model.getEntities(2) if model.getType(2, tag) != "Plane"]
+        model.addPhysicalGroup(2, faces, name="round")
+        model.mesh.generate(3)
+        model.mesh.setOrder(2)
+
+    saved(tmp_path / "bar.msh", build, MeshSizeMax=1.2)
     arguments = [tmp_path / "bar.msh", "--load", "round", 0, 0, -1000, "--damping", 0, "--tol", 0]
     arguments += ["--dt", 1e-5, "--t-end", 2e-5, "--until", 2e-5, "--out", tmp_path / "out"]
     on_ranks(CUSTOM, 1, *arguments)
@@ -261,13 +260,12 @@ def test_custom_geometry_applies_the_total_force_to_curved_facets(tmp_path):
 
 def test_custom_geometry_takes_cad(tmp_path, monkeypatch, capfd):
     """Surfaces are listed, named by number, held and loaded."""
-    gmsh = pytest.importorskip("gmsh")
-    gmsh.initialize(interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.model.occ.addBox(0, 0, 0, 100, 10, 10)
-    gmsh.model.occ.synchronize()
-    gmsh.write(str(tmp_path / "bar.step"))
-    gmsh.finalize()
+
+    def build(model):
+        model.occ.addBox(0, 0, 0, 100, 10, 10)
+        model.occ.synchronize()
+
+    saved(tmp_path / "bar.step", build)
     monkeypatch.setattr(sys, "argv", [str(CUSTOM), str(tmp_path / "bar.step"), "--list"])
     with pytest.raises(SystemExit) as end:
         runpy.run_path(str(CUSTOM), run_name="__main__")

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import sys
-import warnings
 
 import numpy as np
 import pytest
+from histories import heard
 
 import rigidfx as rf
 
@@ -26,10 +26,9 @@ def beam(*effects, material=STEEL, length=1.0):
 
 def told(scene, dt=1e-4, t_end=2e-4, **how):
     """Warnings of a run."""
-    with warnings.catch_warnings(record=True) as found:
-        warnings.simplefilter("always")
+    with heard() as found:
         list(rf.simulate(scene, dt, t_end, progress=False, verbose=False, **how))
-    return [str(warning.message) for warning in found]
+    return found
 
 
 def load(where="x1", value=FORCE, **when):
@@ -153,10 +152,9 @@ def test_a_damper_that_lets_nothing_swing_on_its_spring_is_told():
 
 def warnings_of(make):
     """Warnings of making a scene."""
-    with warnings.catch_warnings(record=True) as found:
-        warnings.simplefilter("always")
+    with heard() as found:
         make()
-    return [str(warning.message) for warning in found]
+    return found
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from contextlib import closing
 
 import numpy as np
 import pytest
+from cad import saved
 from mpi4py import MPI
 from parallel import on_1_and_3_ranks
 from parallel import report as tell
@@ -100,12 +101,8 @@ CORNERS = [(0, 0), (6, 0), (6, 6), (0, 6)]
 
 def write_loop(path, version=4.1, order=1):
     """A slab whose lower rim is four curves of six elements each, and a curve beside it."""
-    gmsh = pytest.importorskip("gmsh")
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.option.setNumber("Mesh.MshFileVersion", version)
-        model = gmsh.model
+
+    def build(model):
         slab = model.occ.addBox(0, 0, 0, 6, 6, 1)
         beside = model.occ.addLine(model.occ.addPoint(9, 0, 0), model.occ.addPoint(9, 6, 0))
         model.occ.synchronize()
@@ -122,10 +119,8 @@ def write_loop(path, version=4.1, order=1):
             model.mesh.setTransfiniteCurve(curve, 7)
         model.mesh.generate(3)
         model.mesh.setOrder(order)
-        gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
-    return path
+
+    return saved(path, build, MshFileVersion=version)
 
 
 @alone

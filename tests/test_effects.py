@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -14,12 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from parallel import check_the_same
 from parallel import run as run_on
-from runs import prepared, step
 
 import rigidfx as rf
-from rigidfx.effects.motion import Forces, Motion, Tangent
 from rigidfx.flexible.internal_forces import InternalForces
-from rigidfx.mechanics.body_step import Increments, Step
 from rigidfx.mechanics.rotation import cayley
 
 # Supports that begin on moving bodies, and a body that rocks on its springs.
@@ -44,6 +40,7 @@ EFFECTS = {
     "Spring": rf.Spring("foot", (40.0, 5.0, 20.0), damping=2.0),
     "Gravity": rf.Gravity((0.0, -2.0, -9.81)),
     "Traction": rf.Traction("top", (1.0, 2.0, 0.0), until=0.35),
+    "NodalForce": rf.NodalForce("tip", (1.0, 4.0, -3.0), since=0.15),
     "Fixed": rf.Fixed("foot", since=0.45),
     "PrescribedMotion": rf.PrescribedMotion(
         "tip", "yz", displacement=lambda t: (0.0, 0.02 * np.sin(3 * t), 0.01 * t), since=0.2
@@ -239,55 +236,6 @@ def test_rotating_the_scene_rotates_the_solution():
     assert np.abs(turned - straight @ R.T).max() <= 1e-11 * np.abs(straight).max()
 
 
-def test_tangents_of_bodies():
-    """What pressure, springs and drag add to a body's tangent is the derivative of its residual."""
-    scene = bar(
-        *(EFFECTS[n] for n in ("Spring", "MassDamping")),
-        rf.Pressure("top", 4.0),
-        rf.MassDamping(0.3),
-        rf.Rigid(),
-        SPIN,
-    )
-    with prepared(scene) as run:
-        step(run, 0.1)
-        bodies = run.stepper.state.bodies
-        length = bodies.of.length[0]
-        structure = run.stepper.system.structure
-        prolongation = run.stepper.system.equilibrium.prolongation
-        actions = [a for e in scene.effects if (a := e.bind(structure)) is not None]
-        assert len(actions) == 4
-        for action in actions:
-            action.set_time(0.15, 0.1)
-        y = np.array([0.02, -0.01, 0.03, 0.4, -0.2, 0.3])
-
-        nothing = structure.rows.vector()  # no node is free
-
-        def residual(y, term):
-            motion = Motion(nothing, Increments(Step(bodies, 0.1), y[None]), 0.1)
-            forces = Forces.none(nothing, bodies.pose)
-            term.resist(motion, forces)
-            return motion.increments.resultant(forces.moments)[0], motion, forces
-
-        for term in actions:
-            _, motion, forces = residual(y, term)
-            increments = motion.increments
-            prolongation.rotate(y[None], Step(bodies, 0.1))
-            tangent = Tangent(MagicMock(), prolongation)  # its part of bodies alone is looked at
-            term.stiffen(motion, tangent)
-            (G,) = tangent.blocks
-            couples = increments.couples(forces.moments) @ increments.T
-            G[3:, 3:] += couples[0] / length**2
-            h = 1e-5
-            numeric = np.stack(
-                [
-                    (residual(y + h * e, term)[0] - residual(y - h * e, term)[0]) / (2 * h)
-                    for e in np.eye(6)
-                ],
-                axis=1,
-            )
-            assert np.abs(G - numeric).max() <= 1e-8 * np.abs(numeric).max()
-
-
 def test_clamped_parts_are_shown_and_bear_no_resultant():
     """A part that a support carries is rigid in the fields; a force on it as a body is refused."""
     scene = bar(rf.Fixed("foot"), rf.Rigid("root"), rf.Gravity())
@@ -323,6 +271,7 @@ ADDED = {
     "Spring": ([], 0),
     "Gravity": ([], 0),
     "Traction": ([], 0),
+    "NodalForce": ([], 0),
     "Fixed": ([], 0),
     "PrescribedMotion": ([], 0),
 }
@@ -343,23 +292,6 @@ def test_an_effect_adds_its_own_terms_only(name):
     )
     if np.isfinite(outside):
         assert terms_of(scene, outside + 0.1) == (kinds, coefficients, constants)
-
-
-def test_a_closed_window_leaves_nothing_behind():
-    """From the end of its window on, a run goes on as one that never had the effect."""
-    names = ("KelvinVoigt", "NumericalDamping", "Traction")
-    scene = bar(*(EFFECTS[n] for n in names), rf.Pressure("top", 4.0, until=0.3), SPIN)
-    with prepared(scene) as run:
-        for _ in range(8):
-            step(run, 0.1)
-        stepper = run.stepper
-        assert stepper.system.acting == ()
-        assert stepper.system.actions.kinds == ()
-        taken = stepper.forces.bind_taken(stepper.forces.cells())
-        assert not taken.dissipated
-        assert not taken.against_loads
-        kinds = [i.integral_type() for i in stepper.forces.residual_form.integrals()]
-        assert kinds == ["cell"]
 
 
 def test_describe(capsys):

@@ -22,10 +22,9 @@ from elements import (
     bent,
     distorted,
     drifts,
-    imbalance,
     scene_of,
 )
-from histories import show
+from histories import imbalance, show
 from mpi4py import MPI
 from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
@@ -296,28 +295,6 @@ def test_ranks_agree(ranks):
 
 
 # Refusals ----------------------------------------------------------------------------------------
-
-
-REFUSED = {
-    "second order": ({"order": 2}, "is for order 1, got order 2"),
-    "no stiffness at rest": (
-        {"material": rf.Hyperelastic(rho=1.0, W=lambda C: (C[0, 0] - 1) ** 4)},
-        "of Hyperelastic cannot be told",
-    ),
-    "midpoint rule": ({"scheme": rf.Midpoint()}, "goes with EnergyMomentum, not with Midpoint"),
-    "tetrahedra": ({"cell": "tetrahedron"}, "is for hexahedra"),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-@of_each
-def test_what_cannot_be_is_refused(element, name):
-    options, found = REFUSED[name]
-    options = {"cell": "hexahedron", "material": MATERIAL} | options
-    domain = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1), options.pop("cell"))
-    domain = domain.with_facets("outside", lambda x: x[2] > 1 - 1e-9)
-    with pytest.raises(rf.SceneError, match=found):
-        rf.Scene(domain, options.pop("material"), element=ELEMENTS[element], **options)
 
 
 if __name__ == "__main__":

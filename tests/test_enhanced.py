@@ -6,10 +6,8 @@ import gc
 from contextlib import nullcontext
 
 import basix
-import dolfinx.mesh as dmesh
 import numpy as np
 import pytest
-import ufl
 from dolfinx import fem
 from elements import MATERIAL, Forces, distorted
 from histories import show
@@ -179,26 +177,6 @@ def test_strong_compression_is_warned_of():
 
 
 # Refusals ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("element", ["enhanced!", None])
-def test_what_is_no_element_is_refused(element):
-    domain = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1))
-    expected = f"must be 'standard', 'enhanced' or AssumedStrains.*, got {element!r}"
-    with pytest.raises(rf.SceneError, match=expected):
-        rf.Scene(domain, MATERIAL, element=element)
-
-
-def test_an_element_costs_only_who_names_it():
-    """Forms of standard cells have neither a coefficient nor a constant more."""
-    scene = rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)), MATERIAL)
-    u0 = fem.Function(scene.space)
-    forces = InternalForces(scene, u0)
-    form = forces.residual_form
-    assert set(form.coefficients()) == {u0, forces.u1}
-    assert len(form.constants()) == 2
-    assert isinstance(form, ufl.Form)
-    assert scene.mesh.topology.cell_type == dmesh.CellType.hexahedron
 
 
 def test_kernels_end_with_their_forms():

@@ -13,7 +13,7 @@ import ufl
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.base import c_library, form_cache
+from rigidfx.base import form_cache
 from rigidfx.flexible import kernels
 from rigidfx.flexible.kernels import Kernel
 
@@ -176,35 +176,6 @@ def test_a_cache_that_cannot_be_written_to_is_named(cache, reason):
         compile_form()  # nothing that is half written is in the way
 
 
-COMPILERS = {
-    "missing": ("no-such-compiler", "'no-such-compiler', .*CC names.* cannot be run .*or unset CC"),
-    "failing": (
-        "false",
-        "'.*false', .*CC names.* has failed with exit .* 1; .*standard error.*python3-dev",
-    ),
-}
-
-
-def compile_library(folder):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(c_library.jit, "get_options", lambda given: {"cache_dir": str(folder)})
-        c_library.c_library(MPI.COMM_SELF, "one", "int one = 1;", "extern int one;", ["-O0"])
-
-
-@pytest.mark.parametrize("compiled", [lambda folder: compile_form(), compile_library])
-@pytest.mark.parametrize("name", COMPILERS)
-def test_a_compiler_that_does_not_work_is_named(cache, monkeypatch, name, compiled):
-    """By a bare error of another package; and FFCx left the root's log without its handlers."""
-    command, message = COMPILERS[name]
-    monkeypatch.setenv("CC", command)
-    handlers = list(logging.getLogger().handlers)
-    with pytest.raises(rf.CompilerError, match=message):
-        compiled(cache)
-    assert logging.getLogger().handlers == handlers
-    monkeypatch.delenv("CC")
-    compiled(cache)  # nothing is in the way of the next one
-
-
 @pytest.mark.parametrize("flags", ["", "-O0"])
 def test_a_compiler_that_is_not_installed_is_named(cache, monkeypatch, flags):
     """And none of the flags that it might have been given."""
@@ -213,12 +184,3 @@ def test_a_compiler_that_is_not_installed_is_named(cache, monkeypatch, flags):
     monkeypatch.delenv("CC", raising=False)
     with pytest.raises(rf.CompilerError, match=r"cannot be run .*gcc, libc6-dev.* variable CC"):
         compile_form()
-
-
-def test_a_library_that_cannot_be_written_is_named(tmp_path, monkeypatch):
-    """On rank 0 alone: the others waited for it."""
-    file = tmp_path / "file"
-    file.touch()
-    monkeypatch.setattr(c_library.jit, "get_options", lambda given: {"cache_dir": str(file)})
-    with pytest.raises(rf.OutputError, match=f"'{file}' .File exists.*XDG_CACHE_HOME"):
-        c_library.c_library(MPI.COMM_SELF, "none", "int one = 1;", "int one;", ["-O0"])

@@ -6,12 +6,13 @@ import re
 
 import numpy as np
 import pytest
+from cad import session
 from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.base.errors import RigidfxWarning, SceneError
 
-gmsh = pytest.importorskip("gmsh")
+pytest.importorskip("gmsh")
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="writes files")
 
 TWO = """SetFactory("OpenCASCADE");
@@ -46,15 +47,10 @@ def saved(script, tmp_path):
 
     def save(version, *lines, dim=3, suffix="msh"):
         path = tmp_path / f"{version}.{suffix}"
-        gmsh.initialize(interruptible=False)
-        try:
-            gmsh.option.setNumber("General.Terminal", 0)
-            gmsh.option.setNumber("Mesh.MshFileVersion", version)
+        with session(MshFileVersion=version) as gmsh:
             gmsh.open(str(script(*lines)))
             gmsh.model.mesh.generate(dim)
             gmsh.write(str(path))
-        finally:
-            gmsh.finalize()
         return path
 
     return save

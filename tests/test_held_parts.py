@@ -5,18 +5,16 @@ Run as a script under mpirun, this file reports what a run warns of.
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import parallel
 import pytest
+from histories import heard
 from mpi4py import MPI
 from test_contact_pairs import boxes
 
 import rigidfx as rf
 import rigidfx.withheld.recovery
 from rigidfx.flexible.stress import CauchyStress
-from rigidfx.withheld.recovery import AtRest
 
 COMM = MPI.COMM_WORLD
 DT, T = 0.2, 60.0  # s, and s of the slow load
@@ -59,11 +57,9 @@ def bar(*effects, root=STIFF, cells=(8, 1, 1), **options):
 def ended(scene, t_end, rule=None, dt=DT):
     """Tips, what was said of the root, and the last report."""
     tips = []
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always", rf.RigidfxWarning)
+    with heard("'root' that is named Rigid") as said:
         for report in rf.simulate(scene, dt, t_end, rigidify=rule, progress=False):
             tips += [report.probes["tip"]]
-    said = [str(w.message) for w in said if "'root' that is named Rigid" in str(w.message)]
     return np.array(tips), said, report
 
 
@@ -203,43 +199,6 @@ def test_a_run_that_an_error_has_ended_may_be_asked_what_held_parts_carry():
         for report in rf.simulate(scene, DT, T, rigidify=RULE, progress=False):  # noqa: B007
             pass
     assert not rf.recovered_stress(report, CauchyStress(scene))[1].any()
-
-
-@pytest.mark.filterwarnings("ignore:Vibrations of")  # which it has none of, so damped
-def test_what_held_parts_carry_is_asked_of_the_last_step(monkeypatch):
-    """Whenever that is, and only then: where other cells have become rigid or flexible at the end
-    of the step, and when the run has ended."""
-    solved, strained = [], AtRest.strained
-
-    def counted(self, forces):
-        solved.append(forces)
-        return strained(self, forces)
-
-    monkeypatch.setattr(AtRest, "strained", counted)
-    push = rf.Traction("x1", (0, 0, 50.0), time=lambda t: min(t, 1.0))
-    scene = bar(push, CLAMP, rf.MassDamping(20.0), HELD)
-    stress, root = CauchyStress(scene), scene.owned_cells("root", "")
-    release, tolerances = rf.Release(at=[8.0]), {"root": 1e-6}
-    rule = rf.StrainRate(1.0, 5 * DT, tolerances=tolerances, release=release)
-    kinds, sizes = [], []
-
-    def carried(report):
-        found, recovered = rf.recovered_stress(report, stress)
-        assert recovered[root].all()
-        return np.linalg.norm(found[root], axis=(1, 2)).mean()
-
-    for report in rf.simulate(scene, DT, 12.0, rigidify=rule, progress=False):
-        if report.t > 6.0:
-            kinds += [event.kind for event in report.events]
-            sizes += [carried(report)] if report.events or report.t > 11.9 else []
-    assert kinds[:2] == ["release", "freeze"]
-    assert sizes == pytest.approx([sizes[0]] * len(sizes), rel=0.02)
-    assert carried(report) == sizes[-1]
-    solved.clear()
-    _, _, report = ended(scene, 6.0, rule)
-    looked = len(solved)
-    assert carried(report) == pytest.approx(sizes[0], rel=0.02)
-    assert len(solved) == looked + 1
 
 
 def on_ranks():

@@ -169,14 +169,6 @@ def elastic(face, cells):
     return 2 * report.strain / 1e4 / compliance("bar", None, face)
 
 
-@pytest.mark.parametrize("face", ["sleeve", "both"])
-def test_a_joint_on_a_short_sleeve_is_elasticity(face):
-    """Its 0.5 to 0.8 % beside beam theory are those of the bar, not of the joint."""
-    cells = (20, 2, 2)
-    found = deflection("bar", face, 2, cells, R=np.eye(3))
-    assert found == pytest.approx(elastic(face, cells), rel=1e-4)
-
-
 def test_a_joint_on_a_sleeve_of_two_thicknesses_is_beam_theory(monkeypatch):
     monkeypatch.setattr("test_joint_faces.SLEEVE", 0.2)
     assert deflection("bar", "sleeve", 2, (20, 2, 2)) == pytest.approx(1.0, abs=5e-3)

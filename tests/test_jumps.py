@@ -9,11 +9,6 @@ import numpy as np
 import pytest
 
 import rigidfx as rf
-from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.body_step import Increments, Step
-from rigidfx.step.newton.newton import Solution
-from rigidfx.step.watches.judge import Attempt
-from rigidfx.step.watches.jumps import Jumps
 
 # Paths that begin at full speed or hurry, and obstacles that strike: their jumps are the subject.
 OTHERS = (
@@ -38,8 +33,6 @@ def no_word_of_jumps():
 
 
 DT = 0.1
-SOLVED = Solution(True, "", (0.0,), 1, 1, "LU", None, 0.0, 0.0, 0.0)
-NO_BODIES = Increments(Step(Bodies.of_each(()), DT), np.empty((0, 6)))
 
 
 def moved(x, velocity=None, **window):
@@ -163,25 +156,6 @@ def test_components_that_are_not_held_may_jump():
     scene = moved(lambda t: 0.1 * (t >= 0.45), components="yz")
     with no_word_of_jumps():
         run(scene)
-
-
-def test_an_attempt_that_becomes_no_step_is_forgotten():
-    """Neither warned of, nor what the next one is compared with."""
-    jumps = Jumps(moved(lambda t: 0.0))
-    support = rf.PrescribedMotion("x0", displacement=lambda t: (0.1 * (t >= 0.5), 0.0, 0.0))
-
-    def attempt(t0, t1):
-        jumps.begin()
-        jumps.look(support, t0, t1, *map(support.path_at, (t0, t1)))
-        return Attempt(t0, t1 - t0, SOLVED, t1, NO_BODIES)
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        attempt(0.4, 0.6)
-        jumps.accept(attempt(0.4, 0.45))
-    late = attempt(0.45, 0.6)
-    with pytest.warns(rf.RigidfxWarning, match="its path jumps by"):
-        jumps.accept(late)
 
 
 # Obstacles -------------------------------------------------------------------------------------

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 
-import basix.ufl
 import numpy as np
 import pytest
 import ufl
@@ -87,25 +86,6 @@ def test_default_flags_give_the_numbers_of_those_of_tests(monkeypatch, cell, mat
     np.testing.assert_allclose(*found, rtol=1e-9, atol=1e-12)
 
 
-def test_what_an_interrupted_compilation_left_is_removed(monkeypatch):
-    """Where nobody compiles, a source without a result is waited for as long as options say."""
-    monkeypatch.setattr(
-        "rigidfx.flexible.kernels.jit_options", lambda: jit_options() | {"timeout": 1}
-    )
-    mesh = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)).mesh
-    form = fem.Constant(mesh, 3.0) * fem.Constant(mesh, 5.0) * ufl.dx(1)
-    built = Kernel(form, [], mesh).library
-    if mesh.comm.rank == 0:
-        source = built.with_name(built.name.split(".")[0] + ".c")
-        source.with_suffix(".c.cached").unlink()
-        built.unlink()
-        source.write_text("")
-    mesh.comm.barrier()
-    form_cache.FOUND.clear()
-    Kernel(form, [], mesh)
-    assert built.exists()
-
-
 HOLD = """
 import fcntl, pathlib, sys, time
 lock, ready = sys.argv[1:]
@@ -136,36 +116,3 @@ def test_form_that_another_process_compiles_is_waited_for(tmp_path, caplog, comp
     assert 1.0 < waited < 30.0
     assert source.exists() == compiles
     assert "waiting for another process" in caplog.text
-
-
-@pytest.mark.parametrize("material", [rf.StVenantKirchhoff, rf.NeoHooke])
-def test_one_point_does_for_tetrahedra_of_first_order(monkeypatch, material):
-    """Their strain is constant: four points took four times the work for the same numbers."""
-    domain = rf.box((0, 0, 0), (2, 1, 1), (3, 2, 2), "tetrahedron")
-    effects = [
-        rf.NumericalDamping(0.1),
-        rf.KelvinVoigt(0.3),
-        rf.Pressure("x1", 0.2),
-    ]
-    found = []
-    for degree in (None, 2):
-        if degree is not None:
-            monkeypatch.setattr(rf.Scene, "quadrature_degree", degree)
-        scene = rf.Scene(domain, material(rho=1.0, E=10.0, nu=0.3), effects)
-        points, _ = basix.make_quadrature(basix.CellType.tetrahedron, scene.quadrature_degree)
-        assert len(points) == (1 if degree is None else 4)
-        forces = InternalForces(scene, fem.Function(scene.space))
-        forces.set_time(0.1, 0.2)
-        rng = np.random.default_rng(3)
-        for u in (forces.u0, forces.u1):
-            u.x.array[:] = 0.05 * rng.uniform(-1, 1, u.x.array.size)
-        bound = forces.bind(forces.cells())
-        residual = fem.assemble_vector(bound.residual).array
-        tangent = fem.assemble_matrix(bound.interior).to_dense()
-        energy = fem.assemble_scalar(forces.bind_energy(forces.cells()))
-        lost = [
-            fem.assemble_scalar(f) for f in forces.bind_taken(forces.cells()).dissipated.values()
-        ]
-        found.append((residual, tangent, np.array([energy, *lost])))
-    for one, four in zip(*found, strict=True):
-        assert np.abs(one - four).max() <= 1e-14 * np.abs(four).max()

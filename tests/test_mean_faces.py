@@ -8,63 +8,12 @@ from scipy.spatial.transform import Rotation
 from test_contact_pairs import boxes
 
 import rigidfx as rf
-from rigidfx.base.matrices import dense
-from rigidfx.effects.joints.averages import Average, FaceVector
-from rigidfx.effects.joints.vectors import Vectors
 from rigidfx.mechanics.rotation import nearest_rotations
 
 E = 2.1e11
 STEEL = rf.StVenantKirchhoff(rho=7800.0, E=E, nu=0.3)
 LENGTH, THICK = 1.0, 0.1  # m
 SECOND = THICK**4 / 12
-
-
-class AnyFace:
-    """A face by its principal axes."""
-
-    def __init__(self, axes):
-        self.axes, self.averages = axes, tuple(Average() for _ in range(4))
-        self.nodes, self.centre = self.averages[0].nodes, np.zeros(3)
-
-
-@pytest.mark.parametrize("moments", [(0.2, 0.3, 0.5), (0.0, 0.4, 0.6)])
-def test_gains_and_forces_of_face_vectors_are_exact(moments):
-    """For finite rotations and strains, of solid and flat faces; the tangent by differences."""
-    random = np.random.default_rng(3)
-    axes = Rotation.random(random_state=1).as_matrix()
-    face = AnyFace(axes)
-    vectors = [FaceVector(face, random.normal(size=3), place) for place in (True, False, False)]
-    own = Vectors(vectors, {})
-
-    def averages():
-        F = Rotation.random(random_state=random).as_matrix() @ (
-            np.eye(3) + 0.2 * random.normal(size=(3, 3))
-        )
-        return np.vstack([random.normal(size=3), np.array(moments)[:, None] * (F @ axes).T])
-
-    B0, B1 = averages(), averages()
-    B1[1:] = 0.6 * B1[1:] + 0.4 * B0[1:]
-    p0 = own.begin(B0)
-    moved = own.look(B1 - B0)
-    assert moved == pytest.approx(own.at(B1) - p0, abs=1e-13)
-    assert own.slopes(0.5) @ (B1 - B0).ravel() == pytest.approx(moved.ravel(), abs=1e-13)
-    f = random.normal(size=(3, 3))
-    middle, on_averages = 0.5 * (B0 + B1), own.forces(f, 0.5)
-    assert on_averages.sum(axis=0) == pytest.approx(on_averages[1:].sum(axis=0) + f[0], abs=1e-13)
-    of_averages = np.cross(middle, on_averages).sum(axis=0)
-    of_vectors = np.cross(p0 + 0.5 * moved, f).sum(axis=0)
-    assert of_averages == pytest.approx(of_vectors, abs=1e-12)
-    change = dense(own.curvature(f, 0.5))
-    step = 1e-6
-    for column in range(12):
-        ends = []
-        for sign in (1, -1):
-            d = (B1 - B0).ravel()
-            d[column] += sign * step
-            own.look(d.reshape(4, 3))
-            ends.append(own.forces(f, 0.5).ravel())
-        found = (ends[0] - ends[1]) / (2 * step)
-        assert change[:, column] == pytest.approx(found, abs=1e-6 * max(1.0, np.abs(found).max()))
 
 
 def test_the_fitted_rotation_is_proper():

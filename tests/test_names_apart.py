@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 
 import pytest
+from cad import saved
 from histories import sizes
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.domain.inp_model import folded
 
 alone = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="writes files")
 
@@ -74,13 +74,6 @@ def test_letters_of_an_encoding_that_is_not_known(tmp_path):
             rf.read_inp(tmp_path / "part.inp", encoding=encoding)
 
 
-def test_capitals():
-    """Those of ASCII only: "ß" is not "SS"."""
-    assert folded("Top-a_1") == "TOP-A_1" == folded("tOP-A_1")
-    assert folded("maß") != folded("mass")
-    assert folded("Fläche 1") == folded("fläche 1") != folded("flüche 1")
-
-
 @alone
 def test_one_name_for_sets_of_two_kinds(tmp_path):
     """A surface and a set of nodes are one name only if they are the same facets."""
@@ -97,22 +90,17 @@ def test_one_name_for_sets_of_two_kinds(tmp_path):
 
 def groups_of(path, names):
     """Write a mesh file with four faces of a box as groups."""
-    gmsh = pytest.importorskip("gmsh")
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        body = gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
-        gmsh.model.occ.synchronize()
-        gmsh.model.addPhysicalGroup(3, [body], name="body")
+
+    def build(model):
+        body = model.occ.addBox(0, 0, 0, 1, 1, 1)
+        model.occ.synchronize()
+        model.addPhysicalGroup(3, [body], name="body")
         for tag, name in enumerate(names, start=1):
-            gmsh.model.addPhysicalGroup(2, [tag], name=name)
-        gmsh.option.setNumber("Mesh.MeshSizeMax", 1)
-        gmsh.option.setNumber("Mesh.MshFileVersion", 2.2 if "old" in path.name else 4.1)
-        gmsh.option.setNumber("Mesh.SaveGroupsOfElements", 1)
-        gmsh.model.mesh.generate(3)
-        gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
+            model.addPhysicalGroup(2, [tag], name=name)
+        model.mesh.generate(3)
+
+    version = 2.2 if "old" in path.name else 4.1
+    saved(path, build, MeshSizeMax=1, MshFileVersion=version, SaveGroupsOfElements=1)
 
 
 @alone
@@ -131,17 +119,14 @@ def test_groups_of_gmsh(tmp_path, name):
 @pytest.fixture(scope="module")
 def three(tmp_path_factory):
     """Three boxes apart, as the text of a STEP file."""
-    gmsh = pytest.importorskip("gmsh")
     path = tmp_path_factory.mktemp("cad") / "three.step"
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+
+    def build(model):
         for k in range(3):
-            gmsh.model.occ.addBox(2 * k, 0, 0, 1, 1, 1)
-        gmsh.model.occ.synchronize()
-        gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
+            model.occ.addBox(2 * k, 0, 0, 1, 1, 1)
+        model.occ.synchronize()
+
+    saved(path, build)
     text = path.read_text()
     whole, *parts = re.findall(r"\bPRODUCT\s*\(\s*'([^']*)'", text)  # OpenCASCADE counts its files
     for number, name in enumerate(parts, start=1):

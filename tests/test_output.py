@@ -224,19 +224,6 @@ def test_second_run_takes_the_place_of_the_first(tmp_path):
     assert len(list(tmp_path.glob("fields/*"))) == len(read_series(recorder.series)) == 2
 
 
-def in_the_way(tmp_path):
-    """Folders that cannot be made: even root may not write below a file or into /proc."""
-    (tmp_path / "file").write_text("in the way")
-    return [tmp_path / "file", tmp_path / "file" / "out", Path("/proc/rigidfx/out")]
-
-
-@pytest.mark.parametrize("case", range(3))
-def test_folder_that_cannot_be_written(tmp_path, case):
-    folder = in_the_way(tmp_path)[case]
-    with pytest.raises(rf.OutputError, match=f"'{folder}'.*Name a folder"):
-        rf.Recorder(make_scene(), folder)
-
-
 def test_package_is_imported_without_graphics():
     code = "import sys, rigidfx.plot, rigidfx.plot.shapes; print(*sys.modules)"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -529,14 +516,6 @@ def test_bodies_of_several_ranks_are_those_of_one(tmp_path):
         for column in ("t", "kind", "name", "number", "cells_before", "cells_after"):
             assert a[column] == b[column]
         assert float(b["stored_after"]) == pytest.approx(float(a["stored_after"]), rel=1e-9)
-
-
-@pytest.mark.parallel
-def test_all_ranks_learn_that_nothing_can_be_written(tmp_path):
-    folder = in_the_way(tmp_path)[1]
-    messages = mpirun(__file__, 2, 60, str(folder))
-    assert len(messages) == 2
-    assert all("OutputError" in m and str(folder) in m for m in messages)
 
 
 if __name__ == "__main__":

@@ -181,24 +181,6 @@ def test_of_many_joints_the_largest_are_drawn():
     assert [curve.label for curve in lines] == [str(k) for k in range(MOST + 1, 1, -1)]
 
 
-def test_efforts_of_a_joint_that_turns_and_slides():
-    """Torques and forces are apart where names tell; else none is left out as small."""
-    h = {f"joint_a_{name}": np.ones(2) for name in ("gap", "angle", "travel")}
-    h |= {f"joint_a_force_{axis}": np.ones(2) for axis in "xyz"}
-    h |= {"joint_a_motor_torque": np.full(2, 1e-4), "joint_a_motor_rate": np.ones(2)}
-    h |= {"joint_a_spring": np.ones(2), "joint_a_stop": np.full(2, 1e-4), "t": np.arange(2.0)}
-    efforts = {
-        label: {curve.label for curve in lines}
-        for heading, (lines, label) in of_joints(h).items()
-        if "motors" in heading
-    }
-    assert efforts == {
-        "torque (µN m)": {"motor torque of a"},
-        "force (N)": {"motor rate of a"},
-        "efforts (N m or N)": {"spring of a", "stop of a"},
-    }
-
-
 def test_displacements_are_enlarged_by_themselves(tmp_path, monkeypatch):
     """By 1, 2 or 5 times a power of ten, never made smaller; told on the picture."""
     line = np.array([[0.0, 0, 0], [3, 4, 0]])  # 5 m; the largest is drawn as half a metre at most

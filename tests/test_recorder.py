@@ -9,7 +9,6 @@ import resource
 import signal
 import subprocess
 import sys
-from errno import ENOSPC
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,6 @@ from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.base.log import tell
-from rigidfx.output.run_files import CsvFile
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank is enough")
 
@@ -69,15 +67,6 @@ def test_intervals_are_met_late_in_a_run(tmp_path):
             recorder.write(report)
     times = [float(t) for t in re.findall('timestep="([^"]*)"', recorder.series.read_text())]
     assert [(t - late) / dt for t in times if t >= late] == [0.0, 4.0, 8.0, 12.0]
-
-
-def test_a_recorder_is_for_one_run(tmp_path):
-    scene = make_scene()
-    with rf.Recorder(scene, tmp_path) as recorder:
-        for report in run(scene):
-            recorder.write(report)
-        with pytest.raises(rf.SceneError, match="step 0 comes after step 5"):
-            recorder.write(next(run(scene)))
 
 
 # One recorder for a folder ---------------------------------------------------------------------
@@ -148,38 +137,6 @@ def test_a_full_disk_is_told_by_the_recorders_own_error(tmp_path):
     assert recorder.history.read_bytes().endswith(b"\r\n")
     history = rf.read_history(recorder.history)
     np.testing.assert_array_equal(history["step"], [0, 1, 2, 3])
-
-
-def write_with(recorder, scene):
-    with recorder:
-        for report in run(scene):
-            recorder.write(report)
-
-
-def write_by_hand(recorder, scene):
-    for report in run(scene):
-        recorder.write(report)
-    recorder.close()
-
-
-@pytest.mark.parametrize("write", [write_with, write_by_hand])
-def test_a_close_that_fails_is_told(tmp_path, monkeypatch, write):
-    """As of a disk that is full, or of a file system far away: by the recorder's own error."""
-    scene, close = make_scene(), CsvFile.close
-
-    def fails(file):
-        close(file)
-        raise OSError(ENOSPC, "No space left on device", str(tmp_path / "history.csv"))
-
-    recorder = rf.Recorder(scene, tmp_path, every=1)
-    monkeypatch.setattr(CsvFile, "close", fails)
-    with pytest.raises(rf.OutputError, match=r"No space left on device.*check the space left"):
-        write(recorder, scene)
-    monkeypatch.undo()
-    assert rf.read_history(recorder.history)["step"].tolist() == [0, 1, 2, 3, 4, 5]
-    assert recorder.series.read_text().count("DataSet") == 6
-    assert not logging.getLogger("rigidfx").handlers
-    rf.Recorder(scene, tmp_path).close()  # its lock has ended
 
 
 def test_a_log_that_cannot_be_written_is_told_once(tmp_path, capfd):

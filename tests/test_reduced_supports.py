@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from histories import imbalance
 from parallel import check_the_same, report
-from test_reduced import SOFT, balance, pushed, run
+from test_reduced import SOFT, pushed, run
 
 import rigidfx as rf
 
@@ -53,7 +54,7 @@ def test_it_moves_as_its_flexible_twin(case):
         for reports in (own, twin)
     ]
     assert np.abs(places[0] - places[1]).max() < 5e-3 * np.ptp(places[1], axis=0).max()
-    assert balance(own) < 1e-10
+    assert imbalance(own) < 1e-10
 
 
 PRESS = rf.Traction("z1", (100.0, 20.0, 300.0))

@@ -22,7 +22,6 @@ import numpy as np
 import pytest
 import refusals
 import ufl
-from dolfinx import fem
 from mpi4py import MPI
 
 import rigidfx as rf
@@ -34,6 +33,8 @@ COMM = MPI.COMM_WORLD
 SOFT = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
 STIFF = rf.StVenantKirchhoff(rho=1.0, E=1e308, nu=0.49)
 SPARSE = rf.NeoHooke(rho=5e-324, E=1.0, nu=0.3)
+UNIT = (0, 0, 0), (1, 1, 1)
+NO_STIFFNESS = rf.Hyperelastic(rho=1.0, W=lambda C: (C[0, 0] - 1) ** 4)  # at rest
 BELOW = rf.Plane((0, 0, -1), (0, 0, 1))
 CUBE = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=float)
 ONE = np.arange(8)[None]
@@ -42,6 +43,9 @@ FAR = np.array([3.0, 0.0, 0.0])
 L_POINTS = np.array([[i, j, k] for k in (0, 1) for j in (0, 1, 2) for i in (0, 1, 2)], dtype=float)
 HINGED = np.array([[0, 1, 3, 4, 9, 10, 12, 13], [4, 5, 7, 8, 13, 14, 16, 17]])
 HERE = Path(__file__).resolve().parent
+BRACKET = HERE.parent / "meshes" / "bracket.geo"
+HINGE = rf.Revolute("ground", "a", (0, 0.5, 0.5), (0, 0, 1), name="joint")
+SQUASH = rf.Traction("x1", (-4e5, 0, 0))  # twice Euler's load of the beam
 NAMESPACE = types.SimpleNamespace(virtual_work=1)
 
 
@@ -79,6 +83,28 @@ def _run(*effects, rigidify=None, dt=0.1, t_end=0.3, petsc_options=None, **optio
     how = {"rigidify": rigidify, "petsc_options": petsc_options}
     for _ in rf.simulate(_scene(*effects, **options), dt, t_end, **how):
         pass
+
+
+def _hinged(*effects):
+    return _scene(rf.Rigid("a"), HINGE, *effects)
+
+
+def _pinned(a, b, at=(2.0, 0.5, 0.5)):
+    """A joint of two sides of the box, which is held."""
+    return _scene(rf.Revolute(a, b, at, (0, 0, 1), name="pin"), rf.Fixed("x0"))
+
+
+def _spring(*ends, **places):
+    return _scene(rf.Rigid("b"), rf.SpringDamper(*ends, 1.0, **places))
+
+
+def _beam(*effects):
+    """Run a slender bar with parts to reduce."""
+    bar = rf.box((0, 0, 0), (1, 0.1, 0.1), (12, 1, 1))
+    bar = bar.with_cells("half", lambda x: x[0] < 0.51).with_cells("low", lambda x: x[0] < 0.26)
+    bar = bar.with_cells("next", lambda x: (x[0] > 0.49) & (x[0] < 0.76))
+    metal = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)
+    _run(*effects, domain=bar, material=metal, dt=2e-3, t_end=2e-3)
 
 
 def _static(steps, **options):
@@ -295,6 +321,15 @@ read_msh(HERE / "conftest.py") :: conftest.py
 read_msh("tests/none.msh", scale=-1.0) :: read_msh: scale must be a finite number > 0, got -1.0.
 read_geo(None) :: gmsh: 'None' failed with TypeError: argument should be a str or
 read_geo("x.geo", [1]) :: read_geo: parameters must be a dict of names to numbers or
+read_msh(BRACKET) :: Take read_geo
+read_msh("part.STEP") :: Take read_cad
+read_geo("nothing.geo") :: There is no geometry file 'nothing
+read_cad("nothing.step") :: There is no CAD file 'nothing
+read_geo(BRACKET, order=3) :: order must be 1 or 2
+read_geo(BRACKET, size=0) :: size must be a finite number > 0
+read_geo(BRACKET, {"no": 1}) :: no parameter 'no'
+read_cad("part.step", volumes={3: [1]}) :: volumes must be a dict of names to numbers
+read_cad("part.step", surfaces="end") :: surfaces must be a dict of names to numbers
 from_gmsh(lambda g: 1 / 0) :: from_gmsh: the function that builds the model failed with
 from_gmsh(_surface) :: The model has no physical group of volume cells (dimension 3)
 from_gmsh(lambda g: g.finalize()) :: has ended gmsh (finalize)
@@ -323,7 +358,19 @@ _scene(order=3) :: Scene: order must be 1 or 2, got 3.
 _scene(order=10**5000) :: Scene: order must be 1 or 2, got something of type int
 _scene(mass=["lumped"]) :: Scene: mass must be 'lumped' or 'consistent', got ['lumped'].
 _scene(scheme=NAMESPACE) :: Scene: scheme must be EnergyMomentum(), Midpoint() or
-_scene(element="Enhanced") :: element must be
+_scene(element="Enhanced") :: element must be 'standard', 'enhanced' or AssumedStrains
+_scene(element=None) :: element must be 'standard', 'enhanced' or AssumedStrains
+_scene(element="enhanced", order=2) :: is for order 1, got order 2
+_scene(element=AssumedStrains("z0"), order=2) :: is for order 1, got order 2
+_scene(element="enhanced", scheme=Midpoint()) :: goes with EnergyMomentum, not with Midpoint
+_scene(element=AssumedStrains("z0"), scheme=Midpoint()) :: goes with EnergyMomentum, not with Mid
+_scene(element="enhanced", material=NO_STIFFNESS) :: of Hyperelastic cannot be told
+_scene(element=AssumedStrains("z0"), material=NO_STIFFNESS) :: of Hyperelastic cannot be told
+_scene(element="enhanced", domain=_cube(*UNIT, (1, 1, 1), "tetrahedron")) :: is for hexahedra
+_scene(element=AssumedStrains("z0"), domain=_cube(*UNIT, (1, 1, 1), "tetrahedron")) :: is for hexah
+_scene(element=AssumedStrains("no")) :: AssumedStrains: there are no facets named 'no'
+_scene(element=AssumedStrains("skin")) :: thickness goes two ways
+_scene(element=AssumedStrains(3)) :: name of a surface
 _scene(domain=_cube((0, 0, 0), (1, 1, 1), (1, 1, 1), "tetrahedron"), order=2) :: negative lumped mas
 _scene(Rigid("part 2"), domain=_cells(lambda x: x[0] < 1.5, "part 2")) :: is what a part that is fou
   # Materials
@@ -375,6 +422,10 @@ Preload([_contact()]) :: Preload: loads must be one or more dead loads
 _scene(Preload([Gravity()]), Preload([Gravity()])) :: Scene: only one Preload makes sense; give it a
 _run(Fixed("x0"), Rigid("a"), Preload([Gravity()], spin=(0, 0, 1))) :: a spin with parts that are Ri
 _run(Preload([Gravity()])) :: rigid motion free
+_run(Fixed("x0", "xy"), Fixed("y0", "y"), Preload([Gravity()])) :: rigid motion free
+_run(Fixed("edge"), Preload([Gravity()])) :: rigid motion free
+_run(Fixed("x0", "x"), Spring("line", 3.0), Preload([Gravity()])) :: rigid motion free
+_run(Fixed("x0", since=1.0), Preload([Gravity()])) :: rigid motion free
 _preloaded(_arrays([*CUBE, *CUBE + FAR], [range(8), range(8, 16)])) :: of the part of 1 × 1 × 1 m ar
 _preloaded(_arrays(L_POINTS, HINGED)) :: of the part of 1 × 1 × 1 m around (1.5, 1.5, 0.5) m
 _preloaded(_box(), Gravity(since=0.2)) :: Gravity on 'all cells' does not act at t = 0
@@ -436,7 +487,48 @@ _run(Rigid("a", mass=9.0), Fixed("x0", since=3.0)) :: its mass or inertia is giv
 _run(Rigid("a"), Fixed("x0", since=3.0), Resultant("a", force=(1, 0, 0))) :: at t = 3 s a support cl
 _scene(Rigid(), scheme=Trapezoidal()) :: Scene: Trapezoidal does not couple to rigid bodies; take
 _scene(Rigid(), Resultant("b", force=(1, 0, 0))) :: Resultant: 'b' is not the name of a Rigid body;
-  # Joints, springs between two points
+  # Parts that shapes deform
+Reduced("half", shapes=0) :: whole number ≥ 1
+Reduced("half", shapes=2.5) :: whole number ≥ 1
+Reduced("half", mass=3.0) :: another rho
+_beam(Reduced("half", shapes=9999)) :: shapes=9999
+_beam(Reduced("nowhere")) :: no cells named 'nowhere'
+_beam(Reduced("half"), Rigid("half")) :: hold the same
+_beam(Reduced(), Reduced("half")) :: hold the same
+_beam(Reduced("half"), Rigid("next", mass=1.0)) :: Merge the two sets
+_beam(Reduced("half"), Rigid("low")) :: Merge the two sets
+_beam(Reduced("half"), Fixed("x0", "x")) :: Reduced 'half' has
+_beam(Reduced("half"), Fixed("x0", until=0.02)) :: begins or ends on it
+_beam(Reduced("half"), Fixed("half")) :: hold
+_beam(Reduced("half"), Resultant("half", force=(1.0, 0, 0))) :: Resultant at a MeanFace
+_beam(Reduced("half"), Revolute("ground", "x0", (0, 0, 0), (0, 1, 0))) :: joined by MeanFace
+_beam(Reduced("half"), Fixed("x0"), Preload(SQUASH), SQUASH) :: before the limit load
+_run(Reduced(), domain=_cube(*UNIT)) :: 1 cell
+  # Joints, springs between two points, remote points
+_hinged(Stop("joint", 1.0, stiffness=1.0, along="travel")) :: leaves angle free, and travel is asked
+_hinged(Motor("door", torque=1.0)) :: no joint 'door'; there are
+_hinged(Motor("joint", force=1.0)) :: leaves angle free, and travel
+_hinged(Motor("joint", speed=1.0), Motor("joint", angle=abs)) :: two motors prescribe its angle at
+_hinged(*[Motor("joint", speed=1.0)] * 2) :: by speed and by speed
+_hinged(HINGE) :: Revolute 'joint': two joints are called 'joint'
+_run(Rigid("a"), HINGE, Motor("joint", torque=_then(1.0, nan))) :: Motor of 'joint' at t = 0.25 s
+_scene(Rigid("a"), Tied("a", MeanFace("x0"), (0, 0.5, 0.5))) :: both sides are of one part, Rigid
+_pinned("A", MeanFace("x1")) :: 'A' is no Rigid part; there are none.
+_pinned(MeanFace("ende"), MeanFace("x1")) :: 'ende'
+_pinned(MeanFace("x0"), MeanFace("x1")) :: Fixed on 'x0' holds all of MeanFace 'x0'
+_pinned(MeanFace("y0"), MeanFace("x1"), (99, 0, 0)) :: its sides do not meet: it is at
+_pinned(RigidFace("y0"), MeanFace("x1")) :: RigidFace 'y0': Fixed on 'x0' holds some
+_pinned(RigidFace("x1"), MeanFace("x1")) :: both sides are the same
+_spring("x0", "nobody") :: 'nobody'
+_spring("edge", "x1", at_a=(0, 0, 0)) :: 'edge' is the mean place of the
+_spring(MeanFace("x0"), "b", at_a=(99, 0, 0)) :: it is at (99, 0, 0)
+_spring("ground", "x1", at_a=(2, 0.5, 0.5)) :: no direction. Place them apart, or give length=0
+_scene(*[SpringDamper("ground", "x1", 1.0, at_a=(9, 0, 0), name="s")] * 2) :: two springs are call
+Resultant("x1", at=(0, 0, 0)) :: on 'x1': at is the place of a remote point
+_scene(Resultant(MeanFace("end"))) :: MeanFace 'end': there are no facets named
+Spring(MeanFace("x1"), 1.0, at=(0, 0)) :: at must be three finite numbers
+_scene(Spring(MeanFace("x1"), 1.0, at=(99, 0, 0))) :: it is at (99, 0, 0)
+Traction(MeanFace("x1"), (1, 0, 0)) :: Traction: where must be the name
 Motor("joint") :: give exactly one of torque, angle
 Motor("joint", torque=1.0, angle=0.0) :: got torque, angle
 JointSpring("joint", -1.0) :: stiffness must be ≥ 0
@@ -606,32 +698,6 @@ def test_sound_energies_pass():
         _material(lambda C: ufl.exp(1e4 * ufl.inner(C - ufl.Identity(3), C - ufl.Identity(3))))
         x = ufl.SpatialCoordinate(_box().mesh)
         _material(lambda C: (1 + x[0]) * ufl.inner(C - ufl.Identity(3), C - ufl.Identity(3)))
-
-
-def _ten_nodes():
-    """Two tetrahedra of ten nodes, with their edges' in VTK's order; one edge is curved."""
-    corners = [*CUBE[[0, 1, 2, 4]], (1, 1, 1)]
-    points, cells, number = list(map(np.asarray, corners)), [], {}
-    for cell in ((0, 1, 2, 3), (1, 2, 3, 4)):
-        row = list(cell)
-        for i, j in ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)):
-            edge = frozenset((cell[i], cell[j]))
-            if edge not in number:
-                number[edge] = len(points)
-                points.append((points[cell[i]] + points[cell[j]]) / 2)
-            row.append(number[edge])
-        cells.append(row)
-    points[cells[0][4]] = points[cells[0][4]] + (0, -0.1, 0)
-    return np.array(points, float), np.array(cells)
-
-
-def test_order_of_nodes_on_edges():
-    """Those of VTK and of gmsh are taken, and any other: nodes tell by their places."""
-    points, cells = _ten_nodes()
-    for order in (list(range(10)), [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]):
-        mesh = _tet(points, cells[:, order]).mesh
-        volume = mesh.comm.allreduce(fem.assemble_scalar(fem.form(1.0 * ufl.dx(mesh))))
-        assert volume == pytest.approx(0.5 + 0.1 / 6)  # 1/6 and 1/3, and what the curved edge adds
 
 
 def test_what_is_right_is_taken():

@@ -16,7 +16,7 @@ import refusals
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.plot import Curve, Shapes, curves, histories, pictures  # noqa: F401
+from rigidfx.plot import Curve, Shapes, curves, histories, pictures, web  # noqa: F401
 
 COMM = MPI.COMM_WORLD
 STEEL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
@@ -104,6 +104,47 @@ def _damaged(**changes):
     return rf.read_bodies(_file("damaged.json", json.dumps(content)), _domain())
 
 
+def _spoiled(spoil):
+    """Read a file that a function has changed."""
+    content = json.loads(json.dumps(_bodies()))
+    spoil(content)
+    return rf.read_bodies(_file("damaged.json", json.dumps(content)), _domain())
+
+
+def _read_on(upper, cells):
+    """Read the bodies on another mesh."""
+    path = _file("good.json", json.dumps(_bodies()))
+    return rf.read_bodies(path, rf.box((0, 0, 0), upper, cells))
+
+
+OCC = 'SetFactory("OpenCASCADE");\n'
+LOOSE = """Box(1) = {0, 0, 0, 2, 1, 1}; Rectangle(50) = {0, 3, 0, 1, 1};
+Physical Volume("v") = {1}; Physical Surface("helper") = {50};
+"""
+TWICE = """Box(1) = {0, 0, 0, 1, 1, 1}; Physical Volume("v") = {1};
+Physical Surface("s") = {1}; Physical Surface("s") = {2};
+"""
+OPEN = """Point(1) = {0, 0, 0}; Point(2) = {1, 0, 0}; Point(3) = {0, 1, 0}; Point(4) = {0, 0, 1};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 1}; Line(4) = {1, 4}; Line(5) = {2, 4};
+Curve Loop(1) = {1, 2, 3}; Plane Surface(1) = {1};
+Curve Loop(2) = {1, 5, -4}; Plane Surface(2) = {2};
+Surface Loop(1) = {1, 2}; Volume(1) = {1}; Physical Volume("v") = {1};
+"""
+
+
+def _geo(text):
+    """Read a script of gmsh, one after the other in one process."""
+    return rf.read_geo(_file("bad.geo", text))
+
+
+def _no_part(read, name):
+    return read(_file(name, "This is no part.\n"))
+
+
+def _fields(name, content=b""):
+    return rf.read_fields(_file(name, content))
+
+
 def _history(content):
     return rf.read_history(_file("history.csv", content))
 
@@ -170,6 +211,19 @@ _run(dt=1e-16, t_end=1.0) :: cannot be resolved
 _run(dt={0: 100.0, 86400.0: 1e-11}, t_end=86401.0) :: cannot be resolved
 _run(rigidify=0.001) :: rigidify must be a StrainRate
 _run(progress="yes") :: progress must be True, False or None
+_run(monitor="show") :: monitor must be a function
+_run(petsc_options=[("ksp_type", "cg")]) :: must be a dict
+_run(petsc_options={"-ksp_type": "cg"}) :: '-ksp_type' is no option of the solver
+_run(petsc_options={"rigidfx_ksp_type": "cg"}) :: is no option of the solver
+_run(petsc_options={"kps_type": "cg"}) :: is no option of the solver
+_run(petsc_options={5: "cg"}) :: 5 is no option of the solver
+_run(petsc_options={"ksp_type\0": "cg"}) :: is no option of the solver
+_run(petsc_options={"ksp_type": ["cg"]}) :: ksp_type must be a text or a number
+_run(petsc_options={"ksp_type": "cg\0"}) :: ksp_type must be a text or a number
+_run(petsc_options={"ksp_max_it": 10**5000}) :: ksp_max_it must be a text or a number
+_run(petsc_options={"pc_type": "gamg"}) :: with the options -rigidfx_pc_type gamg:
+_run(petsc_options={"ksp_type": "bad"}) :: with the options -rigidfx_ksp_type bad:
+_run(petsc_options={"snes_rtol": "a"}) :: with the options -rigidfx_snes_rtol a:
   # Criteria
 _rate(-1.0, 1.0) :: tol must be ≥ 0
 _rate(0.1, 0.0) :: window must be
@@ -197,11 +251,17 @@ Recorder(_scene(), None) :: folder must be the name
 Recorder(_scene(), "") :: folder must be the name
 Recorder(_scene(), "a\x00b") :: folder must be the name
 Recorder(_scene(), "x" * 300) :: cannot write to
+Recorder(_scene(), _file("in the way", "kept")) :: Name a folder
+_write(_file("in the way", "kept") / "bodies.json") :: cannot be written
 _record(None, every="10") :: every must be a whole number
 _record(None, interval=-1.0) :: interval must be
 _record(None, stress="no") :: stress must be True or False
 _record(_first(_other())) :: is of another scene
 _record(_run()[1]) :: the run has gone on
+_record(None, format="xdmf") :: format must be one of 'pvd', 'vtkhdf', 'both', got 'xdmf'
+_record(None, peaks="fillet") :: named 'fillet'
+_record(None, peaks=3) :: peaks must be names of sets of the mesh, got 3
+_record(None, peaks="x0", stress=False) :: peaks are of stresses, which stress=False leaves out
 _twice() :: step 0 comes after step 0
 _after_close() :: is closed
 _two_recorders() :: another recorder writes to the folder
@@ -229,6 +289,39 @@ _damaged(mass=-1.0) :: mass of body 'left'
 _damaged(orientation=[[2, 0, 0], [0, 1, 0], [0, 0, 1]]) :: orientation of body 'left'
 _damaged(inertia=[1, 2, 3]) :: inertia of body 'left'
 _damaged(place=[9.0, 9.0, 9.0]) :: another mesh
+_damaged(place=[1.0]) :: place of body 'left'
+_damaged(cells=None) :: damaged
+_damaged(bodies=["x"]) :: damaged
+_damaged(name=None) :: damaged
+_damaged(name=3) :: name 3
+_damaged(name="") :: name ''
+_damaged(mass=np.nan) :: mass of body
+_damaged(given=2) :: given of body
+_damaged(box=[[np.nan] * 3] * 2) :: a mesh in
+_spoiled(lambda c: c.update(bodies=None)) :: damaged
+_spoiled(lambda c: c["bodies"][0]["cells"].append(999)) :: cells that the mesh has not
+_spoiled(lambda c: c["bodies"][0].update(cells=[])) :: no cells
+_spoiled(lambda c: c["bodies"].append(c["bodies"][0])) :: that of two
+_spoiled(lambda c: c["bodies"].append({**c["bodies"][0], "name": "b"})) :: in two bodies
+_read_on((4, 1, 1), (4, 1, 1)) :: 16 cells, this has 4
+_read_on((4, 2, 1), (4, 2, 2)) :: a mesh in
+_read_on((4, 1, 1), (2, 2, 4)) :: another mesh: the cells of 'left'
+_geo("Point(1) = {0, 0, 0\nfoo\n") :: syntax error
+_geo("Point(1) = {0, 0, x};\n") :: Unknown variable 'x'
+_geo(OCC + 'Rectangle(1) = {0, 0, 0, 1, 1}; Physical Surface("s") = {1};\n') :: 's' (facets)
+_geo(OCC + "Disk(1) = {0, 0, 0, 1};\n") :: there: none
+_geo(OCC + LOOSE) :: bound no volume cell
+_geo(OCC + TWICE) :: already exists
+_geo(OPEN) :: olume
+_no_part(list_cad, "bad.step") :: bad.step
+_no_part(read_cad, "bad.step") :: bad.step
+_no_part(list_cad, "bad.brep") :: bad.brep
+_no_part(read_cad, "bad.xyz") :: bad.xyz
+read_fields(_folder()) :: there is no file
+_fields("bad.vtkhdf", b"no file of HDF5") :: cannot be read: no file of a Recorder, or a damaged one
+_fields("bad.pvd", b"<VTKFile/>") :: has no time yet
+_fields("bad.txt") :: neither a folder nor a .vtkhdf or .pvd
+read_fields(None) :: path must be the name
   # Pictures
 pictures(None) :: folder must be the name
 pictures("out", shapes=0) :: shapes must be
@@ -236,6 +329,8 @@ pictures("out", frames=0.5) :: frames must be
 pictures("out", view=(0, 0, 0)) :: view must be
 pictures("out", view=(0, 0, 2), up=(0, 0, -1)) :: parallel
 pictures("out", free_since="now") :: free_since must be
+web("out", frames=0) :: frames must be a whole number ≥ 1, got 0
+web(_folder()) :: could not be drawn: read_fields: there is no file
 _histories({}) :: no column 't'
 _histories(GOOD, path="a.docx") :: a.docx
 _histories(GOOD, free_since=9.0) :: after the last

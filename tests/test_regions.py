@@ -187,53 +187,6 @@ def reference(cell, case, seen=None, numbers=None):
     return found
 
 
-def hinged(*parts):
-    """Cells that may be rigid in the box of hexahedra: those with middles in any of these boxes."""
-    points, cells = arrays("hexahedron")
-    middle = points[cells].mean(axis=1)
-    inside = [((middle > low) & (middle < high)).all(axis=1) for low, high in parts]
-    nothing = np.full(len(cells), NONE), np.zeros(len(cells), dtype=bool)
-    return [frozenset(np.flatnonzero(part).tolist()) for part in inside], (
-        np.any(inside, axis=0),
-        *nothing,
-    )
-
-
-def test_a_splinter_costs_a_big_body_nothing():
-    """A block of eight cells, and a cell, or two, that touch it at an edge or at a corner."""
-    block = (0, 0, 0), (2, 2, 2)
-    for splinter in (((2, 2, 0), (3, 3, 1)), ((2, 2, 0), (3, 4, 1)), ((2, 2, 2), (4, 3, 3))):
-        (big, small), case = hinged(block, splinter)
-        for min_cells in (1, 2, len(small)):
-            found = found_regions(box_graph("hexahedron"), (*case, min_cells))
-            assert found[0] == big
-            # What is left of the splinter does not touch the block.
-            assert [len(body) for body in found[1:]] == [1] * (min_cells < len(small))
-
-
-def test_of_two_equal_parts_on_a_hinge_the_first_is_a_body():
-    (one, other), case = hinged(((0, 0, 0), (2, 1, 1)), ((2, 1, 0), (4, 2, 1)))
-    assert len(one) == len(other) == 2
-    assert found_regions(box_graph("hexahedron"), (*case, 2)) == [min(one, other, key=min)]
-
-
-def test_an_existing_body_goes_before_a_larger_part():
-    """Also where it only touches it with a cell that is to join it."""
-    block, row = ((0, 0, 0), (2, 2, 2)), ((2, 2, 0), (5, 3, 1))
-    (_, small), (rigid, existing, barred) = hinged(block, row)
-    existing[max(small)] = 0
-    found = found_regions(box_graph("hexahedron"), (rigid, existing, barred, 2))
-    assert small in found
-    assert sorted(map(len, found)) == [3, 6]
-
-
-def test_what_gives_up_cells_takes_none():
-    """A part between a large and a small one is gone, and the small one whole."""
-    parts = ((0, 0, 0), (2, 2, 2)), ((2, 2, 0), (3, 4, 1)), ((3, 1, 1), (4, 2, 3))
-    (big, _, small), case = hinged(*parts)
-    assert set(found_regions(box_graph("hexahedron"), (*case, 2))) == {big, small}
-
-
 # Properties ------------------------------------------------------------------------------------
 
 

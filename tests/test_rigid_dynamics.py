@@ -8,12 +8,9 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from histories import EPS, NEWTON, column, drift, linear_momentum, show
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from histories import EPS, column, drift, linear_momentum, show
 
 import rigidfx as rf
-from rigidfx.coupling.condensed_tangent import ProductBlocks
 from rigidfx.step.newton import chord
 
 DRIFT = 1e-11  # the issue's bound, relative
@@ -122,23 +119,6 @@ def test_tumbling_bar(mass, cell, speed, new_tangents):
     assert all(quadratic(r.residuals, floor) for r in reports[1:]), text
 
 
-@MASSES
-def test_thrown_bar(mass):
-    """A bar that flies away while it turns: L is no longer zero, J is of the distance."""
-    thrown = rf.InitialVelocity(linear=(3.0, -2.0, 1.0), angular=(0.1, 0.2, 0.6))
-    reports = list(rf.simulate(bar(thrown, mass=mass), DT, 30.0))
-    L, J = (column(reports, name) for name in ("linear_momentum", "angular_momentum"))
-    away = np.linalg.norm(reports[-1].bodies[0].centre)
-    H = drift(column(reports, "energy"))
-    found = {
-        "L": np.abs(L - L[0]).max() / np.linalg.norm(L[0]),
-        "J": np.abs(J - J[0]).max() / (away * np.linalg.norm(L[0])),
-    }
-    show(**found, H=H, away=away)
-    assert away > 100
-    assert max(H, *found.values()) <= DRIFT
-
-
 @pytest.mark.parametrize("where", [None, "every"])
 @MASSES
 def test_free_fall_with_a_given_mass(mass, where):
@@ -166,27 +146,6 @@ def test_gravity_on_a_part_of_a_given_mass(mass):
     assert last.linear_momentum == pytest.approx([0, 0, -500.0 * 0.01], rel=1e-12)
     spin = last.angular_momentum - np.cross(last.bodies[0].centre, last.linear_momentum)
     assert spin == pytest.approx([0, -500.0 * 0.01 * 1.0, 0], rel=1e-4, abs=1e-9)  # lever 1 m
-
-
-@pytest.mark.parametrize("speed", SPEEDS)
-def test_consistent_tangent(speed, monkeypatch, new_tangents):
-    """With P in place of L in the tangent Newton ends at the same motion, but linearly."""
-    insert, found = ProductBlocks.insert_into, {}
-    for consistent in (True, False):
-        reports = list(rf.simulate(tumble("lumped", "hexahedron", speed), DT, 3.0))
-        found[consistent] = reports
-        monkeypatch.setattr(
-            ProductBlocks, "insert_into", lambda self, A, C, L, P: insert(self, A, C, P, P)
-        )
-    iterations = {consistent: column(r, "iterations")[1:] for consistent, r in found.items()}
-    show(with_it=iterations[True].mean(), without=iterations[False].mean())
-    text = histories_text(found[False], 3) + histories_text(found[True], 3)
-    assert iterations[False].mean() >= iterations[True].mean() + 1, text
-    floor = 1e-12 * found[True][1].residuals[0]
-    assert all(quadratic(r.residuals, floor) for r in found[True][1:]), text
-    assert not all(quadratic(r.residuals, floor) for r in found[False][1:]), text
-    a, b = (found[consistent][10].bodies[0].orientation for consistent in (True, False))
-    assert np.abs(a - b).max() <= 1e-8
 
 
 @pytest.mark.parametrize("material", ["NeoHooke", "two bodies", "second order", "Midpoint"])
@@ -282,75 +241,6 @@ def test_reports_of_bodies_add_up():
 # Loads -----------------------------------------------------------------------------------------
 
 
-def _face_weights(X, axis, value, spacing):
-    """Share of each node in the area of a face of a box with equal cells: the trapezoidal rule."""
-    on = np.isclose(X[:, axis], value)
-    w = on.astype(float)
-    for other in set(range(3)) - {axis}:
-        edge = np.isclose(X[:, other], X[:, other].min()) | np.isclose(
-            X[:, other], X[:, other].max()
-        )
-        w *= np.where(edge, 0.5, 1.0) * spacing
-    return w
-
-
-@MASSES
-@pytest.mark.parametrize("rigid", [4.0, 8.0], ids=["half rigid", "all rigid"])
-@settings(max_examples=6)
-@given(data=st.data())
-def test_books_of_loads_on_bodies(mass, rigid, data):
-    """ΔH = work, ΔL = Δt Σf, ΔJ = Δt Σ x½ × f each step.
-
-    Traction on a body's face, gravity, forces on nodes inside the body and on some of both parts,
-    and the body's resultant force and torque, in any mixture.
-    """
-    force = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
-    traction, g, inside, both, push, torque = (data.draw(force) for _ in range(6))
-    dt = data.draw(st.floats(0.05, 0.3))
-    effects = [
-        rf.Traction("x0", tuple(traction)),
-        rf.Gravity(tuple(g)),
-        rf.NodalForce("inner", tuple(inside)),
-        rf.NodalForce("y0", tuple(both)),
-        rf.Resultant("stiff", force=tuple(push), torque=tuple(3 * torque)),
-        rf.InitialVelocity(angular=(0.2, 0.3, 0.6), linear=(1.0, 2.0, 0.0)),
-    ]
-    domain = rf.box((0, 0, 0), (8, 2, 2), (8, 2, 2))
-    domain = domain.with_cells("stiff", lambda x: x[0] <= rigid + 1e-9)
-    domain = domain.with_vertices("inner", lambda x: np.isclose(x[0], 2) & (x[1] > 0.5))
-    material = rf.StVenantKirchhoff(rho=1.0, E=300.0, nu=0.3)
-    scene = rf.Scene(domain, material, [rf.Rigid("stiff"), *effects], mass=mass)
-    X = scene.space.tabulate_dof_coordinates()
-    inner, side = scene.nodes("inner", "test"), scene.nodes("y0", "test")
-    f = np.outer(_face_weights(X, 0, 0.0, 1.0), traction) + np.outer(scene.nodal_mass, g)
-    f[inner] += inside / inner.size
-    f[side] += both / side.size
-    x_before = before = None
-    for r in rf.simulate(scene, dt, 6 * dt):
-        r.state.rebuild()
-        x = X + r.state.u.x.array.reshape(-1, 3)
-        if before is not None:
-            middle = (x + x_before) / 2
-            a, b = before.bodies[0], r.bodies[0]
-            centre = (a.centre + b.centre) / 2
-            impulse = r.dt * (f.sum(axis=0) + push)
-            twist = np.cross(middle, f).sum(axis=0) + np.cross(centre, push) + 3 * torque
-            turn = b.orientation @ a.orientation.T
-            angle = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0],
-                              turn[1, 0] - turn[0, 1]])  # fmt: skip
-            theta = 2 * angle / (1 + np.trace(turn))  # Cayley vector
-            work = (f * (x - x_before)).sum() + push @ (b.centre - a.centre) + 3 * torque @ theta
-            size = r.momentum_scale + before.momentum_scale + r.dt * np.abs(f).sum()
-            dL = r.linear_momentum - before.linear_momentum
-            dJ = r.angular_momentum - before.angular_momentum
-            energy = r.energy + before.energy + np.abs(f * (x - x_before)).sum()
-            assert np.abs(dL - impulse).max() <= 20 * NEWTON * size
-            assert np.abs(dJ - r.dt * twist).max() <= 20 * NEWTON * size * np.abs(x).max()
-            assert abs(work - r.work_of_loads) <= 20 * NEWTON * energy
-            assert abs(r.energy - before.energy - work) <= 20 * NEWTON * energy
-        x_before, before = x, r
-
-
 def test_resultant_in_time():
     """A force and a torque in their window and with their factor turn a body as Newton says."""
     table = rf.Table((0.0, 1.0), (0.0, 2.0))
@@ -372,47 +262,6 @@ def test_resultant_in_time():
 
 
 # Units -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("units", ["mm, t, s", "km, g, h", "powers of two"])
-def test_units(units):
-    """The same motion in other units: to some ε even, where units are powers of two."""
-    length, mass, time = {
-        "mm, t, s": (1e3, 1e-3, 1.0),
-        "km, g, h": (1e-3, 1e3, 1 / 3600),
-        "powers of two": (2.0**20, 2.0**-13, 2.0**5),
-    }[units]
-
-    def run(length, mass, time):
-        domain = rf.box((0, 0, 0), np.array([8, 2, 2]) * length, (6, 2, 2))
-        domain = domain.with_cells("stiff", lambda x: x[0] <= 4.01 * length)
-        pressure, force = mass / length / time**2, mass * length / time**2
-        scene = rf.Scene(
-            domain,
-            rf.StVenantKirchhoff(rho=mass / length**3, E=3e4 * pressure, nu=0.3),
-            [
-                rf.Rigid("stiff"),
-                rf.InitialVelocity(angular=(1.5 / time, 0.3 / time, 5.0 / time)),
-                rf.Traction("x0", (0.0, 50.0 * pressure, 0.0)),
-                rf.Resultant("stiff", torque=(0.0, 70 * force * length, 0.0)),
-            ],
-            probes={"tip": (8.0 * length, 2.0 * length, 2.0 * length)},
-        )
-        reports = list(rf.simulate(scene, 0.1 * time, 3.0 * time))
-        return (
-            np.array([r.probes["tip"] / length for r in reports]),
-            np.array([r.energy / (force * length) for r in reports]),
-            np.array([r.bodies[0].orientation for r in reports]),
-            [r.iterations for r in reports],
-        )
-
-    *one, iterations = run(1.0, 1.0, 1.0)
-    *other, others = run(length, mass, time)
-    assert sum(abs(a - b) for a, b in zip(iterations, others, strict=True)) <= 2
-    for a, b in zip(one, other, strict=True):
-        error = np.abs(a - b).max() / np.abs(a).max()
-        show(error=error)
-        assert error <= (100 * EPS if units == "powers of two" else 1e-10)
 
 
 # The limit of a stiff body -----------------------------------------------------------------------

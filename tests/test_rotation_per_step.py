@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 import rigidfx as rf
-from rigidfx.mechanics.rotation import cayley
-from rigidfx.step.watches.rotation_per_step import cell_rotations
 
 DT = 0.1
 
@@ -94,13 +92,3 @@ def test_fast_vibration_is_no_rotation():
         warnings.filterwarnings("ignore", ".*goes back and forth")
         reports = list(rf.simulate(scene, DT, 5 * DT))
     assert reports[-1].kinetic > 0
-
-
-def test_rotations_of_cells_are_exact():
-    """Of any rigid motion, however a cell is shaped."""
-    rng = np.random.default_rng(4)
-    x0 = rng.normal(size=(4, 20, 3)) * (1.0, 0.1, 3.0)
-    theta = 3 * rng.normal(size=(20, 3))
-    turns = np.stack([cayley(a) for a in theta])
-    x1 = np.einsum("cij,ncj->nci", turns, x0) + rng.normal(size=(20, 3))
-    np.testing.assert_allclose(cell_rotations(x0, x1 - x0).T, theta, rtol=1e-9)

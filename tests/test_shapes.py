@@ -12,11 +12,10 @@ import rigidfx as rf
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.shapes import solver
 from rigidfx.shapes.part import Part
-from rigidfx.shapes.patterns import of_springs, patterns, unit_loads
+from rigidfx.shapes.patterns import patterns, unit_loads
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.ritz import ritz, shapes_of
 from rigidfx.state import State
-from rigidfx.switch.inventory import divide
 
 STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=8000.0)
 EPS = float(np.finfo(np.float64).eps)
@@ -145,74 +144,6 @@ def test_stresses_of_a_free_state_turn_with_it():
     made.destroy()
 
 
-def test_vectors_come_in_the_order_of_their_loads():
-    """Responses to all loads first; the second ones are those to the first ones' inertia."""
-    made = Built(rf.Fixed("x0"))
-    r, F = made.responses, made.pushed()
-    vectors, _ = ritz(r, (F, 2))
-    for some, among in ((r.solve(F), 3), (r.solve(r.inertia(vectors[:, :, :3])), 6)):
-        left = some - vectors[:, :, :among] @ r.dot(r.inertia(vectors[:, :, :among]), some)
-        assert np.abs(left).max() < 1e-10 * np.abs(some).max()
-    doubled = np.concatenate([F, F @ np.ones((3, 1))], axis=2)
-    assert ritz(r, (doubled, 1))[1] == 3
-    made.destroy()
-
-
-def test_motions_that_steps_do_not_resolve_have_one_follower():
-    """A load along a clamped block: one mode more is followed with each shorter step."""
-    made = Built(rf.Fixed("x0"))
-    r, F = made.responses, made.pushed()[:, :, :1]
-    every, n = ritz(r, (F, 5))
-    assert every.shape[2] == n == 5
-    numbers = [ritz(r, (F, 5), resolved=dt)[1] for dt in (np.inf, 1e-4, 1e-5, 0.0)]
-    assert numbers[0] == 2
-    assert numbers == sorted(numbers)
-    assert 2 < numbers[2] <= numbers[3] == 5
-    some, n = ritz(r, (F, 5), resolved=np.inf)
-    assert some.shape[2] == 3  # one more to fill a block
-    assert np.abs(some[:, :, :n] - every[:, :, :n]).max() < 1e-10 * np.abs(every).max()
-    made.destroy()
-
-
-def test_shapes_of_a_part():
-    """The whole's vectors at its nodes, less its own motion there; by count, in their order."""
-    made = Built(rf.Fixed("x0"), n=(6, 2, 2))
-    r, F = made.responses, made.pushed()
-    part = made.part_beyond(0.5)
-    vectors, _ = ritz(r, (F, 2))
-    full = part.shapes(vectors)
-    assert full.modes.shape[2] == 6
-    assert part.unspanned(full, F)[0].shape[2] == 0
-    R = made.motions()[part.nodes]
-    M = np.concatenate([part.times_mass(R[:, :, k : k + 1]) for k in range(6)], axis=2)
-    sizes = np.sqrt(np.outer(np.diag(r.dot(R, M)), np.diag(full.stiffness)))
-    assert np.abs(r.dot(M, full.modes) / sizes).max() < 1e-12
-    some, first = part.shapes(vectors, 2), part.unmoved(vectors[part.nodes, :, :2])
-    fit = np.linalg.lstsq(some.modes.reshape(-1, 2), first.reshape(-1, 2))[1]
-    assert (np.sqrt(fit) < 1e-12 * np.linalg.norm(first.reshape(-1, 2), axis=0)).all()
-    part.destroy()
-    made.destroy()
-
-
-def test_a_force_is_spanned_or_not():
-    """Shapes by forces on a corner do not span those on another one; with these they do."""
-    made = Built()
-    r, F = made.responses, made.pushed()
-    other = unit_loads(r, np.array([0]))
-    few = shapes_of(made.part, r, F)
-    assert few.modes.shape[2] == 30
-    assert made.part.unspanned(few, F)[0].shape[2] == 0
-    lacking, every = made.part.unspanned(few, other)
-    assert lacking.shape[2] > 0
-    assert every
-    both = shapes_of(made.part, r, np.concatenate([F, other], axis=2))
-    assert both.modes.shape[2] == 36
-    assert made.part.unspanned(both, other)[0].shape[2] == 0
-    assert shapes_of(made.part, r, F, 5).modes.shape[2] == 5
-    assert shapes_of(made.part, r, F[:, :, :1], 7).modes.shape[2] == 7
-    made.destroy()
-
-
 def angle(responses, F, exact):
     """Sine of the angle between forces in balance and the span of others."""
     Q = np.linalg.qr(F.reshape(-1, F.shape[2]))[0]
@@ -260,65 +191,6 @@ def test_patterns(effects, expected):
     made.destroy()
 
 
-def test_motion_gives_patterns():
-    """A state that spins has centrifugal forces, a support that turns those and -M (α × r)."""
-    spin = np.array([0.0, 0.0, 5.0])
-    made = Built()
-    middle = made.scene.centre_of_mass
-    every = made.scene.space.tabulate_dof_coordinates() - middle
-    made.state.move(np.cross(spin, every).ravel())
-    M = made.scene.nodal_mass[: len(made.X), None]
-    F = patterns(made.responses, made.state, 1.0)
-    assert F.shape[2] == 1
-    assert angle(made.responses, F, M * (every * [1, 1, 0])) < 1e-10
-    made.destroy()
-    made = Built(rf.PrescribedRotation("x0", axis=(0, 0, 1), angle=lambda t: t * t))
-    F = patterns(made.responses, made.state, 1.0)
-    for exact in (M * (made.X * [1, 1, 0]), M * np.cross(spin, made.X)):
-        assert angle(made.responses, F, exact) < 1e-10
-    made.destroy()
-
-
-def test_springs_bear_static_loads():
-    """A block on springs at both ends, pressed: shapes on the springs are those of dense K."""
-    springs = [rf.Spring("x0", (1e9, 2e9, 3e9)), rf.Spring("x1", 1e9)]
-    made = Built(*springs)
-    r, F = made.responses, made.pushed()
-    slow = of_springs(r)
-    assert slow.shape[2] == 12
-    shapes = shapes_of(made.part, r, F, slow=slow)
-    assert shapes.modes.shape[2] == 36
-    W = sum(np.outer(made.scene.shares(s.where, ""), np.diag(s.K)).ravel() for s in springs)
-    K = made.dense(made.part.times_stiffness) + np.diag(W)
-    exact = np.linalg.solve(K, F.reshape(-1, 3))
-    Phi = np.concatenate([made.motions(), shapes.modes], axis=2).reshape(len(K), -1)
-    found = Phi @ np.linalg.solve(Phi.T @ K @ Phi, Phi.T @ F.reshape(-1, 3))
-    stretch = (
-        exact
-        - made.motions().reshape(len(K), 6)
-        @ np.linalg.lstsq(made.motions().reshape(len(K), 6), exact)[0]
-    )
-    assert np.abs(found - exact).max() < 0.005 * np.abs(stretch).max()
-    made.destroy()
-
-
-def test_supports_that_part_pull():
-    """Of two ends the one moves: K⁻¹f and the rigid motion hold the bar's stretch."""
-    made = Built(rf.Fixed("x0"), rf.PrescribedMotion("x1", displacement=lambda t: (t * t, 0, 0)))
-    r = made.responses
-    u = r.solve(patterns(r, made.state, 1.0))
-    ahead = np.zeros((*made.X.shape, 1))
-    ahead[:, 0, 0] = made.X[:, 0] > 1 - 1e-9
-    free = ~r.stiffness.held
-    K = made.dense(made.part.times_stiffness)
-    exact = np.linalg.solve(K[np.ix_(free, free)], -(K @ ahead.ravel())[free])
-    rigid = made.motions()[:, :, :1]
-    span = np.concatenate([u / np.abs(u).max(axis=(0, 1)), rigid], axis=2)
-    left = np.linalg.lstsq(span.reshape(-1, span.shape[2])[free], exact)[1]
-    assert left < 1e-20 * np.vdot(exact, exact)
-    made.destroy()
-
-
 def test_conjugate_gradients_are_as_exact(monkeypatch):
     """As factors are, to their tolerance."""
     for effects in ([], [rf.Fixed("x0")]):
@@ -330,49 +202,6 @@ def test_conjugate_gradients_are_as_exact(monkeypatch):
         monkeypatch.undo()
         made.destroy()
         again.destroy()
-
-
-@pytest.mark.parametrize("held", [[], [rf.Fixed("x0")]])
-def test_parts_that_stay_rigid(held):
-    """Their nodes move rigidly, forces balance at all others, resultants on the part."""
-    made = Built(*held, rf.Rigid("half"), rf.Resultant("half", (0, 0, 2.0), (1.0, 0, 0)))
-    division = divide(made.scene, made.forces, made.state, tuple(held))
-    bodies = division.bodies
-    made.responses.destroy()
-    r = made.responses = Responses(
-        made.scene, made.forces, made.state, made.scene.acting(0.0), bodies
-    )
-    F = patterns(r, made.state, 1.0)
-    assert F.shape[2] == 1
-    u = r.solve(F)
-    nodes, R = bodies.of.records[0].nodes, made.motions()
-    own = R[nodes].reshape(-1, 6)
-    moved = u[nodes].reshape(-1, u.shape[2])
-    assert np.abs(own @ np.linalg.lstsq(own, moved)[0] - moved).max() < 1e-12 * np.abs(moved).max()
-    left = made.part.times_stiffness(u) - r.balanced(F)
-    left.reshape(-1, u.shape[2])[r.stiffness.held] = 0.0
-    scale = np.abs(F).max()
-    assert np.abs(np.einsum("nai,nak->ik", R[nodes], left[nodes])).max() < 1e-10 * scale
-    left[nodes] = 0.0
-    assert np.abs(left).max() < 1e-10 * scale
-    made.destroy()
-
-
-@pytest.mark.parametrize(
-    ("count", "words"),
-    [
-        (0, "whole number ≥ 1"),
-        (-3, "whole number ≥ 1"),
-        (2.5, "whole number ≥ 1"),
-        (True, "whole number ≥ 1"),
-        (130, "Ask for 129 at most"),
-    ],
-)
-def test_numbers_of_shapes_that_cannot_be(count, words):
-    made = Built()
-    with pytest.raises(rf.SceneError, match=words):
-        shapes_of(made.part, made.responses, made.pushed(), count)
-    made.destroy()
 
 
 def test_parts_that_cannot_have_shapes():

@@ -9,7 +9,6 @@ from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.base import matrices
-from rigidfx.step.newton.border import small_system
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="calls, and one rank's matrices")
 
@@ -19,22 +18,6 @@ def both(monkeypatch, make):
     small = make()
     monkeypatch.setattr(matrices, "SMALL", 0)
     return small, make()
-
-
-def test_small_systems_are_solved_alike(monkeypatch):
-    """f and μ fulfil q + C f = q₀, f = H q + Dᵀ μ and D₁ q + R μ = s by both solvers."""
-    random = np.random.default_rng(3)
-    C, H = (part @ part.T for part in random.normal(size=(2, 7, 7)))
-    D, D1, R = random.normal(size=(4, 7)), random.normal(size=(4, 7)), np.array([0, 1, 2, 3.0])
-    q0, s = random.normal(size=7), random.normal(size=4)
-    for solve in both(monkeypatch, lambda: small_system(C, H, D, D1, R)):
-        f, multipliers = solve(q0, s)
-        q = q0 - C @ f
-        assert np.allclose(f, H @ q + D.T @ multipliers, rtol=1e-10)
-        assert np.allclose(D1 @ q + R * multipliers, s, rtol=1e-10)
-    monkeypatch.undo()
-    D1[0] = 0.0  # a row that nothing moves
-    assert both(monkeypatch, lambda: small_system(C, H, D, D1, R)) == (None, None)
 
 
 @pytest.mark.filterwarnings("ignore:Body")

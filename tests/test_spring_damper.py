@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import parallel
 import pytest
+from histories import heard, imbalance
 from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, eigh
 from test_beside_twin import Beside
@@ -66,14 +67,13 @@ def balances(scene, dt, t_end, **options):
     reports = list(rf.simulate(scene, dt, t_end, **options))
     first = reports[0]
     taken = np.cumsum([sum(r.dissipated.values()) for r in reports])
-    energies = np.array([r.energy for r in reports])
     size = max(r.momentum_scale for r in reports)
     names = "linear_momentum", "angular_momentum"
     off = [
         max(np.abs(getattr(r, name) - getattr(first, name)).max() for r in reports) / size
         for name in names
     ]
-    return reports, np.abs(energies + taken - first.energy).max() / energies.max(), *off, taken
+    return reports, imbalance(reports), *off, taken
 
 
 @NO_WARNINGS
@@ -145,9 +145,7 @@ def test_a_cable_pulls_only(damping):
 
     exact = solve_ivp(rates, (0, 0.6), (0.0, speed), t_eval=t, rtol=1e-9, max_step=1e-3).y[0]
     assert [r.probes["b"][2] for r in reports] == pytest.approx(exact, abs=2e-3)
-    work = np.cumsum([r.work_of_loads - sum(r.dissipated.values()) for r in reports])
-    energies = np.array([r.energy for r in reports])
-    assert np.abs(energies - work - energies[0]).max() <= 1e-12 * energies.max()
+    assert imbalance(reports) <= 1e-12
 
 
 def caught(dt, t_end=0.1, slack=0.005, damping=0.0):
@@ -158,11 +156,10 @@ def caught(dt, t_end=0.1, slack=0.005, damping=0.0):
     cable = replace(cable, damping=damping)
     thrown = rf.InitialVelocity(linear=(2.0, 0, 0), where="B")
     scene = two(rf.Rigid("B"), rf.Fixed("A"), thrown, cable)
-    with warnings.catch_warnings(record=True) as found:
-        warnings.simplefilter("always")
+    with heard("taut") as found:
         reports = list(rf.simulate(scene, dt, t_end, progress=False))
     forces = [report.spring_dampers["c"].force for report in reports[1:]]
-    return max(forces), [str(w.message) for w in found if "taut" in str(w.message)]
+    return max(forces), found
 
 
 @NO_WARNINGS
@@ -182,82 +179,6 @@ def test_a_cable_that_steps_do_not_resolve_is_told(t_end, slack):
 @NO_WARNINGS
 def test_a_cable_that_is_tense_at_the_start_has_no_blow():
     assert caught(0.02, slack=-0.2)[1] == []
-
-
-def governor(k, c):
-    """A spindle with two arms, whose springs hold a sleeve; all rigid."""
-    parts = {
-        "spindle": ((-0.05, -0.05, -0.5), (0.05, 0.05, 0.1), (1, 1, 2)),
-        "right": ((0.1, -0.02, -0.02), (0.5, 0.02, 0.02), (4, 1, 1)),
-        "left": ((-0.5, -0.02, -0.02), (-0.1, 0.02, 0.02), (4, 1, 1)),
-        "sleeve": ((-0.1, 0.1, -0.5), (0.1, 0.2, -0.4), (1, 1, 1)),
-    }
-    domain = boxes(*parts.values())
-    for name, (low, high, _) in parts.items():
-        inside = np.array([low, high])[:, :, None] + np.array([-1e-9, 1e-9])[:, None, None]
-        domain = domain.with_cells(
-            name, lambda x, i=inside: ((x >= i[0]) & (x <= i[1])).all(axis=0)
-        )
-    joints = [
-        rf.Revolute("ground", "spindle", (0, 0, 0), (0, 0, 1), name="spin"),
-        rf.Revolute("spindle", "right", (0.1, 0, 0), (0, 1, 0)),
-        rf.Revolute("spindle", "left", (-0.1, 0, 0), (0, 1, 0)),
-        rf.Prismatic("spindle", "sleeve", (0, 0.15, -0.45), (0, 0, 1), name="slide"),
-    ]
-    springs = [
-        rf.SpringDamper(*(arm, "sleeve", k), damping=c, at_a=(x, 0, 0), at_b=(0, 0, -0.45))
-        for arm, x in (("right", 0.3), ("left", -0.3))
-    ]
-    turning = rf.InitialVelocity(angular=(0, 0, 8.0), centre=(0, 0, 0))
-    rigid = [rf.Rigid(name) for name in parts]
-    every = [*rigid, *joints, *springs, turning, rf.Gravity((0, 0, -G))]
-    return rf.Scene(domain, SOFT, every, probes={"ball": (0.5, 0, 0)})
-
-
-@NO_WARNINGS
-def test_a_flyball_governor_moves_as_its_equations_have_it():
-    """Spin θ, angle β of the arms from below, travel s of the sleeve."""
-    k, c, first = 400.0, 4.0, 0.1
-    scene = governor(k, c)
-    X, m = scene.space.tabulate_dof_coordinates(), scene.nodal_mass
-    arm, sleeve = (scene.nodes(name, "test", (3,)) for name in ("right", "sleeve"))
-    xi, y, zeta, m_arm = X[arm, 0] - first, X[arm, 1], X[arm, 2], m[arm]
-    m_sleeve, span = m[sleeve].sum(), m_arm @ xi
-    axial = np.hypot(X[:, 0], X[:, 1]) ** 2
-    others = np.setdiff1d(np.arange(len(m)), np.r_[arm, scene.nodes("left", "test", (3,))])
-    free = np.hypot(0.3, 0.45)
-
-    def inertia(beta):
-        out = first + xi * np.sin(beta) + zeta * np.cos(beta)
-        slope = xi * np.cos(beta) - zeta * np.sin(beta)
-        whole = m[others] @ axial[others] + 2 * m_arm @ (out**2 + y**2)
-        return whole, 4 * m_arm @ (out * slope)
-
-    spin = inertia(np.pi / 2)[0] * 8.0
-
-    def rates(_, state):
-        beta, rate, s, speed = state
-        J, slope = inertia(beta)
-        r = np.array([first + 0.2 * np.sin(beta), -0.2 * np.cos(beta) + 0.45 - s])
-        by_beta = 0.2 * np.array([np.cos(beta), np.sin(beta)])
-        L = np.linalg.norm(r)
-        N = k * (L - free) + c * (r @ by_beta * rate - r[1] * speed) / L
-        swing = m_arm @ (xi**2 + zeta**2)
-        turned = 0.25 * slope * (spin / J) ** 2 - G * span * np.sin(beta) - N * (r @ by_beta) / L
-        return rate, turned / swing, speed, 2 * N * r[1] / L / m_sleeve - G
-
-    reports = list(rf.simulate(scene, 2.5e-3, 0.5))
-    t = np.array([r.t for r in reports])
-    start = np.pi / 2, 0.0, 0.0, 0.0
-    exact = solve_ivp(rates, (0, 0.5), start, t_eval=t, rtol=1e-10, atol=1e-10).y
-    tilt = [np.pi / 2 - np.arcsin(-r.probes["ball"][2] / 0.4) for r in reports]
-    travel = [0.0, *(r.joints["slide"].travel for r in reports[1:])]
-    assert np.ptp(exact[0]) > 0.5
-    assert tilt == pytest.approx(exact[0], abs=5e-3 * np.ptp(exact[0]))
-    assert travel == pytest.approx(exact[2], abs=5e-3 * np.ptp(exact[2]))
-    work = np.cumsum([r.work_of_loads - sum(r.dissipated.values()) for r in reports])
-    energies = np.array([r.energy for r in reports])
-    assert np.abs(energies - work - energies[0]).max() <= 1e-12 * energies.max()
 
 
 FEET = [(1.1 + 0.7 * np.cos(a), 0.7 * np.sin(a), z) for a in range(4) for z in (-0.5, 0.9)]
@@ -358,27 +279,6 @@ def test_history_and_description_have_the_springs(tmp_path, capsys):
     for name in ("force", "length", "rate"):
         assert columns[f"spring_s_{name}"][-1] == getattr(told, name)
         assert np.isnan(columns[f"spring_s_{name}"][0])
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: rf.SpringDamper("A", "nobody", 1.0), "'nobody'"),
-        (lambda: rf.SpringDamper("corner", "b", 1.0, at_a=A), "'corner' is the mean place of the"),
-        (
-            lambda: rf.SpringDamper(rf.MeanFace("a"), "B", 1.0, at_a=(99, 0, 0)),
-            r"it is at \(99.*m away and 0.1 m large",
-        ),
-        (
-            lambda: rf.SpringDamper("ground", "corner", 1.0, at_a=(SIDE,) * 3),
-            "both ends are at .* no direction. Place them apart, or give length=0",
-        ),
-        (lambda: rf.SpringDamper("A", "B", 1.0, name="s"), "two springs are called 's'"),
-    ],
-)
-def test_a_spring_that_cannot_be_is_refused(make, message):
-    with pytest.raises(rf.SceneError, match=message):
-        two(rf.Rigid("B"), rf.SpringDamper("A", "ground", 1.0, at_b=(0, 0, 9), name="s"), make())
 
 
 def history():

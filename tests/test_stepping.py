@@ -155,19 +155,6 @@ def test_first_fall_back_is_reported(monkeypatch, petsc_options):
     assert "lu" in first.solver
 
 
-def test_options_under_the_prefix_win(monkeypatch, petsc_options):
-    """-rigidfx_ksp_type and -rigidfx_pc_type override the choice, large or small."""
-    u, usual = _final(cells=(4, 1, 1))
-    assert usual.solver == "preonly+lu"
-    petsc_options["ksp_type"] = "bcgs"
-    petsc_options["pc_type"] = "jacobi"
-    petsc_options["ksp_rtol"] = 1e-10
-    u_option, other = _final(cells=(4, 1, 1))
-    assert other.solver == "bcgs+jacobi"
-    assert other.linear_iterations > usual.linear_iterations
-    assert np.abs(u_option - u).max() <= 1e3 * NEWTON * np.abs(u).max()
-
-
 def test_newtons_tolerance_is_an_option(petsc_options):
     """-rigidfx_snes_rtol is the reduction of the residual that ends a step."""
     usual = list(rf.simulate(tumbling(MATERIAL), 0.1, 6.0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from histories import EPS, column, drift, show
+from histories import EPS, column, drift, imbalance, show
 
 import rigidfx as rf
 from rigidfx.step.newton.newton import Newton
@@ -88,8 +88,7 @@ def test_viscous_stress_far_above_the_elastic_one(dt, start):
     steel = rf.StVenantKirchhoff(E=E, nu=0.3, rho=7850.0)
     scene = rf.Scene(rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)), steel, effects)
     reports = list(rf.simulate(scene, dt, 20 * dt))
-    given = np.cumsum([r.work_of_loads - sum(r.dissipated.values()) for r in reports])
-    off = np.ptp(column(reports, "energy") - given) / max(np.abs(given).max(), reports[0].energy)
+    off = imbalance(reports)
     show(most=max(r.iterations for r in reports), off=off)
     assert sum(r.cuts for r in reports) == 0
     assert max(r.iterations for r in reports) <= 4

@@ -237,37 +237,6 @@ def test_centrifugal_strain_comes_back(wake):
         assert_balanced(event, measured["freeze"])
 
 
-@short_windows
-@pytest.mark.slow
-@pytest.mark.parametrize(("mass", "cycles"), [("lumped", 40), ("consistent", 25)])
-def test_many_cycles(mass, cycles):
-    """Half of a vibrating bar frozen and released again and again: 1e-9 and 1e-11 in a thousand."""
-    kick = rf.InitialVelocity(function=lambda x: 0.3 * np.sin([7 * x[0], 5 * x[1] + x[0], x[2]]))
-    scene = bar(SPIN, kick, cells=(8, 1, 1), mass=mass)
-    t_end = 2 * DT * cycles
-    criterion = eager(
-        0.0, DT, tolerances={"left": ANY}, release=rf.Release(at=2 * DT * np.arange(1, cycles + 1))
-    )
-    H, L, J, kinds = [], [], [], []
-    for r in rf.simulate(scene, DT, t_end, rigidify=criterion):
-        H.append(r.energy)
-        L.append(r.linear_momentum)
-        J.append(r.angular_momentum)
-        kinds += [event.kind for event in r.events]
-        if r.step % 2:
-            assert r.bodies[0].cells == 3
-            assert r.stored > 0
-    assert kinds == ["freeze", "release"] * cycles
-    found = {
-        "energy": np.abs(np.array(H) / H[0] - 1).max(),
-        "L": np.linalg.norm(np.array(L) - L[0], axis=1).max() / np.linalg.norm(L[0]),
-        "J": np.linalg.norm(np.array(J) - J[0], axis=1).max() / np.linalg.norm(J[0]),
-    }
-    show(**found)
-    assert found["energy"] <= 1e-12 * cycles
-    assert max(found["L"], found["J"]) <= 1e-14 * cycles
-
-
 @MASSES
 @pytest.mark.parametrize(("tol", "beside"), [(0.0, []), (1e-6, []), (1e-6, ["far half"])])
 def test_rest_freezes_eager(mass, tol, beside):
@@ -553,43 +522,6 @@ def test_cells_that_are_rigid_always(mass):
     assert found[0.5] == found[0.8] == {"left": LEFT, "right": RIGHT}
 
 
-@short_windows
-@MASSES
-def test_a_body_that_has_kept_nothing_grows(mass):
-    """At rest until it is pushed: what its interface has had of its own is not lost with it."""
-    push = rf.Traction("x1", (0.0, 4.0, 1.0), until=0.3)
-    scene = bar(rf.Rigid("left"), push, mass=mass)
-    criterion = eager(ANY, 0.5, release=rf.Release(at=1.2))
-    events = 0
-    for r in rf.simulate(scene, DT, 1.5, rigidify=criterion):
-        for event in r.events:
-            assert_balanced(event, r)
-            events += 1
-    assert events == 2
-
-
-@MASSES
-@pytest.mark.parametrize("window", [0.05, 0.1])
-@pytest.mark.parametrize("to_and_fro", [False, True], ids=["steady", "to and fro"])
-def test_energy_beside_a_support_that_moves(mass, window, to_and_fro):
-    """What a consistent mass couples to the support's motion is neither lost nor made."""
-    block = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)).with_cells("b", lambda x: x[0] >= 0.99)
-    path = (lambda t: np.sin(7 * t) / 7) if to_and_fro else (lambda t: t)
-    moved = rf.PrescribedMotion("x0", displacement=lambda t: (0.0, 0.0, path(t)))
-    scene = rf.Scene(block, rf.StVenantKirchhoff(E=1e3, nu=0.3, rho=100.0), [moved], mass=mass)
-    release = rf.Release(at=(0.35, 0.65))
-    criterion = eager(0.0, window, tolerances={"b": ANY}, release=release)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", rf.RigidfxWarning)  # the window is short
-        reports = list(rf.simulate(scene, 0.05, 1.0, rigidify=criterion))
-    assert [e.kind for r in reports for e in r.events] == ["freeze", "release"] * 2 + ["freeze"]
-    events = [(e, r.energy) for r in reports for e in r.events]
-    assert all(abs(e.energy_lost) <= 1e-12 * energy for e, energy in events)
-    assert mass == "lumped" or any(e.work_of_supports != 0.0 for e, _ in events)
-    supplied = sum(r.work_of_supports for r in reports[1:])
-    assert abs(reports[-1].energy - reports[0].energy - supplied) <= 1e-11 * reports[-1].energy
-
-
 @MASSES
 @pytest.mark.parametrize("moves", [False, True], ids=["held", "moved"])
 def test_table_accounts_for_all_momentum(tmp_path, mass, moves):
@@ -632,6 +564,8 @@ def test_table_accounts_for_all_momentum(tmp_path, mass, moves):
         size = h["momentum_scale"].max() * lever
         show(**{name: np.abs(gap).max() / size})
         assert np.abs(gap).max() <= NEWTON * size
+    given = h["work_of_loads"] + h["work_of_supports"] + h["impact_energy"]
+    assert np.abs(np.diff(h["energy"]) - given[1:]).max() <= 1e-11 * h["energy"].max()
     switches = events(reports)
     assert len(switches) >= 4
     for event in switches:
@@ -766,13 +700,6 @@ def test_window_auto_at_rest():
     assert freeze.t <= 1.0
 
 
-def test_tolerance_below_the_noise():
-    with pytest.warns(rf.RigidfxWarning, match="below what the end of Newton's") as caught:
-        run(bar(), rf.StrainRate(1e-16, 0.5), t_end=0.5)
-    assert sum("StrainRate" in str(w.message) for w in caught) == 1
-    run(bar(), rf.StrainRate(1e-8, 0.5), t_end=0.5)  # no warning
-
-
 # Bad input -------------------------------------------------------------------------------------
 
 
@@ -903,9 +830,9 @@ def test_history_is_that_on_one_rank(on_ranks, name, ranks):
 def test_story_has_all_kinds_of_switches(on_ranks):
     """New bodies, growth, a merger, loss of some cells, release of all; no decision is a tie."""
     rows = on_ranks[1]["story"]
-    kinds, lost = set(), 0.0
+    kinds = set()
+    lost = max(of for name in STORIES for row in on_ranks[1][name] for of in row["balance"])
     for row in rows:
-        lost = max([lost, *row["balance"]])
         for _, kind, _, _, _, *changes in row["events"]:
             shape = [(before > 0, after > 0, after > before) for _, _, before, after in changes]
             if kind == "release":

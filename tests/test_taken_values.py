@@ -244,7 +244,7 @@ def test_change_of_a_load_in_place_is_seen():
             reports = list(rf.simulate(scene, 0.1, 3.0, rigidify=rule))
         runs.append((sum(len(report.events) for report in reports), reports[-1].energy))
     assert runs[0][0] >= 6
-    assert runs[0] == runs[1]
+    assert runs[0] == pytest.approx(runs[1], rel=1e-12)
 
 
 def test_initial_velocity_may_change_the_positions_in_place():

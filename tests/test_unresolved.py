@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import parallel
 import pytest
-from histories import show
+from histories import heard, show
 
 import rigidfx as rf
 
@@ -118,7 +118,6 @@ def test_rest_passes():
 
 
 if __name__ == "__main__":
-    with warnings.catch_warnings(record=True) as heard:
-        warnings.simplefilter("always")
+    with heard("In the step") as found:
         floating(middle=ratio(1e13), cells=(12, 2, 2))
-    parallel.report([str(w.message) for w in heard if "In the step" in str(w.message)])
+    parallel.report(found)

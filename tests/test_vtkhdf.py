@@ -218,40 +218,6 @@ def test_size_is_less_than_half(tmp_path):
 # Bad input -------------------------------------------------------------------------------------
 
 
-def test_what_cannot_be_recorded_or_read(tmp_path):
-    scene = rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)), rf.NeoHooke(E=1.0, nu=0.3, rho=1.0))
-    for given, message in (
-        ({"format": "xdmf"}, "format must be one of 'pvd', 'vtkhdf', 'both', got 'xdmf'"),
-        ({"peaks": "fillet"}, "Recorder: there are no .* named 'fillet'. Known names: .*'x0'"),
-        ({"peaks": 3}, "peaks must be names of sets of the mesh, got 3"),
-        ({"peaks": "x0", "stress": False}, "peaks are of stresses, which stress=False leaves out"),
-    ):
-        with pytest.raises(rf.SceneError, match=message):
-            rf.Recorder(scene, tmp_path / "run", **given)
-    (tmp_path / "bad.vtkhdf").write_bytes(b"no file of HDF5")
-    (tmp_path / "bad.pvd").write_text("<VTKFile/>")
-    with h5py.File(tmp_path / "other.vtkhdf", "w") as other:
-        other["x"] = 1.0
-    for path, message in (
-        (tmp_path, "there is no file .*fields.pvd'. A Recorder writes it"),
-        (tmp_path / "bad.vtkhdf", "cannot be read: no file of a Recorder, or a damaged one"),
-        (tmp_path / "other.vtkhdf", "cannot be read: no file of a Recorder"),
-        (tmp_path / "bad.pvd", "has no time yet"),
-        (tmp_path / "bad.csv", "neither a folder nor a .vtkhdf or .pvd"),
-    ):
-        with pytest.raises(rf.OutputError, match=message):
-            rf.read_fields(path)
-    with pytest.raises(rf.SceneError, match="path must be the name"):
-        rf.read_fields(None)
-    whole = HdfSeries(tmp_path / "fields.vtkhdf", cloud())
-    with pytest.raises(rf.OutputError, match="has no time yet"):
-        rf.read_fields(tmp_path)
-    add(whole, 0)
-    whole.close()
-    with pytest.raises(rf.SceneError, match="t must be a finite number"):
-        rf.read_fields(tmp_path).at("late")
-
-
 def test_without_h5py(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "h5py", None)
     scene = rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)), rf.NeoHooke(E=1.0, nu=0.3, rho=1.0))

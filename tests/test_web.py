@@ -93,10 +93,3 @@ def test_second_order_surfaces_have_all_of_their_nodes(tmp_path, cell):
     assert volume(X[triangles]) == pytest.approx(3.0, rel=1e-6)
     edges = X[arrays["lines"].reshape(-1, 2)]  # of the box
     assert np.linalg.norm(np.ptp(edges, axis=1), axis=1).sum() == pytest.approx(20.0, rel=1e-6)
-
-
-def test_bad_calls_are_refused(tmp_path):
-    with pytest.raises(rf.SceneError, match="frames must be a whole number ≥ 1, got 0"):
-        web(tmp_path, frames=0)
-    with pytest.raises(rf.OutputError, match="could not be drawn: read_fields: there is no file"):
-        web(tmp_path)

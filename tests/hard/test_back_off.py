@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from rigidfx.decide.memory.memory import BackOff
 
@@ -83,17 +81,3 @@ def test_window_that_fails_begins_the_count_anew():
     rule.hasty[:] = 3  # four windows
     answers = [waited(rule, able, WINDOW)[0] for able in [YES, YES, NO, YES, YES, YES, YES]]
     assert answers == [False] * 6 + [True]
-
-
-@given(st.lists(st.tuples(st.booleans(), st.booleans()), max_size=30))
-def test_cells_do_not_disturb_each_other(story):
-    """Two cells together do what each does alone."""
-    both, alone = BackOff(2, 2.0), [BackOff(1, 2.0) for _ in range(2)]
-    for t, rigid in enumerate(np.array(story, dtype=bool).reshape(-1, 2)):
-        together = waited(both, ~rigid, WINDOW)
-        apart = [waited(rule, ~rigid[[k]], WINDOW)[0] for k, rule in enumerate(alone)]
-        assert together.tolist() == apart
-        both.switched(rigid, float(t), counts=True)
-        for k, rule in enumerate(alone):
-            rule.switched(rigid[[k]], float(t), counts=True)
-    assert both.needed().tolist() == [rule.needed()[0] for rule in alone]
