@@ -1,4 +1,8 @@
-"""Checked input: numbers, vectors and time functions that a user gives."""
+"""Checked input: numbers, vectors and time functions that a user gives.
+
+A check takes the owner of a value and its name, for the message, and the value. It returns the
+value in one form, or raises a `SceneError` that names all three.
+"""
 
 from __future__ import annotations
 
@@ -16,17 +20,7 @@ from rigidfx.base.types import Array
 
 
 def number(owner: str, name: str, value: Any, *, infinite: bool = False) -> float:
-    """A user's number as a float.
-
-    Args:
-        owner: Whose number it is, for the message.
-        name: Name of the number.
-        value: The given value.
-        infinite: Whether plus or minus infinity will do.
-
-    Raises:
-        SceneError: If it is no number, or not finite where it has to be.
-    """
+    """A user's finite number as a float; plus or minus infinity if it may be infinite."""
     try:
         result = _real(value)
     except Exception:  # whatever a foreign kind of number may raise
@@ -37,17 +31,7 @@ def number(owner: str, name: str, value: Any, *, infinite: bool = False) -> floa
 
 
 def positive(owner: str, name: str, value: Any, *, infinite: bool = False) -> float:
-    """A user's number above zero as a float.
-
-    Args:
-        owner: Whose number it is, for the message.
-        name: Name of the number.
-        value: The given value.
-        infinite: Whether infinity will do.
-
-    Raises:
-        SceneError: If it is no number, not above zero, or not finite where it has to be.
-    """
+    """A user's number above zero as a float; infinity if it may be infinite."""
     result = number(owner, name, value, infinite=infinite)
     if result > 0:
         return result
@@ -55,36 +39,66 @@ def positive(owner: str, name: str, value: Any, *, infinite: bool = False) -> fl
     raise SceneError(f"{owner}: {name} must be a {kind} > 0, got {shown(value)}.")
 
 
+def at_least_zero(owner: str, name: str, value: Any) -> float:
+    """A user's number that is not negative, as a float."""
+    result = number(owner, name, value)
+    if result < 0:
+        raise SceneError(f"{owner}: {name} must be ≥ 0, got {shown(value)}.")
+    return result
+
+
 def whole(owner: str, name: str, value: Any, *, least: int) -> int:
-    """A user's whole number.
-
-    Args:
-        owner: Whose number it is, for the message.
-        name: Name of the number.
-        value: The given value.
-        least: The least that will do.
-
-    Raises:
-        SceneError: If it is anything else, or less.
-    """
+    """A user's whole number, which is no less than the least."""
     other = isinstance(value, (bool, np.bool_, np.timedelta64))
-    if isinstance(value, (int, np.integer)) and not other:
-        result = int(value)
-        if result >= least:
-            return result
+    if isinstance(value, (int, np.integer)) and not other and value >= least:
+        return int(value)
     raise SceneError(f"{owner}: {name} must be a whole number ≥ {least}, got {shown(value)}.")
 
 
+def truth(owner: str, name: str, value: Any) -> None:
+    """Check that a user's value is True or False."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise SceneError(f"{owner}: {name} must be True or False, got {shown(value)}.")
+
+
+def of_time(owner: str, name: str, value: Any) -> None:
+    """Check that a user's value is a function."""
+    if not is_function(value):
+        raise SceneError(f"{owner}: {name} must be a function of t, got {shown(value)}.")
+
+
+def vector(owner: str, name: str, value: Any) -> Array:
+    """Three finite numbers as an array, shape (3,)."""
+    array = numbers(value)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise SceneError(f"{owner}: {name} must be three finite numbers, got {shown(value)}.")
+    return array
+
+
+def direction(owner: str, name: str, value: Any) -> Array:
+    """The unit vector along three finite numbers that are not all zero, shape (3,)."""
+    given = vector(owner, name, value)
+    size = np.abs(given).max()
+    if not size > 0:
+        raise SceneError(f"{owner}: {name} must have a direction, got {shown(value)}.")
+    given = given / size  # whose squares neither overflow nor vanish
+    return np.asarray(given / np.linalg.norm(given))
+
+
+def names(owner: str, name: str, given: Any, of: str) -> tuple[str, ...]:
+    """Names of things of some kind as a user lists them; one alone is a list of one."""
+    listed = (given,) if isinstance(given, str) else given
+    # A set has another order on each rank, as texts are hashed with a random number.
+    every = sorted(listed, key=str) if isinstance(listed, Set) else listed
+    several = isinstance(every, Iterable) and not isinstance(every, Mapping)
+    found = tuple(every) if several else (None,)
+    if not all(isinstance(one, str) for one in found):
+        raise SceneError(f"{owner}: {name} must be names of {of}, got {shown(given)}.")
+    return found
+
+
 def communicator(owner: str, comm: Any) -> MPI.Intracomm:
-    """The communicator that a mesh is to have.
-
-    Args:
-        owner: Whose it is, for the message.
-        comm: The given value.
-
-    Raises:
-        SceneError: If it is none, or the null communicator.
-    """
+    """The communicator that a mesh is to have; not the null communicator."""
     if not isinstance(comm, MPI.Intracomm) or comm == MPI.COMM_NULL:
         raise SceneError(
             f"{owner}: comm must be a communicator of mpi4py, such as MPI.COMM_WORLD, got "
@@ -94,16 +108,7 @@ def communicator(owner: str, comm: Any) -> MPI.Intracomm:
 
 
 def path_of(owner: str, name: str, value: Any) -> Path:
-    """A user's file or folder.
-
-    Args:
-        owner: Whose it is, for the message.
-        name: Name of the argument.
-        value: The given value.
-
-    Raises:
-        SceneError: If it is no path, or an empty one.
-    """
+    """A user's file or folder, whose name is not empty."""
     if isinstance(value, (str, os.PathLike)):
         text = os.fspath(value)
         if isinstance(text, str) and text and "\0" not in text:
@@ -112,11 +117,7 @@ def path_of(owner: str, name: str, value: Any) -> Path:
 
 
 def _real(value: Any) -> float:
-    """A real number as a float; other values that could be cast into one are refused.
-
-    Raises:
-        TypeError: If it is a truth value, a text, complex, masked, several or no number at all.
-    """
+    """A real number as a float; other values that could be cast into one raise `TypeError`."""
     if isinstance(value, (np.generic, np.ndarray)) or hasattr(type(value), "__array__"):
         array = np.asarray(value)
         if array.ndim == 0 and not np.ma.is_masked(value):
@@ -130,10 +131,9 @@ def _real(value: Any) -> float:
 
 
 def numbers(value: Any) -> Array:
-    """A copy of the given value as an array; an empty one if it is ragged, or not of real numbers.
+    """A copy of a value as an array; an empty one if it is ragged, or not of real numbers.
 
-    Args:
-        value: The given value; a function may change it in place before it gives it again.
+    A function may change the value in place before it gives it again.
     """
     try:
         array = np.asarray(value)
@@ -157,82 +157,11 @@ def _has_truth(value: Any) -> bool:
 
 
 def scalar(value: Any) -> float:
-    """Result of a function as a number; NaN if it is not one real number, such as a text.
-
-    Args:
-        value: The given value; a truth value, such as t < 1, is 1 or 0.
-    """
+    """Result of a function as a number, 1 or 0 of a truth value; NaN if it is no real number."""
     if isinstance(value, (float, bool, np.bool_)):
         return float(value)
     array = numbers(value)
     return float(array) if array.ndim == 0 else float("nan")
-
-
-def at_least_zero(owner: str, name: str, value: Any) -> float:
-    """A user's number that is not negative, as a float: see `number`."""
-    result = number(owner, name, value)
-    if result < 0:
-        raise SceneError(f"{owner}: {name} must be ≥ 0, got {shown(value)}.")
-    return result
-
-
-def truth(owner: str, name: str, value: Any) -> None:
-    """Raise `SceneError` unless a user's value is True or False."""
-    if not isinstance(value, (bool, np.bool_)):
-        raise SceneError(f"{owner}: {name} must be True or False, got {shown(value)}.")
-
-
-def vector(owner: str, name: str, value: Any) -> Array:
-    """Three finite numbers as an array, shape (3,).
-
-    Args:
-        owner: Whose value it is, for the message.
-        name: Name of the value.
-        value: The given value.
-
-    Raises:
-        SceneError: If it is anything else.
-    """
-    array = numbers(value)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise SceneError(f"{owner}: {name} must be three finite numbers, got {shown(value)}.")
-    return array
-
-
-def direction(owner: str, name: str, value: Any) -> Array:
-    """The unit vector along three finite numbers, shape (3,).
-
-    Raises:
-        SceneError: If it is anything else, or zero.
-    """
-    given = vector(owner, name, value)
-    size = np.abs(given).max()
-    if not size > 0:
-        raise SceneError(f"{owner}: {name} must have a direction, got {shown(value)}.")
-    given = given / size  # whose squares neither overflow nor vanish
-    return np.asarray(given / np.linalg.norm(given))
-
-
-def names(owner: str, name: str, given: Any, of: str) -> tuple[str, ...]:
-    """Names as a user lists them; one alone is a list of one.
-
-    Args:
-        owner: Whose names these are, for the message.
-        name: Name of the argument.
-        given: The given value.
-        of: Kind of the named things, for the message.
-
-    Raises:
-        SceneError: If it is anything else.
-    """
-    listed = (given,) if isinstance(given, str) else given
-    # A set has another order on each rank, as texts are hashed with a random number.
-    every = sorted(listed, key=str) if isinstance(listed, Set) else listed
-    several = isinstance(every, Iterable) and not isinstance(every, Mapping)
-    found = tuple(every) if several else (None,)
-    if not all(isinstance(one, str) for one in found):
-        raise SceneError(f"{owner}: {name} must be names of {of}, got {shown(given)}.")
-    return found
 
 
 def is_function(value: Any) -> TypeGuard[Callable[..., Any]]:
@@ -258,9 +187,3 @@ def _plain(value: Any) -> Any:
     if type(value) in (list, tuple):
         return type(value)(map(_plain, value))
     return value
-
-
-def of_time(owner: str, name: str, value: Any) -> None:
-    """Raise `SceneError` unless a user's value is a function."""
-    if not is_function(value):
-        raise SceneError(f"{owner}: {name} must be a function of t, got {shown(value)}.")

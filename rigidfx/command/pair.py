@@ -6,6 +6,7 @@ freezes, releases and curves against time are told.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
@@ -13,7 +14,9 @@ from math import nan
 from pathlib import Path
 from typing import Any, cast
 
-from rigidfx.base.errors import OutputError, SceneError, agree
+import numpy as np
+
+from rigidfx.base.errors import SceneError, on_rank_0
 from rigidfx.checkpoint.files import dumped, loaded
 from rigidfx.checkpoint.keeper import Checkpoint
 from rigidfx.command.options import say
@@ -89,16 +92,9 @@ class KeptRun(Iterator[Report]):
     ) -> None:
         """Begin the run, or go on with it if there is a checkpoint. Collective.
 
-        Args:
-            folder: Of its checkpoints; None to keep nothing.
-            scene: The problem.
-            dt: Δt [s]; see `rigidfx.simulate`.
-            t_end: End [s].
-            resume: Whether it goes on.
-            note: What is noted of a report while its state is there: numbers and arrays, which are
-                taken from rank 0. Collective.
-            progress: See `rigidfx.simulate`.
-            how: `rigidify` and `petsc_options`, as of `rigidfx.simulate`.
+        Without a folder nothing is kept. `note` finds, while the state of a report is there,
+        numbers and arrays, which are taken from rank 0; it is collective. Of `how` the run has
+        `rigidify` and `petsc_options`; all else is as of `rigidfx.simulate`.
 
         Raises:
             OutputError: On every rank, if the folder cannot be written or read.
@@ -111,11 +107,11 @@ class KeptRun(Iterator[Report]):
         found = resume and folder is not None and any(Path(folder).glob("checkpoint-*.rfx"))
         self.goes_on: bool = scene.comm.bcast(found)
         self._first: Report | None = None
-        if self.goes_on:
+        if self.goes_on and self._path is not None:
             again: dict[str, Any] = {"dt": dt, "t_end": t_end, "rigidify": how.get("rigidify")}
-            self._steps = gone_on(str(folder), scene, progress=progress, **again)
+            self._steps = gone_on(self._path.parent, scene, progress=progress, **again)
             self._first = next(self._steps, None)
-            self._read()
+            self._read(self._path)
             return
         left = None if folder is None else Checkpoint(folder)
         self._steps = simulate(scene, dt, t_end, progress=progress, checkpoint=left, **how)
@@ -138,39 +134,35 @@ class KeptRun(Iterator[Report]):
 
     def _write(self, path: Path, data: Callable[[], bytes], mode: str) -> None:
         """Write to the file on rank 0. Collective."""
-        problem = None
-        if self._comm.rank == 0:
-            try:
-                with path.open(mode) as file:
-                    file.write(data())
-            except (OSError, ValueError) as error:
-                problem = f"cannot write '{path}' ({error})."
-        agree(self._comm, problem, OutputError)
 
-    def _read(self) -> None:
+        def write() -> None:
+            with path.open(mode) as file:
+                file.write(data())
+
+        on_rank_0(self._comm, write, lambda error: f"cannot write '{path}' ({error}).")
+
+    def _read(self, path: Path) -> None:
         """Read the reports of before the checkpoint, and cut off what came later. Collective."""
-        first, records, problem = self._first, list[bytes](), None
-        if self._comm.rank == 0 and self._path is not None:
-            try:
-                end = 0
-                data = self._path.read_bytes()
-                while end < len(data) and (first is None or len(records) < first.step):
-                    begin = data.index(b"\n", end) + 1
-                    end = begin + int(data[end:begin])
-                    records.append(data[begin:end])
-                with self._path.open("r+b") as file:
-                    file.truncate(end)
-            except (OSError, ValueError) as error:
-                problem = f"cannot read '{self._path}' ({error})."
-        agree(self._comm, problem, OutputError)
-        for record in self._comm.bcast(records):
+        before = None if self._first is None else self._first.step
+
+        def read() -> list[bytes]:
+            records, end, data = list[bytes](), 0, path.read_bytes()
+            while end < len(data) and (before is None or len(records) < before):
+                begin = data.index(b"\n", end) + 1
+                end = begin + int(data[end:begin])
+                records.append(data[begin:end])
+            os.truncate(path, end)
+            return records
+
+        records = on_rank_0(self._comm, read, lambda error: f"cannot read '{path}' ({error}).")
+        for record in records:
             report, note = _report_of(record)
             self.reports.append(report)
             self.notes.append(note)
-        if first is not None and len(self.reports) != first.step:
+        if before is not None and len(records) != before:
             raise SceneError(
-                f"'{self._path}' has {len(self.reports)} reports of the {first.step} before the "
-                "checkpoint. Begin anew, without going on."
+                f"'{path}' has {len(records)} reports of the {before} before the checkpoint. Begin "
+                "anew, without going on."
             )
 
 
@@ -179,12 +171,11 @@ def _record(report: Report, note: Any) -> bytes:
     names = (field.name for field in fields(report))
     out = {name: getattr(report, name) for name in names if not name.startswith("_")}
     out |= {"rigid": None, "joints": dict(report.joints)}
-    data = dumped((out, report.bodies, note))
-    if data is None:
-        data = dumped((out | {"ledger": None}, report.bodies, note))
-    if data is None:
-        raise ValueError("a note has to be made of numbers, texts and arrays")
-    return b"%d\n" % len(data) + data
+    for more in ({}, {"ledger": None}):  # one that holds a function is left out
+        data = dumped((out | more, report.bodies, note))
+        if data is not None:
+            return b"%d\n" % len(data) + data
+    raise ValueError("a note has to be made of numbers, texts and arrays")
 
 
 def _report_of(data: bytes) -> tuple[Report, Any]:
@@ -223,13 +214,10 @@ class Pair:
         note: Callable[[Report], Any] = lambda report: None,
         note_beside: Callable[[Report], Any] = lambda report: None,
     ) -> None:
-        """Set the runs up, as of `rigidfx.simulate`; without `compare` there is one only.
+        """Set the runs up, as of `KeptRun`; without `compare` there is one only.
 
-        One of tolerance zero in `beside` has the strain rates of the flexible run measured. With a
-        folder both leave checkpoints there, and may `resume`; see `KeptRun` for this and for notes.
-
-        Raises:
-            SceneError: On every rank, if there is nothing to go on from.
+        One of tolerance zero in `beside` has the strain rates of the flexible run measured. Raise
+        `SceneError` on every rank if there is nothing to go on from.
         """
         kept: dict[str, Any] = {"resume": resume, "rigidify": rigidify, "progress": True}
         self._ahead = KeptRun(folder, scene, dt, t_end, note=note, **kept)
@@ -268,16 +256,12 @@ class Pair:
 
     def matched(self) -> list[tuple[Report, Report]]:
         """Reports of both runs at the same times: those of cut steps are in one only."""
-        out, ahead, beside = [], iter(self.adaptive), iter(self.flexible)
-        a, b = next(ahead, None), next(beside, None)
-        while a is not None and b is not None:
-            if abs(a.t - b.t) <= SAME * max(a.t, b.t):
-                out.append((a, b))
-                a, b = next(ahead, None), next(beside, None)
-            elif a.t < b.t:
-                a = next(ahead, None)
-            else:
-                b = next(beside, None)
+        times = np.array([report.t for report in self.flexible])
+        out = []
+        for report in self.adaptive if len(times) else ():
+            k = int(np.abs(times - report.t).argmin())
+            if abs(times[k] - report.t) <= SAME * max(report.t, times[k]):
+                out.append((report, self.flexible[k]))
         return out
 
     def _is_behind(self, t: float) -> bool:
