@@ -123,9 +123,9 @@ def _read_only():
 
 COMPILERS = {
     "no compiler": (lambda: _form("none"), "'none', which the environment variable CC names"),
-    "a compiler that fails": (lambda: _form("false"), "has failed with exit"),
+    "a compiler that fails": (lambda: _form("false"), "has failed: "),
     "no compiler of a library": (lambda: _library("none"), "cannot be run"),
-    "one that fails": (lambda: _library("false"), "has failed with exit"),
+    "one that fails": (lambda: _library("false"), "has failed: "),
 }
 CASES = COMPILERS | {
     "a close by hand": (lambda: _recorder(True), "No space left on device"),

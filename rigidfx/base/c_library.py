@@ -22,6 +22,7 @@ import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from shutil import which
 from typing import Any
 
 from cffi import FFI, VerificationError
@@ -34,11 +35,7 @@ COMPILING = re.compile(r"(?:Compile|Link)Error: (.*)", re.DOTALL)
 
 
 def compiles(comm: MPI.Intracomm) -> bool:
-    """Whether the C compiler takes an empty file, without any flags of ours. Collective.
-
-    Args:
-        comm: Its rank 0 compiles.
-    """
+    """Whether the C compiler of rank 0 takes an empty file, without flags of ours. Collective."""
     able = False
     if comm.rank == 0:
         command = os.environ.get("CC") or str(sysconfig.get_config_var("CC"))
@@ -49,16 +46,10 @@ def compiles(comm: MPI.Intracomm) -> bool:
 
 
 def raise_uncompiled(comm: MPI.Intracomm, error: Exception | None, folder: str | Path) -> None:
-    """Raise, on all ranks, the remedy for a compilation that has failed. Collective.
+    """Raise on all ranks the remedy for a compilation that has failed on any. Collective.
 
-    Args:
-        comm: Ranks that have compiled.
-        error: Its exception on this rank, if any; on several ranks a text with that of rank 0.
-        folder: The cache of compiled forms.
-
-    Raises:
-        OutputError: On every rank, if the cache cannot be written to on any.
-        CompilerError: On every rank, if the compiler cannot be run, or fails.
+    On several ranks the error has the text of that of rank 0. It is an `OutputError` if the cache
+    cannot be written to, and a `CompilerError` if the compiler cannot be run, or fails.
     """
     agree(comm, None if error is None else _unwritten(error, folder), OutputError)
     agree(comm, None if error is None else _uncompiled(error, folder), CompilerError)
@@ -82,54 +73,32 @@ def _uncompiled(error: Exception, folder: str | Path) -> str | None:
     if said is None:
         return None
     given = os.environ.get("CC", "")
-    command, how, runs = _told(said[1])
-    command = command or given or str(sysconfig.get_config_var("CC"))
+    command = shlex.split(given or str(sysconfig.get_config_var("CC")))[0]
     named = f", which the environment variable CC names: {given!r}," if given else ""
-    what = f"The C compiler '{command}'{named} that makes kernels of forms"
-    if not runs:
+    compiler = f"The C compiler '{command}'{named} that makes kernels of forms"
+    if which(command) is None:
         remedy = (
             "Correct or unset CC."
             if given
             else "Install it, with the headers of the C library (Debian: gcc, libc6-dev), or name "
             "another by the environment variable CC."
         )
-        return f"{what} cannot be run ({how or 'it was not found'}). {remedy}"
+        return f"{compiler} cannot be run (it was not found). {remedy}"
     return (
-        f"{what} has failed {how}; what it says of that is on standard error. Among the causes "
-        f"are headers that are missing (Debian: libc6-dev, python3-dev), and too little memory, or "
-        f"space in '{folder}' or in the folder for temporary files. Compiled forms are made anew "
-        "once that folder is removed."
+        f"{compiler} has failed: {said[1]}. What it says of that is on standard error. Among the "
+        "causes are headers that are missing (Debian: libc6-dev, python3-dev), and too little "
+        f"memory, or space in '{folder}' or in the folder for temporary files. Compiled forms are "
+        "made anew once that folder is removed."
     )
-
-
-def _told(said: str) -> tuple[str, str, bool]:
-    """The command, how it has failed, and whether it has run at all, as setuptools tells them."""
-    found = re.match(r"command '([^']*)' failed:? ?(.*)", said)
-    if found:
-        return found[1], found[2], re.search("exit (code|status)|signal", found[2]) is not None
-    # From version 80 or so on, in the words of Python's own errors.
-    found = re.match(r"Command '\['([^']*)'.*\]' (?:returned non-zero (.*)|died (.*))\.", said)
-    if found:
-        return found[1], f"with {found[2]}" if found[2] else found[3], True
-    found = re.match(r"\[Errno \d+\] ([^:]*)(?:: '([^']*)')?", said)
-    return (found[2] or "", found[1], False) if found else ("", said, False)
 
 
 def c_library(
     comm: MPI.Intracomm, name: str, source: str, declarations: str, flags: Sequence[str]
 ) -> Any:
-    """The module of a C source, with its `lib` and `ffi`. Collective.
+    """The module of a C source, with its `lib` and `ffi`; rank 0 compiles. Collective.
 
-    Args:
-        comm: Its rank 0 compiles.
-        name: Name of the library; a digest of the rest is added.
-        source: C source.
-        declarations: Its declarations for Python, as cffi reads them.
-        flags: The compiler's.
-
-    Raises:
-        OutputError: On every rank, if the cache cannot be written to.
-        CompilerError: On every rank, if the C compiler cannot be run, or fails.
+    The declarations are the source's for Python, as cffi reads them. The library's name gets a
+    digest of all else. Errors are those of `raise_uncompiled`.
     """
     told = "\0".join([source, declarations, *flags, sys.version])
     name = f"rigidfx_{name}_{hashlib.sha1(told.encode()).hexdigest()}"

@@ -23,11 +23,7 @@ def tell_of_crowding(comm: MPI.Intracomm) -> None:
 
 
 def crowded(cores: Sequence[Collection[int]]) -> str:
-    """A line of advice where ranks are more than the cores that they may use, or nothing.
-
-    Args:
-        cores: Of each rank of a machine, the numbers of the cores that it may use.
-    """
+    """A line of advice where ranks of a machine are more than the cores of them all, or nothing."""
     free = len(set().union(*cores))
     if len(cores) <= free:
         return ""

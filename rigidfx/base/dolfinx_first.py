@@ -12,11 +12,7 @@ NEEDED = "dolfinx", "petsc4py", "mpi4py"
 
 
 def prepare() -> None:
-    """Import the modules that come before DOLFINx.
-
-    Raises:
-        ModuleNotFoundError: If there is no DOLFINx, or no PETSc or MPI for it.
-    """
+    """Import the modules that come before DOLFINx; raise `ModuleNotFoundError` without it."""
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
         raise ModuleNotFoundError(

@@ -40,13 +40,7 @@ class StepError(RigidfxError, RuntimeError):
     """
 
     def __init__(self, found: str, advice: str = "", halvings: int = 1) -> None:
-        """Keep both parts of the message.
-
-        Args:
-            found: The event and its place.
-            advice: The remedy; part of the message already if empty.
-            halvings: How often the step is to be halved before it is tried again.
-        """
+        """Keep both parts of the message."""
         super().__init__(f"{found} {advice}".rstrip())
         self.found, self.advice, self.halvings = found, advice, halvings
 
@@ -88,14 +82,7 @@ def agree(
 ) -> None:
     """Raise `error` on all ranks as soon as one rank has a message. Collective.
 
-    Args:
-        comm: Communicator of the mesh.
-        message: The fault on this rank, or None.
-        error: Class to raise; its text is the message of the lowest rank that has one.
-        trace: Where on this rank it has come from, as `trace_of` tells; shown on all ranks.
-
-    Raises:
-        RigidfxError: Of class `error`, on every rank alike.
+    The lowest rank that has one is shown, with the trace of `trace_of` from there.
     """
     mine = None if message is None else (message, trace)
     for found in comm.allgather(mine) if comm.size > 1 else [mine]:
@@ -113,14 +100,8 @@ def on_rank_0(
 ) -> T:
     """The result of an action of rank 0, such as reading a file, on all ranks. Collective.
 
-    Args:
-        comm: Communicator of the calling ranks.
-        action: The action.
-        told: The message for an error of the system, or for a value that cannot be written.
-        error: Class of the error with this message.
-
-    Raises:
-        RigidfxError: On every rank, that of the action, or one of class `error`.
+    An error of this package is raised on every rank. One of the system, or of a value that cannot
+    be written, is raised as `error`, in the words of `told`.
     """
     value: Any = None
     kind, text = None, ""
@@ -138,17 +119,7 @@ def on_rank_0(
 
 
 def by_name(owner: str, t: float | None, function: Callable[[], T], what: str = "function") -> T:
-    """Call a user's function in a run; if it fails, the error says whose it is and when.
-
-    Args:
-        owner: Whose function it is.
-        t: Time of the run [s]; left out if None.
-        function: Function to call.
-        what: Which of its functions.
-
-    Raises:
-        SceneError: On this rank, if it fails.
-    """
+    """Call a user's function in a run, maybe at t [s]; if it fails, raise whose it is and when."""
     try:
         return function()
     except RigidfxError:
@@ -159,16 +130,7 @@ def by_name(owner: str, t: float | None, function: Callable[[], T], what: str = 
 
 
 def together(comm: MPI.Intracomm, owner: str, function: Callable[[], T]) -> T:
-    """Call a user's function on all ranks; if it fails on one, all raise. Collective.
-
-    Args:
-        comm: Communicator of the mesh.
-        owner: Whose function it is, for the message.
-        function: Function to call.
-
-    Raises:
-        SceneError: On every rank, with the message of the lowest rank that failed.
-    """
+    """Call a user's function; if it fails on one rank, all raise a `SceneError`. Collective."""
     problem, value, trace = None, None, ""
     try:
         value = function()

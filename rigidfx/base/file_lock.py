@@ -5,17 +5,10 @@ from __future__ import annotations
 import fcntl
 
 
-def lock(file: int) -> None:
-    """Lock a file until it is closed, however its process ends.
-
-    Args:
-        file: Number of the open file.
-
-    Raises:
-        BlockingIOError: If it is locked already, here or in another process.
-    """
+def lock(file: int, how: int = fcntl.LOCK_EX | fcntl.LOCK_NB) -> None:
+    """Lock an open file until it is closed; raise `BlockingIOError` if it is locked already."""
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(file, how)
     except BlockingIOError:
         raise
     except OSError:  # a file system without locks: better no lock than no run

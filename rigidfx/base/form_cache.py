@@ -20,7 +20,7 @@ import logging
 import re
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,8 @@ from ufl.corealg.map_dag import map_expr_dag
 from ufl.corealg.multifunction import MultiFunction
 
 from rigidfx.base.c_library import raise_uncompiled
-from rigidfx.base.errors import OutputError, agree
+from rigidfx.base.errors import on_rank_0
+from rigidfx.base.file_lock import lock
 from rigidfx.base.log import LOGGER, announce
 
 LOCK = "rigidfx.lock"  # beside the compiled forms
@@ -64,12 +65,7 @@ class CacheLog(logging.Filter):
     """
 
     def __init__(self, shown: int, what: str) -> None:
-        """Begin with nothing heard.
-
-        Args:
-            shown: Level from which on records go where they would go otherwise.
-            what: The form, and the seconds of its compilation; said once by each process.
-        """
+        """Begin with nothing heard; records from the level `shown` on go on."""
         super().__init__()
         self.source: Path | None = None
         self._shown, self._what, self._waits = shown, what, 0
@@ -101,11 +97,7 @@ class CacheLog(logging.Filter):
 
 @contextmanager
 def listening(what: str = "") -> Iterator[CacheLog]:
-    """Around a compilation, whose option verbosity must be logging.INFO.
-
-    Args:
-        what: The form, and the seconds of its compilation.
-    """
+    """Around a compilation of forms in words, whose option verbosity must be logging.INFO."""
     logger, root = logging.getLogger("ffcx"), logging.getLogger()
     handlers = root.handlers.copy()  # FFCx takes them away, for good where the compiler fails
     log, level = CacheLog(logger.getEffectiveLevel(), what), logger.level
@@ -119,17 +111,10 @@ def listening(what: str = "") -> Iterator[CacheLog]:
 
 
 def compile_form(comm: MPI.Intracomm, form: ufl.Form, options: dict[str, Any]) -> Any:
-    """Compile a form, or wait for another process that does. Collective.
+    """Compile a form, or wait for another process that does; rank 0 compiles. Collective.
 
-    Args:
-        comm: Its rank 0 compiles.
-        form: UFL form.
-        options: Options for FFCx's compiler; after their timeout, others are asked about.
-
-    Raises:
-        OutputError: On every rank, if the cache cannot be written to, or a file that is in the way
-            not be removed.
-        CompilerError: On every rank, if the C compiler cannot be run, or fails.
+    This function and those below raise the errors of `raise_uncompiled`, and an `OutputError` if a
+    file that is in the way cannot be removed.
     """
     key = form.signature(), repr(sorted(jit.get_options(options).items()))
     if not comm.allreduce(key in FOUND, op=MPI.LAND):
@@ -141,36 +126,14 @@ def compile_form(comm: MPI.Intracomm, form: ufl.Form, options: dict[str, Any]) -
 
 
 def form_on(comm: MPI.Intracomm, form: ufl.Form) -> fem.Form:
-    """A small form for one use, bound to the cells or facets of its measures. Collective.
-
-    Args:
-        comm: Communicator of its mesh, whose rank 0 compiles.
-        form: UFL form.
-
-    Raises:
-        OutputError: On every rank, if the cache cannot be written to, or a file that is in the way
-            not be removed.
-        CompilerError: On every rank, if the C compiler cannot be run, or fails.
-    """
+    """A small form for one use, bound to the cells or facets of its measures. Collective."""
     return _past_the_cache(comm, SMALL, lambda **how: fem.form(form, **how))
 
 
 def compile_expression(
     comm: MPI.Intracomm, expression: Any, points: Any, options: dict[str, Any]
 ) -> fem.Expression:
-    """Compile an expression at points of the reference cell. Collective.
-
-    Args:
-        comm: Its rank 0 compiles.
-        expression: UFL expression.
-        points: Shape (points, 3).
-        options: Options for FFCx's compiler.
-
-    Raises:
-        OutputError: On every rank, if the cache cannot be written to, or a file that is in the way
-            not be removed.
-        CompilerError: On every rank, if the C compiler cannot be run, or fails.
-    """
+    """Compile an expression at points of the reference cell, shape (points, 3). Collective."""
     named = map_expr_dag(_Numbered(), expression)
     return _past_the_cache(
         comm, options, lambda **how: fem.Expression(named, points, comm=comm, **how)
@@ -182,16 +145,7 @@ def compile_values(
 ) -> tuple[Any, Any]:
     """FFCx's kernel of an expression, which kernels of ours call, and its module. Collective.
 
-    Args:
-        comm: Its rank 0 compiles.
-        expression: UFL expression; its coefficients need no values.
-        points: Shape (points, 3).
-        options: Options for FFCx's compiler.
-
-    Raises:
-        OutputError: On every rank, if the cache cannot be written to, or a file that is in the way
-            not be removed.
-        CompilerError: On every rank, if the C compiler cannot be run, or fails.
+    Coefficients of the expression need no values. Points have the shape (points, 3).
     """
     named = map_expr_dag(_Numbered(), expression)
     return _past_the_cache(
@@ -249,7 +203,7 @@ def _past_the_cache(
                 SPENT.append(time.perf_counter() - began)
                 began = time.perf_counter()
         damaged = comm.allreduce(damaged, op=MPI.LOR)
-        agree(comm, _cleared(found[0], damaged) if comm.rank == 0 else None, OutputError)
+        _clear(comm, found[0], damaged)
 
 
 @contextmanager
@@ -262,57 +216,42 @@ def _may_compile(comm: MPI.Intracomm, options: dict[str, Any]) -> Iterator[None]
     with ExitStack() as stack:
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            _locks(stack.enter_context((folder / LOCK).open("w")), fcntl.LOCK_SH)
+            lock(stack.enter_context((folder / LOCK).open("w")).fileno(), fcntl.LOCK_SH)
         except OSError:  # what is there may be read; what has to be written says what is wrong
             pass
         yield
 
 
-def _cleared(source: Path, damaged: bool) -> str | None:
-    """Wait for a form, or remove obstacles to it; the remedy where that is not allowed."""
-    try:
-        if damaged:
-            for file in list(source.parent.glob(f"{source.stem}.*")):
-                file.unlink(missing_ok=True)
-        else:
+def _clear(comm: MPI.Intracomm, source: Path, damaged: bool) -> None:
+    """Wait for a form, or remove obstacles to it, or raise the remedy. Collective."""
+
+    def clear() -> None:
+        if not damaged:
             wait_or_clear(source)
-    except OSError as error:
+        for file in list(source.parent.glob(f"{source.stem}.*")) if damaged else ():
+            file.unlink(missing_ok=True)
+
+    def remedy(error: Exception) -> str:
+        said = getattr(error, "strerror", None) or error
         return (
             f"The compiled form '{source.with_suffix('')}.*' is damaged, or its compilation was "
-            f"stopped, and it cannot be removed from here ({error.strerror}): remove these files."
+            f"stopped, and it cannot be removed from here ({said}): remove these files."
         )
-    return None
+
+    on_rank_0(comm, clear, remedy)
 
 
 def wait_or_clear(source: Path) -> None:
-    """Wait until a form is compiled; if nobody compiles, remove obstacles to it.
-
-    Args:
-        source: The C file without a result.
-
-    Raises:
-        OSError: If it cannot be removed.
-    """
+    """Wait until the form of a C file is compiled; if nobody compiles, remove the file."""
     said = False
     while source.exists() and not source.with_suffix(".c.cached").exists():
-        with (source.parent / LOCK).open("w") as file:
-            if _locks(file, fcntl.LOCK_EX | fcntl.LOCK_NB):
-                source.unlink(missing_ok=True)
-                return
+        with (source.parent / LOCK).open("w") as file, suppress(BlockingIOError):
+            lock(file.fileno())
+            source.unlink(missing_ok=True)
+            return
         if not said:
             logging.getLogger(__name__).warning(
                 "waiting for another process, which compiles %s", source
             )
             said = True
         time.sleep(0.5)
-
-
-def _locks(file: Any, how: int) -> bool:
-    """Whether a lock could be had; it is taken for had where the file system knows no locks."""
-    try:
-        fcntl.flock(file, how)
-    except BlockingIOError:
-        return False
-    except OSError:
-        pass
-    return True

@@ -9,12 +9,7 @@ from rigidfx.base.types import Array
 
 
 def as_table(title: str, rows: Mapping[str, str]) -> str:
-    """A table of names and values, as HTML.
-
-    Args:
-        title: Heading.
-        rows: Values in words, by name.
-    """
+    """A table of names and values in words, with its heading, as HTML."""
     lines = [f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in rows.items()]
     return f"<table><caption>{escape(title)}</caption>{''.join(lines)}</table>"
 

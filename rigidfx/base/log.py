@@ -33,12 +33,7 @@ def announce(text: str) -> None:
 
 
 def tell(comm: MPI.Intracomm, text: str) -> None:
-    """Say something on rank 0.
-
-    Args:
-        comm: Ranks that all know the text.
-        text: The message.
-    """
+    """Say something on rank 0 that all ranks know."""
     if comm.rank == 0:
         LOGGER.info(text)
 
@@ -53,10 +48,8 @@ def remind(comm: MPI.Intracomm, text: str) -> None:
 def heard(comm: MPI.Intracomm, verbose: bool | None) -> Iterator[None]:
     """Show messages on standard error, on rank 0, meanwhile.
 
-    Args:
-        comm: Ranks of the run.
-        verbose: Whether it is shown; if None, all of it where standard error is a terminal, and
-            elsewhere compilations, and once a minute how far the run is.
+    If `verbose` is None all are shown where that is a terminal; elsewhere compilations, and once a
+    minute how far the run is.
     """
     level = logging.INFO if verbose or sys.stderr.isatty() else FIRST
     if verbose is False or comm.rank > 0:
@@ -103,12 +96,7 @@ def _files() -> list[logging.FileHandler]:
 
 @contextmanager
 def hearing(handler: Any, least: int = logging.INFO) -> Iterator[None]:
-    """Let a handler hear messages meanwhile; it is closed at the end.
-
-    Args:
-        handler: A `logging.Handler`.
-        least: Level from which on it hears.
-    """
+    """Let a handler hear messages from a level on meanwhile; it is closed at the end."""
     level = LOGGER.level
     LOGGER.addHandler(handler)
     LOGGER.setLevel(min(level, least) if level else least)

@@ -17,13 +17,7 @@ class Named(dict[str, V]):
     """
 
     def __init__(self, owner: str, values: Mapping[str, V], later: Iterable[str] = ()) -> None:
-        """Copy the values.
-
-        Args:
-            owner: How a user reads it, for messages.
-            values: By name.
-            later: Names that it has from the first step on, at t = 0.
-        """
+        """Copy the values by name."""
         super().__init__(values)
         self.owner, self.later = owner, tuple(later)
 
@@ -33,14 +27,7 @@ class Named(dict[str, V]):
 
 
 def no_such(owner: str, name: object, names: Iterable[str], later: Iterable[str] = ()) -> KeyError:
-    """The error of a name that a mapping does not have.
-
-    Args:
-        owner: How a user reads the mapping.
-        name: The wrong name.
-        names: Those that it has.
-        later: Those that it has from the first step on, at t = 0.
-    """
+    """The error of a wrong name of a mapping; it has later names from the first step on."""
     later = tuple(later)
     if name in later:
         return KeyError(f"{owner} has {name!r} from the first step on; this report is of t = 0")

@@ -13,13 +13,7 @@ T = TypeVar("T")
 
 
 def progress_bar(comm: MPI.Intracomm, t_end: float, progress: bool | None) -> tqdm:
-    """A bar on rank 0 that counts simulated time.
-
-    Args:
-        comm: Ranks of the run.
-        t_end: Its end [s].
-        progress: Whether it is shown; where standard error is a terminal if None.
-    """
+    """A bar on rank 0 that counts simulated time [s]; by default where a terminal is."""
     terminal = sys.stderr.isatty()
     return tqdm(
         total=t_end,
@@ -32,13 +26,7 @@ def progress_bar(comm: MPI.Intracomm, t_end: float, progress: bool | None) -> tq
 
 
 def bar_over(items: Iterable[T], what: str, count: int) -> Iterable[T]:
-    """The items, with a bar meanwhile where standard error is a terminal.
-
-    Args:
-        items: Each takes a while.
-        what: What is done, before the bar.
-        count: How many there are.
-    """
+    """The items, with a bar meanwhile where standard error is a terminal, behind what is done."""
     return cast(Iterable[T], tqdm(items, what, count, leave=False, disable=None))
 
 

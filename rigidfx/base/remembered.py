@@ -77,11 +77,7 @@ def rows(numbers: Ints, *columns: Array) -> Rows:
 
 
 def joined(parts: Sequence[Any]) -> Any:
-    """One value of the parts of all ranks.
-
-    Args:
-        parts: Of each rank; a value that is rank 0's is None on the others.
-    """
+    """One value of the parts of all ranks; a value that is rank 0's is None on the others."""
     first, *others = parts
     if not others or others[0] is None:
         return first
@@ -167,13 +163,9 @@ class Record(Kind):
     """A frozen dataclass with owned `nodes` and arrays over them, or None."""
 
     def __init__(self, made: type, *over: str, cells: str = "", **inner: Kind) -> None:
-        """Describe the fields; those that are not named are the same on all ranks.
+        """Name a class, its fields over the nodes, that of owned cells, and kinds of other fields.
 
-        Args:
-            made: The class.
-            over: Fields over the nodes.
-            cells: Field of owned cells.
-            inner: Kinds of other fields.
+        Fields that are not named are the same on all ranks.
         """
         names = {f.name for f in fields(made)} - {"nodes", *over, cells}
         self._made, self._over, self._cells = made, over, cells
@@ -240,12 +232,7 @@ def _kinds(owner: Any) -> Remembered:
 def part_of(owner: Any, order: MeshOrder) -> Any:
     """A rank's part of the state of an object, or of each of a sequence; None of no object.
 
-    Args:
-        owner: The object, whose class has `remembered`.
-        order: Of this rank.
-
-    Raises:
-        Forgetful: If its class, or that of an object in it, has not.
+    A class without `remembered` raises `Forgetful`.
     """
     if isinstance(owner, (list, tuple)):
         return [part_of(one, order) for one in owner]
@@ -256,15 +243,9 @@ def part_of(owner: Any, order: MeshOrder) -> Any:
 
 
 def restore(owner: Any, whole: Any, order: MeshOrder) -> None:
-    """Give an object, or each of a sequence, the state of another one of its class.
+    """Give an object, or each of a sequence, the state that joined parts of its class have.
 
-    Args:
-        owner: The object.
-        whole: The joined parts, on all ranks.
-        order: Of this rank.
-
-    Raises:
-        SceneError: On every rank, if it remembers other things.
+    It raises a `SceneError` on every rank, if it remembers other things.
     """
     if isinstance(owner, (list, tuple)):
         for one, own in zip(owner, whole, strict=True):

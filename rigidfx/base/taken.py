@@ -96,22 +96,13 @@ def _array(value: Any) -> Any:
 
 
 def take_fields(record: Any) -> None:
-    """Freeze the fields of a dataclass as they are now.
-
-    Args:
-        record: The record, while it is made.
-    """
+    """Freeze the fields of a dataclass, which is being made, as they are now."""
     for field in fields(record):
         object.__setattr__(record, field.name, taken(getattr(record, field.name)))
 
 
 def check_fields(record: Any, checks: Checks) -> None:
-    """Check fields of a dataclass, with its kind as their owner.
-
-    Args:
-        record: The record, while it is made.
-        checks: Functions such as `inputs.positive`. None passes where it is the default.
-    """
+    """Check fields of a dataclass, which is being made; None passes where it is the default."""
     for field in fields(record):
         value = getattr(record, field.name)
         if field.name in checks and (value is not None or field.default is not None):
@@ -119,22 +110,14 @@ def check_fields(record: Any, checks: Checks) -> None:
 
 
 def seal(record: Any) -> None:
-    """Make the arrays of an object read-only, without a copy.
-
-    Args:
-        record: The object, while it is made of arrays that nobody changes any more.
-    """
+    """Make the arrays of an object read-only, without a copy: nobody changes them any more."""
     for name, value in list(vars(record).items()):
         if isinstance(value, np.ndarray):
             object.__setattr__(record, name, read_only(value))
 
 
 def read_only(array: npt.NDArray[Entry]) -> npt.NDArray[Entry]:
-    """The same numbers, not a copy, through an array that cannot be written to.
-
-    Args:
-        array: Any array; it can still be written to.
-    """
+    """The same numbers, not a copy, through an array that cannot be written to."""
     view = array.view()
     view.flags.writeable = False
     return view
@@ -143,13 +126,8 @@ def read_only(array: npt.NDArray[Entry]) -> npt.NDArray[Entry]:
 def check_same(comm: MPI.Intracomm, owner: str, given: Mapping[str, Any]) -> None:
     """Check that all ranks were given the same numbers and names. Collective.
 
-    Args:
-        comm: Communicator of the mesh.
-        owner: To whom it was given, for the message.
-        given: The given value, by its name. A sequence is compared item by item.
-
-    Raises:
-        SceneError: On every rank, if something differs; the message names it, and a rank's value.
+    Sequences are compared item by item. A difference raises a `SceneError` on every rank that says
+    to whom it was given, its name, and the values of two ranks.
     """
     if comm.size == 1:
         return
@@ -168,11 +146,7 @@ def check_same(comm: MPI.Intracomm, owner: str, given: Mapping[str, Any]) -> Non
 
 
 def items(given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Names and values; of a sequence, item by item.
-
-    Args:
-        given: Values by name.
-    """
+    """Names and values; of a sequence, item by item."""
     for name, value in given.items():
         if isinstance(value, (list, tuple)):
             yield from ((f"{name}[{k}]", item) for k, item in enumerate(value))

@@ -12,11 +12,7 @@ from rigidfx.base.errors import SceneError, on_rank_0
 
 
 def decoded(data: bytes) -> str:
-    """Letters of a text: UTF-8, else cp1252, else Latin-1, so that no two texts become one.
-
-    Args:
-        data: The text as it is in a file.
-    """
+    """Letters of a text: UTF-8, else cp1252, else Latin-1, so that no two texts become one."""
     for encoding in ("utf-8-sig", "cp1252"):
         try:
             return data.decode(encoding)
@@ -38,11 +34,7 @@ class Decoder:
     guessed: bool = False
 
     def read(self, path: Path) -> str:
-        """The text of a file.
-
-        Raises:
-            SceneError: If it is no text of the encoding.
-        """
+        """The text of a file; raise `SceneError` if it is no text of the encoding."""
         data = path.read_bytes()
         if self.encoding is None:
             if b"\0" in data:
@@ -60,15 +52,9 @@ class Decoder:
 
 
 def write_text(comm: MPI.Intracomm, path: str | Path, text: str) -> None:
-    """Write a file, whole or not at all, and its folder if need be. Collective; rank 0 writes.
+    """Write a file, whole or not at all, and its folder if need be, on rank 0. Collective.
 
-    Args:
-        comm: Communicator of the calling ranks.
-        path: File.
-        text: Its content.
-
-    Raises:
-        OutputError: On every rank, if it cannot be written.
+    It raises an `OutputError` on every rank, if the file cannot be written.
     """
     path = Path(path)
 

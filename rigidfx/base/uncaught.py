@@ -27,13 +27,10 @@ TAG = 31075  # of the messages in which ranks say that they have failed
 
 
 def end_together(comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
-    """Let an exception that nobody catches on one rank end all of them.
+    """Let an exception that nobody catches on one rank of `mpirun` end all of them.
 
     Whatever handles such exceptions already shows it first. Where all ranks fail, each ends by
     itself. Nothing changes with one rank.
-
-    Args:
-        comm: Communicator of the ranks that one `mpirun` has started.
     """
     if comm.size == 1:
         return
@@ -50,14 +47,7 @@ def end_together(comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
 def by_users(comm: MPI.Intracomm, owner: str, what: str, function: Callable[[], T]) -> T:
     """Call a user's function where ranks do not meet; a failure on some of them ends all.
 
-    Args:
-        comm: Communicator of the mesh.
-        owner: Whose function it is, for the message.
-        what: Which of its functions.
-        function: Function to call.
-
-    Raises:
-        RigidfxError: If it fails on all ranks.
+    A failure on all ranks raises a `RigidfxError` that names the owner and the function.
     """
     try:
         return by_name(owner, None, function, what)
@@ -72,10 +62,6 @@ def on_all_ranks(comm: MPI.Intracomm, kind: type[BaseException] | None) -> bool:
     """Whether all ranks come to the end of a context, which an error of this class may have ended.
 
     Other errors than those of this package may be one rank's own.
-
-    Args:
-        comm: Communicator of the mesh.
-        kind: The class; None without an error.
     """
     return kind is None or comm.size == 1 or issubclass(kind, RigidfxError)
 

@@ -28,11 +28,7 @@ _wordings: list[Callable[[str], str]] = []  # under way
 
 @contextmanager
 def worded(wording: Callable[[str], str]) -> Iterator[None]:
-    """Reword warnings in log.txt meanwhile; Python's filters see them as they are.
-
-    Args:
-        wording: The words for a message.
-    """
+    """Reword warnings in log.txt meanwhile; Python's filters see them as they are."""
     _wordings.append(wording)
     try:
         yield
@@ -41,12 +37,7 @@ def worded(wording: Callable[[str], str]) -> Iterator[None]:
 
 
 def warn(comm: MPI.Intracomm, message: str) -> None:
-    """Warn on rank 0, as from the first line outside this package that led here.
-
-    Args:
-        comm: Ranks that all know the message.
-        message: The doubt, and the remedy.
-    """
+    """Warn on rank 0, as from the first line outside this package that led here; all ranks call."""
     if comm.rank != 0:
         return
     text = message

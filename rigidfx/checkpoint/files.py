@@ -84,11 +84,7 @@ def dumped(value: Any) -> bytes | None:
 
 
 def loaded(data: bytes) -> Any:
-    """The value of bytes of `dumped`.
-
-    Raises:
-        UnpicklingError: If it holds anything but numbers, arrays, and records of this package.
-    """
+    """The value of bytes of `dumped`: numbers, arrays, and records of this package only."""
     return _Reader(io.BytesIO(data)).load()
 
 
@@ -103,13 +99,7 @@ class Claim:
     def __init__(self, folder: Path, *, goes_on: bool) -> None:
         """Make the folder if it does not exist, and see that files can be made there.
 
-        Args:
-            folder: The folder.
-            goes_on: Whether its checkpoints are those of the run.
-
-        Raises:
-            BlockingIOError: If another run has it.
-            OSError: If they cannot.
+        Without `goes_on` its checkpoints are another run's. `BlockingIOError` if a run has it.
         """
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -129,11 +119,7 @@ class Claim:
         CLAIMS[place] = self
 
     def check(self) -> None:
-        """See that no other run of this process has it.
-
-        Raises:
-            BlockingIOError: If one has.
-        """
+        """Raise `BlockingIOError` if another run of this process has it."""
         if not self._end.alive:
             raise BlockingIOError
 
@@ -157,18 +143,9 @@ def _set_aside(folder: Path) -> None:
 
 
 def write(folder: Path, head: Mapping[str, Any], kept: Any) -> Path:
-    """Write the next checkpoint of a folder, and remove the oldest; on rank 0.
+    """Write the next checkpoint of a folder, with a head that is read first; remove the oldest.
 
-    Args:
-        folder: The folder, which exists.
-        head: What is known of the checkpoint before it is read.
-        kept: Its content.
-
-    Returns:
-        Its path.
-
-    Raises:
-        OSError: If it cannot be written; nothing else has changed then.
+    Where an `OSError` is raised nothing has changed.
     """
     data = _bytes_of(kept)
     marks = {"rigidfx": own_version(), "hash": hashlib.sha256(data).hexdigest()}
@@ -197,9 +174,8 @@ def write(folder: Path, head: Mapping[str, Any], kept: Any) -> Path:
 def newest(folder: Path) -> tuple[Mapping[str, Any], bytes, str]:
     """The newest checkpoint of a folder that is whole: its head, content, path.
 
-    Raises:
-        SceneError: If there is none, or it is of another version.
-        OutputError: If the folder cannot be read.
+    It raises a `SceneError` if there is none, or it is of another version, and an `OutputError` if
+    the folder cannot be read.
     """
     damaged = []
     try:

@@ -90,11 +90,7 @@ class Signals:
         Signals._heard = None
 
     def begin(self, tells: bool) -> None:
-        """Hear signals that would end the process; in the main thread only.
-
-        Args:
-            tells: Whether this rank says what a signal does.
-        """
+        """Hear signals that would end the process, in the main thread only; say so if it tells."""
         if threading.current_thread() is not threading.main_thread():
             return
         Signals._tells = tells
@@ -152,13 +148,9 @@ class Kept:
     memory: Sequence[Any]
 
     def given_again(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """The arguments of a run that goes on.
+        """The arguments of a run that goes on; those that are not given again are None.
 
-        Args:
-            given: Arguments that are given again, None where they are not.
-
-        Raises:
-            SceneError: If one has to be given, or is another one.
+        It raises a `SceneError` if one has to be given, or is another one.
         """
         out = {}
         for name, (known, data) in self.call.items():
@@ -176,42 +168,21 @@ class Kept:
         return out
 
     def bring_back(self, state: State, switch: Switch) -> None:
-        """Restore a state and its division. Collective.
-
-        Args:
-            state: The state of a run that is bound to no division.
-            switch: Binds it.
-
-        Raises:
-            SceneError: On every rank, if the checkpoint is of another version.
-        """
+        """Restore a state and its division, which the switch binds. Collective."""
         restore([state, switch], self.state, mesh_order(switch.scene))
         switch.again()
 
     def remember(self, run: Run, looks: Sequence[Any]) -> None:
-        """Restore all else. Collective.
-
-        Args:
-            run: The parts of the run.
-            looks: The readers of its reports.
-
-        Raises:
-            SceneError: On every rank, if the checkpoint is of another version.
-        """
+        """Restore all else: the parts of the run, and the readers of its reports. Collective."""
         run.stepper.show()
         restore([run, looks], self.memory, mesh_order(run.stepper.scene))
 
 
 def read(folder: Path, scene: Scene) -> Kept:
-    """The newest checkpoint of a folder. Collective.
+    """The newest checkpoint of a folder, as rank 0 names it. Collective.
 
-    Args:
-        folder: The folder, as rank 0 names it.
-        scene: The problem that is to go on.
-
-    Raises:
-        SceneError: On every rank, if there is none, or it is of another version, mesh or scene.
-        OutputError: On every rank, if it cannot be read.
+    It raises a `SceneError` on every rank, if there is none, or it is of another version or scene,
+    and an `OutputError`, if it cannot be read.
     """
     head, data, path = on_rank_0(scene.comm, lambda: newest(folder))
     changed = difference(head["scene"], scene_hashes(scene))
@@ -245,17 +216,8 @@ class Keeper:
     ) -> None:
         """Refuse a run that no checkpoint keeps, or a folder that takes none; have it. Collective.
 
-        Args:
-            run: The parts of the run.
-            looks: The readers of its reports.
-            checkpoint: When and where.
-            call: The arguments of the run.
-            kept: The checkpoint from which it goes on, if it does, ...
-            before: ... and its folder.
-
-        Raises:
-            SceneError: On every rank, if a class does not name its memory.
-            OutputError: On every rank, if the folder cannot be made or written to.
+        A run that goes on does so from `kept`, of the folder `before`. A `SceneError` on every rank
+        names a class that does not name its memory, an `OutputError` a folder that takes no files.
         """
         scene = run.stepper.scene
         self._run, self._looks, self._comm, self._given = run, looks, scene.comm, checkpoint
@@ -284,17 +246,10 @@ class Keeper:
         self._claim = Claim(folder, goes_on=goes_on)
 
     def look(self, step: int, t: float, over: bool) -> None:
-        """Leave a checkpoint if one is due. Collective.
+        """Leave a checkpoint of the last step, which ended at t [s], if one is due. Collective.
 
-        Args:
-            step: Number of the last step.
-            t: Time at its end [s].
-            over: Whether the run is over.
-
-        Raises:
-            OutputError: On every rank, if it cannot be written; those before are there still.
-            KeyboardInterrupt: On every rank, after Ctrl-C on any.
-            SystemExit: Likewise, after a SIGTERM or SIGUSR1.
+        On every rank it raises an `OutputError`, if it cannot be written; a `KeyboardInterrupt`
+        after Ctrl-C on any; and a `SystemExit` after a SIGTERM or SIGUSR1.
         """
         due, heard = self._due(step, t, over)
         if (due or heard) and step > self._step:

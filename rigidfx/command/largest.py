@@ -24,12 +24,7 @@ class Largest:
     """
 
     def __init__(self, scene: Scene, times: Iterable[float]) -> None:
-        """Find cells, and compile stresses. Collective.
-
-        Args:
-            scene: The problem.
-            times: Of shapes [s].
-        """
+        """Find cells, and compile stresses; shapes are kept at these times [s]. Collective."""
         names = sorted(name for name, dim in scene.domain.sets if dim == 3)
         self._scene, self._peaks = scene, Peaks(scene, names, "rigidfx")
         self.shapes = Shapes(scene, times, colour="von_mises")
@@ -60,8 +55,7 @@ class Largest:
     def lines(self, timed: bool = True) -> list[str]:
         """The largest values of all steps in words, with places in the reference shape. Collective.
 
-        Args:
-            timed: Whether with their times; in statics these are parts of the loads.
+        They have no times in statics, where these are parts of the loads.
         """
         (size, t, place), (peak, t_peak) = self._u, self._stress
         lines = [

@@ -53,22 +53,14 @@ PICTURES = 0.05, 0.35, 0.65, 1.0  # of the run's time, of the shapes that are dr
 
 
 def write_json(path: Path, content: Any, indent: int | None = 2) -> str:
-    """Write numbers and names as JSON, and return them. Collective.
-
-    Raises:
-        OutputError: On every rank, if the file cannot be written.
-    """
+    """Write numbers and names as JSON, and return them. Collective."""
     text = json.dumps(content, indent=indent, ensure_ascii=False) + "\n"
     write_text(MPI.COMM_WORLD, path, text)
     return text
 
 
 def conclude(folder: Path, summary: Any) -> None:
-    """Leave `summary.json` in a folder, and print it. Collective.
-
-    Raises:
-        OutputError: On every rank, if the file cannot be written.
-    """
+    """Leave `summary.json` in a folder, and print it. Collective."""
     say(write_json(folder / "summary.json", summary).rstrip())
 
 
@@ -78,11 +70,7 @@ def is_at_rest(options: Namespace) -> bool:
 
 
 def at_rest(scene: Scene, options: Namespace) -> dict[str, Any]:
-    """Print description, modes or statics, and leave their files. Collective.
-
-    Returns:
-        Content of `summary.json`.
-    """
+    """Print description, modes or statics, leave files; content of `summary.json`. Collective."""
     summary: dict[str, Any] = {"file": options.file.name}
     if options.describe:
         scene.describe(dt=options.dt, periods=3)
@@ -184,14 +172,9 @@ def supports_and_loads(options: Namespace) -> list[Effect]:
 
 
 def main(prog: str | None = None, example: Example | None = None) -> dict[str, Any]:
-    """Run the command with the options of the command line. Collective.
+    """Run the command with its options, or an example where no file is given. Collective.
 
-    Args:
-        prog: Its name in messages; that of the script if None.
-        example: The example that is run without a file, if any.
-
-    Returns:
-        Content of `summary.json`.
+    It returns the content of `summary.json`.
     """
     parser, options = ask(prog, example)
     found = options.tol is None
@@ -376,11 +359,7 @@ OTHERS = re.compile(
 
 
 def in_options(message: str) -> str:
-    """A message in the words of the command.
-
-    Args:
-        message: One in the words of Python.
-    """
+    """A message of Python's words in the words of the command."""
     message, *table = message.split("\n", 1)  # of what there is, in words of its own
     for pattern, words in WORDS:
         if "'" in pattern:

@@ -6,8 +6,9 @@ import argparse
 import re
 import sys
 from argparse import ArgumentTypeError, Namespace
+from contextlib import suppress
 from dataclasses import dataclass
-from math import isfinite, nan
+from math import isfinite
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -17,6 +18,13 @@ from mpi4py import MPI
 GEO = (".geo", ".geo_unrolled")
 STEPS = 400  # of a run whose Δt is not given
 CAD = (".step", ".stp", ".brep", ".iges", ".igs")
+MESHED = CAD + GEO, "what is meshed here"
+INP = (".inp",), ".inp"
+ONLY = {  # options that only some files have
+    **{"size": MESHED, "curved": MESHED, "per_circle": (CAD, "CAD files"), "corners": INP},
+    **{"encoding": INP, "name": (CAD, ", ".join(CAD)), "set": (GEO, ", ".join(GEO))},
+}
+SEVERAL: dict[str, Any] = {"action": "append", "default": []}
 
 
 def say(text: str) -> None:
@@ -45,13 +53,10 @@ class RankParser(argparse.ArgumentParser):
 
 def number(text: str) -> float:
     """A finite number."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = nan
-    if not isfinite(value):
-        raise ArgumentTypeError(f"'{text}' is no finite number")
-    return value
+    with suppress(ValueError):
+        if isfinite(value := float(text)):
+            return value
+    raise ArgumentTypeError(f"'{text}' is no finite number")
 
 
 def count(text: str) -> int:
@@ -93,10 +98,6 @@ def ask(prog: str | None, example: Example | None) -> tuple[RankParser, Namespac
 
     To those of the command line are added: `example`, whether no file is given; `kind`, the file's
     ending; `surfaces` and `parameters`, what --name and --set say; `load` has forces as arrays [N].
-
-    Args:
-        prog: The command's name in messages; that of the script if None.
-        example: The example that is run without a file; a file has to be given if None.
     """
     parser = RankParser(
         prog,
@@ -120,18 +121,12 @@ def ask(prog: str | None, example: Example | None) -> tuple[RankParser, Namespac
         run = options.t_end is not None and not options.static
         options.until = options.t_end / 10 if run else np.inf
     options.kind = options.file.suffix.lower()
-    options.surfaces = _pairs(parser, options, "name", CAD)
-    options.parameters = _pairs(parser, options, "set", GEO)
-    if options.size and options.kind not in CAD + GEO:
-        parser.error(f"--size is for what is meshed here, not for '{options.file.name}'")
-    if options.per_circle and options.kind not in CAD:
-        parser.error(f"--per-circle is for CAD files only, not for '{options.file.name}'")
-    if options.curved and options.kind not in CAD + GEO:
-        parser.error(f"--curved is for what is meshed here, not for '{options.file.name}'")
-    if options.corners and options.kind != ".inp":
-        parser.error(f"--corners is for .inp only, not for '{options.file.name}'")
-    if options.encoding and options.kind != ".inp":
-        parser.error(f"--encoding is for .inp only, not for '{options.file.name}'")
+    for option, (kinds, these) in ONLY.items():
+        if getattr(options, option) and options.kind not in kinds:
+            shown = option.replace("_", "-")
+            parser.error(f"--{shown} is for {these} only, not for '{options.file.name}'")
+    options.surfaces = _pairs(parser, "name", options.name)
+    options.parameters = _pairs(parser, "set", options.set)
     options.load = [(n, _three(parser, f"load {n}", texts)) for n, *texts in options.load]
     given = options.material
     options.material = {n: _three(parser, f"material {n}", texts) for n, *texts in given}
@@ -141,89 +136,52 @@ def ask(prog: str | None, example: Example | None) -> tuple[RankParser, Namespac
 
 
 def _of_geometry(parser: RankParser, optional: bool) -> None:
-    group = parser.add_argument_group("geometry")
-    group.add_argument(
-        "file",
-        nargs="?" if optional else None,
-        type=Path,
-        help=".msh, .geo, .step, .iges, .brep, .inp, or .unv and others that gmsh reads",
-    )
-    group.add_argument("--list", action="store_true", help="show what is in the file, and stop")
-    group.add_argument("--size", type=positive, help="largest edge of a cell [m] (.geo and CAD)")
-    group.add_argument(
-        "--per-circle", type=positive, help="cells around a full circle, along curved edges (CAD)"
-    )
-    group.add_argument(
-        "--curved", action="store_true", help="cells as curved as surfaces (.geo and CAD)"
-    )
-    group.add_argument(
-        "--scale", type=positive, default=1.0, help="metres per unit of the file (1)"
-    )
-    group.add_argument(
-        "--set",
-        metavar="NAME=VALUE",
-        action="append",
-        default=[],
-        help="parameter of a .geo script",
-    )
-    group.add_argument(
-        "--name", metavar="NAME=3,4", action="append", default=[], help="surfaces of CAD, by number"
-    )
-    group.add_argument("--encoding", help="of an .inp that is not in UTF-8, such as gb18030")
-    group.add_argument("--corners", action="store_true", help="cells of an .inp by their corners")
-    group.add_argument(
-        "--element",
-        choices=["standard", "enhanced"],
-        default="standard",
-        help="enhanced ones bend rightly with --order 1 (hexahedra)",
-    )
-    group.add_argument("--order", type=int, choices=[1, 2], help="of the displacement (2)")
+    add = parser.add_argument_group("geometry").add_argument
+    kinds = ".msh, .geo, .step, .iges, .brep, .inp, or .unv and others that gmsh reads"
+    add("file", nargs="?" if optional else None, type=Path, help=kinds)
+    add("--list", action="store_true", help="show what is in the file, and stop")
+    add("--size", type=positive, help="largest edge of a cell [m] (.geo and CAD)")
+    add("--per-circle", type=positive, help="cells around a full circle, along curved edges (CAD)")
+    add("--curved", action="store_true", help="cells as curved as surfaces (.geo and CAD)")
+    add("--scale", type=positive, default=1.0, help="metres per unit of the file (1)")
+    add("--set", metavar="NAME=VALUE", **SEVERAL, help="parameter of a .geo script")
+    add("--name", metavar="NAME=3,4", **SEVERAL, help="surfaces of CAD, by number")
+    add("--encoding", help="of an .inp that is not in UTF-8, such as gb18030")
+    add("--corners", action="store_true", help="cells of an .inp by their corners")
+    told = "enhanced ones bend rightly with --order 1 (hexahedra)"
+    add("--element", choices=["standard", "enhanced"], default="standard", help=told)
+    add("--order", type=int, choices=[1, 2], help="of the displacement (2)")
 
 
 def _of_problem(parser: RankParser) -> None:
-    group = parser.add_argument_group("problem")
-    group.add_argument("--E", type=positive, default=2.1e11, help="Young's modulus [Pa] (2.1e11)")
-    group.add_argument("--nu", type=number, default=0.3, help="Poisson's ratio (0.3)")
-    group.add_argument("--rho", type=positive, default=7850.0, help="density [kg/m³] (7850)")
-    group.add_argument(
-        "--material",
-        metavar=("NAME", "E", "NU", "RHO"),
-        nargs=4,
-        action="append",
-        default=[],
-        help="that of the cells NAME, in place of --E, --nu and --rho; once for each volume",
-    )
-    group.add_argument("--hold", metavar="NAME[:xyz]", nargs="+", default=[], help="what is held")
-    group.add_argument(
-        "--load",
-        metavar=("NAME", "FX", "FY", "FZ"),
-        nargs=4,
-        action="append",
-        default=[],
-        help="a total force [N], spread evenly over the area of the facets NAME",
-    )
-    group.add_argument("--until", type=positive, help="when the loads end [s] (a tenth of the run)")
-    group.add_argument("--gravity", metavar="G", type=number, nargs=3, help="acceleration [m/s²]")
-    group.add_argument(
-        "--damping", type=nonnegative, default=0.05, help="numerical damping ξ (0.05)"
-    )
+    add = parser.add_argument_group("problem").add_argument
+    add("--E", type=positive, default=2.1e11, help="Young's modulus [Pa] (2.1e11)")
+    add("--nu", type=number, default=0.3, help="Poisson's ratio (0.3)")
+    add("--rho", type=positive, default=7850.0, help="density [kg/m³] (7850)")
+    told = "that of the cells NAME, in place of --E, --nu and --rho; once for each volume"
+    add("--material", metavar=("NAME", "E", "NU", "RHO"), nargs=4, **SEVERAL, help=told)
+    add("--hold", metavar="NAME[:xyz]", nargs="+", default=[], help="what is held")
+    told = "a total force [N], spread evenly over the area of the facets NAME"
+    add("--load", metavar=("NAME", "FX", "FY", "FZ"), nargs=4, **SEVERAL, help=told)
+    add("--until", type=positive, help="when the loads end [s] (a tenth of the run)")
+    add("--gravity", metavar="G", type=number, nargs=3, help="acceleration [m/s²]")
+    add("--damping", type=nonnegative, default=0.05, help="numerical damping ξ (0.05)")
 
 
 def _of_run(parser: RankParser, example: Example | None) -> None:
-    group = parser.add_argument_group("run")
-    group.add_argument("--out", type=Path, help="folder for results (out/NAME OF THE FILE)")
+    add = parser.add_argument_group("run").add_argument
+    add("--out", type=Path, help="folder for results (out/NAME OF THE FILE)")
     if example is not None:
-        group.add_argument("--short", action="store_true", help="coarse, and for a short time")
-    group.add_argument("--describe", action="store_true", help="show what would be run, and stop")
-    group.add_argument("--modes", metavar="N", type=count, help="the lowest N modes, and no run")
-    group.add_argument("--static", action="store_true", help="equilibrium under loads, and no run")
-    group.add_argument("--dt", type=positive, help="time step [s] (a 400th of the run)")
-    group.add_argument("--t-end", type=positive, help="end of the run [s]")
-    group.add_argument("--tol", type=nonnegative, help="rigid below this rate [1/s] (found)")
-    group.add_argument(
-        "--window", type=_length, default="auto", help="length of observation [s], or auto (auto)"
-    )
-    group.add_argument("--compare", action="store_true", help="run all flexible as well")
+        add("--short", action="store_true", help="coarse, and for a short time")
+    add("--describe", action="store_true", help="show what would be run, and stop")
+    add("--modes", metavar="N", type=count, help="the lowest N modes, and no run")
+    add("--static", action="store_true", help="equilibrium under loads, and no run")
+    add("--dt", type=positive, help="time step [s] (a 400th of the run)")
+    add("--t-end", type=positive, help="end of the run [s]")
+    add("--tol", type=nonnegative, help="rigid below this rate [1/s] (found)")
+    told = "length of observation [s], or auto (auto)"
+    add("--window", type=_length, default="auto", help=told)
+    add("--compare", action="store_true", help="run all flexible as well")
 
 
 def _length(text: str) -> float | str:
@@ -247,13 +205,8 @@ def _complete(options: Namespace, example: Example) -> None:
     options.dt = options.dt or (8e-4 if options.short else 5e-4)
 
 
-def _pairs(
-    parser: RankParser, options: Namespace, option: str, suits: tuple[str, ...]
-) -> dict[str, str]:
+def _pairs(parser: RankParser, option: str, texts: list[str]) -> dict[str, str]:
     """The values of an option NAME=VALUE, as a dict."""
-    texts = getattr(options, option)
-    if texts and options.kind not in suits:
-        parser.error(f"--{option} is for {', '.join(suits)} only, not for '{options.file.name}'")
     found: dict[str, str] = {}
     for text in texts:
         name, _, value = text.partition("=")

@@ -95,10 +95,6 @@ class KeptRun(Iterator[Report]):
         Without a folder nothing is kept. `note` finds, while the state of a report is there,
         numbers and arrays, which are taken from rank 0; it is collective. Of `how` the run has
         `rigidify` and `petsc_options`; all else is as of `rigidfx.simulate`.
-
-        Raises:
-            OutputError: On every rank, if the folder cannot be written or read.
-            SceneError: On every rank, if the run is another one, or reports are missing.
         """
         self.reports: list[Report] = []
         self.notes: list[Any] = []
