@@ -1,9 +1,6 @@
 """Shows a run in ParaView, deformed: flexible cells light, reduced ones brown, rigid ones dark.
 
-    pvbatch view.py [FIELD] [--film]     the last state, or all times, in pictures beside this file
-
-In ParaView's window: Tools, Python Shell, Run Script. It is an example to change; stresses, films
-and other directions are drawn by `rigidfx.plot.pictures`.
+pvbatch view.py [FIELD] [--film]     the last state, or all times, in pictures beside this file
 """
 
 import sys
@@ -34,14 +31,9 @@ else:
 shown.SetScalarBarVisibility(view, True)
 pv.Show(pv.AnnotateTimeFilter(Input=reader, Format="t = {time:.4g} s"), view)
 
-times = pv.GetAnimationScene()
-times.UpdateAnimationUsingDataTimeSteps()
-times.GoToLast()
-view.ViewSize = [1280, 800]
-view.CameraFocalPoint, view.CameraViewUp = [0, 0, 0], [0, 0, 1]
-view.CameraPosition = [1, -1.6, 0.8]  # gives the direction
+pv.GetAnimationScene().UpdateAnimationUsingDataTimeSteps()
+pv.GetAnimationScene().GoToLast()
+view.CameraPosition, view.CameraFocalPoint, view.CameraViewUp = [1, -1.6, 0.8], [0, 0, 0], [0, 0, 1]
 pv.ResetCamera(view)
-if "--film" in sys.argv:
-    pv.SaveAnimation(f"{FIELDS}/view_{field}.png", view)
-else:
-    pv.SaveScreenshot(f"{FIELDS}/view_{field}.png", view)
+save = pv.SaveAnimation if "--film" in sys.argv else pv.SaveScreenshot
+save(f"{FIELDS}/view_{field}.png", view, ImageResolution=[1280, 800])

@@ -1,27 +1,18 @@
-"""The standard pictures of a run, from its folder, in one call; and the tools for any others.
-
-    from rigidfx.plot import pictures
-    pictures("out/bar")
-
-    python3 -m rigidfx.plot out/bar
-
-They are made from the recorder's files, so also while a run goes on and after one that was stopped.
-`Curve`, `curves` and `histories` draw numbers of any runs.
-"""
+"""The standard pictures of a run, from the files in its folder, also while the run goes on."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
-from rigidfx.base.errors import OutputError, SceneError
-from rigidfx.base.inputs import number, path_of, shown
+from rigidfx.base.errors import OutputError
+from rigidfx.base.inputs import path_of, whole
 from rigidfx.base.progress import bar_over
 from rigidfx.base.types import Array
-from rigidfx.output.field_reader import read_fields
+from rigidfx.output.field_reader import RecordedFields, read_fields
 from rigidfx.output.history import columns_of, resolved_columns
 from rigidfx.plot.arrows import Arrows
 from rigidfx.plot.curves import (
@@ -46,7 +37,29 @@ from rigidfx.plot.shapes import Scale, check_scale, factor_of
 Camera = tuple[Sequence[float], Sequence[float]]
 
 FRAMES = 100  # times that a film shows at most, unless told otherwise
-ENERGIES = {"frozen": "frozen vibration"}
+# Panels of the ledger: a scale, an amount with its name in the legend, and what is allowed.
+ACCOUNTS = {
+    "Energies, % of the energy of deformation": (
+        "deformation",
+        {"frozen": "frozen vibration", "energy_allowed": "allowed"},
+    ),
+    "Numerical damping, % of the energy of deformation": (
+        "deformation",
+        {"damped": "taken", "damping_allowed": "allowed"},
+    ),
+    "Time integration, % of the largest displacement": (
+        "displacement",
+        {"time_error": "estimated error", "time_allowed": "allowed"},
+    ),
+    "Rigid parts, % of the largest displacement": (
+        "displacement",
+        {"rigidity_error": "estimated error", "rigidity_allowed": "allowed"},
+    ),
+    "All errors, % of the largest displacement": (
+        "displacement",
+        {"measured_error": "measured", "budget": "allowed"},
+    ),
+}
 
 
 def spent(history: Mapping[str, Array]) -> dict[str, list[Curve]]:
@@ -55,44 +68,23 @@ def spent(history: Mapping[str, Array]) -> dict[str, list[Curve]]:
     Args:
         history: The columns of a history.csv by name.
     """
-    if not np.isfinite(history.get("deformation", np.array([np.nan]))).any():
+    h = {name: values for name, values in history.items() if np.isfinite(values).any()}
+    if "deformation" not in h:
         return {}
-    t, panels = history["t"], {}
-    panels["Energies, % of the energy of deformation"] = _panel(
-        t, history, "deformation", ENERGIES, "energy_allowed"
-    )
-    if np.any(history["damped"] > 0):
-        panels["Numerical damping, % of the energy of deformation"] = _panel(
-            t, history, "deformation", {"damped": "taken"}, "damping_allowed"
-        )
-    panels["Time integration, % of the largest displacement"] = _panel(
-        t, history, "displacement", {"time_error": "estimated error"}, "time_allowed"
-    )
-    panels["Rigid parts, % of the largest displacement"] = _panel(
-        t, history, "displacement", {"rigidity_error": "estimated error"}, "rigidity_allowed"
-    )
-    if np.isfinite(history.get("measured_error", np.array([np.nan]))).any():
+    if not np.any(h["damped"] > 0):
+        del h["damped"], h["damping_allowed"]
+    if "measured_error" in h:
         # What the one share leaves is the other's: together they are all that was asked.
-        budget = history["time_allowed"] + np.nan_to_num(history["rigidity_allowed"])
-        panels["All errors, % of the largest displacement"] = _panel(
-            t,
-            {**history, "budget": budget},
-            "displacement",
-            {"measured_error": "measured"},
-            "budget",
-        )
-    return {title: curves for title, curves in panels.items() if curves}
-
-
-def _panel(
-    t: Array, h: Mapping[str, Array], scale: str, names: Mapping[str, str], allowed: str
-) -> list[Curve]:
-    sizes = np.where(h[scale] > 0, h[scale], np.inf)
-    every = {**names, allowed: "allowed"}
-    known = {
-        name: words for name, words in every.items() if name in h and np.isfinite(h[name]).any()
-    }
-    return [Curve(words, t, 100 * np.nan_to_num(h[name]) / sizes) for name, words in known.items()]
+        h["budget"] = history["time_allowed"] + np.nan_to_num(history["rigidity_allowed"])
+    out = {}
+    for heading, (scale, names) in ACCOUNTS.items():
+        sizes = np.where(history[scale] > 0, history[scale], np.inf)
+        out[heading] = [
+            Curve(words, h["t"], 100 * np.nan_to_num(h[name]) / sizes)
+            for name, words in names.items()
+            if name in h
+        ]
+    return {heading: curves for heading, curves in out.items() if curves}
 
 
 def pictures(
@@ -138,7 +130,9 @@ def pictures(
         SceneError: If shapes, frames, view, up or scale cannot be used.
         OutputError: If the files of the run are not there, or a picture cannot be drawn or written.
     """
-    _check(shapes, frames, view, up)
+    many = whole("pictures", "shapes", shapes, least=1)
+    most = whole("pictures", "frames", frames, least=0)
+    check_camera("pictures", view, up)
     check_time("pictures", free_since)
     factor = check_scale("pictures", scale)
     place = path_of("pictures", "folder", folder)
@@ -149,7 +143,7 @@ def pictures(
         if not history.exists():
             raise OutputError(f"there is no {history}; a Recorder writes it")
         made.extend(_of_numbers(history, free_since, title))
-        made.extend(_of_shapes(place, int(shapes), int(frames), (view, up), title, factor))
+        made.extend(_of_shapes(place, many, most, (view, up), title, factor))
 
     on_first_rank(comm, draw, f"pictures of '{folder}'")
     return list(comm.bcast(made))
@@ -189,82 +183,50 @@ def _of_shapes(
     folder: Path, shapes: int, frames: int, camera: Camera, title: str, scale: Scale
 ) -> list[Path]:
     """Draw the fields of a run; the files written, on this rank."""
-    run, made = _Run(folder), []
-    factor = factor_of(scale, run.points, run.displacements(max(shapes, frames)))
-    look = Look(*camera, run.edges, title, factor)
-    first = "rigid" if run.was_rigid() else "displacement"
+    run, made = read_fields(folder), []
+    known = (folder / f"joints.{kind}" for kind in ("vtkhdf", "pvd"))
+    joints = next((read_fields(path) for path in known if path.exists()), None)
+    times = chosen_times(run.times, max(shapes, frames))
+    factor = factor_of(scale, run.points, (run.at(t)["displacement"] for t in times))
+    look = Look(*camera, run.cells.shape[1] in (4, 8), title, factor)
+    fields = {*run.on_nodes, *run.on_cells}
+    was_rigid = any(run[name].any() for name in ("rigid", "level") if name in fields)
+    first = "rigid" if was_rigid else "displacement"
     others = {"stress": "von_mises", "strain_rate": "strain_rate"}
-    wanted = {"shapes": first} | {name: f for name, f in others.items() if run.has(f)}
+    wanted = {"shapes": first} | {name: field for name, field in others.items() if field in fields}
     for name, field in wanted.items():
         made.append(folder / f"{name}.png")
-        photographs = run.photographs(field, shapes, factor)
+        photographs = _photographs(run, joints, field, shapes, factor)
         sheet(made[-1], photographs, field, look, columns=4)
     if frames > 0:
         made.append(folder / "film.gif")
-        film(made[-1], run.photographs(first, frames, factor), first, look)
+        film(made[-1], _photographs(run, joints, first, frames, factor), first, look)
     return made
+
+
+def _photographs(
+    run: RecordedFields, joints: RecordedFields | None, field: str, most: int, scale: float
+) -> list[Photograph]:
+    """The deformed surface at so many times at most, spread evenly."""
+    times, out = chosen_times(run.times, most), []
+    for t in bar_over(times, "reading fields", len(times)):
+        found = run.at(t)
+        values = found[field]
+        if field == "rigid" and "level" in found:
+            values = found["level"] / 2
+        if values.ndim > 1:
+            values = np.linalg.norm(values, axis=1)
+        surface = surface_of(run.body(), found["displacement"], field, values, scale)
+        arrows = None
+        if joints is not None:
+            of = joints.at(t)
+            places = joints.points + scale * of["displacement"]
+            arrows = Arrows(places, of["force"], of["moment"])
+        out.append(Photograph(float(t), surface, arrows=arrows))
+    return out
 
 
 def chosen_times(times: Array, most: int) -> Array:
     """So many of these times at most, spread evenly [s]."""
     chosen = np.linspace(0, len(times) - 1, min(most, len(times))).round().astype(int)
     return np.asarray(times[np.unique(chosen)])
-
-
-def _check(shapes: int, frames: int, view: Sequence[float], up: Sequence[float]) -> None:
-    for name, count, least in (("shapes", shapes, 1), ("frames", frames, 0)):
-        value = number("pictures", name, count)
-        if value < least or not value.is_integer():
-            raise SceneError(f"pictures: {name} must be an integer ≥ {least}, got {shown(count)}.")
-    check_camera("pictures", view, up)
-
-
-class _Run:
-    """The fields of a run, read back."""
-
-    def __init__(self, folder: Path) -> None:
-        """Open the fields."""
-        self._fields = read_fields(folder)
-        self.points: Array = self._fields.points
-        self.edges = self._fields.cells.shape[1] in (4, 8)  # of first order
-        known = [folder / f"joints.{kind}" for kind in ("vtkhdf", "pvd")]
-        self._joints = next((read_fields(path) for path in known if path.exists()), None)
-
-    def has(self, name: str) -> bool:
-        """Whether cells or nodes have a field."""
-        return name in (*self._fields.on_nodes, *self._fields.on_cells)
-
-    def was_rigid(self) -> bool:
-        """Whether any cell is rigid, or reduced, at any time."""
-        flags = (name for name in ("rigid", "level") if self.has(name))
-        return any(bool(self._fields[name].any()) for name in flags)
-
-    def _chosen(self, most: int) -> Array:
-        """So many times at most, spread evenly [s]."""
-        return chosen_times(self._fields.times, most)
-
-    def displacements(self, most: int) -> Iterator[Array]:
-        """Displacements of points at so many times at most [m]."""
-        return (self._fields.at(t)["displacement"] for t in self._chosen(most))
-
-    def photographs(self, field: str, most: int, scale: float) -> list[Photograph]:
-        """The deformed surface at so many times at most, spread evenly."""
-        times, out = self._chosen(most), []
-        for t in bar_over(times, "reading fields", len(times)):
-            found = self._fields.at(t)
-            values, u = found[field], found["displacement"]
-            if field == "rigid" and "level" in found:
-                values = found["level"] / 2
-            if values.ndim > 1:
-                values = np.linalg.norm(values, axis=1)
-            surface = surface_of(self._fields.body(), u, field, values, scale)
-            out.append(Photograph(float(t), surface, arrows=self._arrows(float(t), scale)))
-        return out
-
-    def _arrows(self, t: float, scale: float) -> Arrows | None:
-        """Forces and moments of joints at a time [s]; None if the run has no joints."""
-        if self._joints is None:
-            return None
-        found = self._joints.at(t)
-        places = self._joints.points + scale * found["displacement"]
-        return Arrows(places, found["force"], found["moment"])
