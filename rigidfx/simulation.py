@@ -44,7 +44,7 @@ from rigidfx.report.odd_motions import (
     Stillness,
     TurnedSprings,
 )
-from rigidfx.report.of_step import amended, held_at_start, report_of
+from rigidfx.report.of_step import amended, preloaded, report_of
 from rigidfx.report.report import Report
 from rigidfx.report.start import Start, start_of
 from rigidfx.report.writers import Writers
@@ -325,7 +325,7 @@ def _reports(
         if not first:
             known = run.shortening, run.recovery
             report = report_of(0, stepper, run.probes, None, impact, *known)
-            report = replace(report, **held_at_start(scene, *switch.held), _writers=writers)
+            report = replace(preloaded(report, scene, *switch.held), _writers=writers)
             report = run.accounted(report)
             for look in looks:
                 look.follow(report)

@@ -17,7 +17,6 @@ from rigidfx.base.taken import taken
 from rigidfx.domain.domain import EntitySet
 from rigidfx.effects.supports.support import Support
 from rigidfx.plot import Curve
-from rigidfx.report.former import Former
 from rigidfx.report.report import Report
 
 # Supports that move from t = 0 on, and a spring that turns with its end.
@@ -336,7 +335,7 @@ def _arrays(item, seen):
     elif type(item).__module__.startswith("rigidfx.") and id(item) not in seen:
         seen[id(item)] = item
         names = {name for name in dir(item) if not name.startswith("_")} - FUNCTIONS_OF_DOLFINX
-        for name in names - {"at_rest"} - set(dir(Former)):  # new bodies each time; warnings
+        for name in names - {"at_rest"}:  # new bodies each time
             value = getattr(item, name)
             if not callable(value):
                 yield from _arrays(value, seen)

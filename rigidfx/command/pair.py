@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from math import nan
 from pathlib import Path
 from typing import Any, cast
@@ -23,7 +23,7 @@ from rigidfx.command.options import say
 from rigidfx.decide.criteria.criterion import StrainRate
 from rigidfx.plot import Curve
 from rigidfx.report.events import Event
-from rigidfx.report.report import Report
+from rigidfx.report.report import Report, Source
 from rigidfx.scene.scene import Scene
 from rigidfx.simulation import resume as gone_on
 from rigidfx.simulation import simulate
@@ -166,11 +166,13 @@ def _record(report: Report, note: Any) -> bytes:
     """The numbers of a report, and what is noted of it, behind their length."""
     names = (field.name for field in fields(report))
     out = {name: getattr(report, name) for name in names if not name.startswith("_")}
-    out |= {"rigid": None, "joints": dict(report.joints)}
+    joints: Any = dict(report.joints)
+    out |= {"rigid": None, "result": replace(report.result, joints=joints)}
     for more in ({}, {"ledger": None}):  # one that holds a function is left out
         data = dumped((out | more, report.bodies, note))
         if data is not None:
-            return b"%d\n" % len(data) + data
+            return b"%d
+" % len(data) + data
     raise ValueError("a note has to be made of numbers, texts and arrays")
 
 
@@ -178,7 +180,7 @@ def _report_of(data: bytes) -> tuple[Report, Any]:
     """A report from its numbers, and what was noted of it."""
     numbers, bodies, note = loaded(data)
     gone: Any = _Past()
-    report = Report(**numbers, _state=gone, _changes=0, _indicator=None, _probes=gone)
+    report = Report(**numbers, _source=Source(gone, 0, None, gone, None, None))
     vars(report)["bodies"] = bodies  # in the place of what would be made of `rigid`
     return report, note
 

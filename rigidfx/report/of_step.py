@@ -4,53 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from rigidfx.base.named import Named
 from rigidfx.base.types import Array
 from rigidfx.effects import Contact, Joint, JointReports, Rigid, SpringDamper, Touch
-from rigidfx.flexible.strain_rate import Indicator
 from rigidfx.report.events import Event
 from rigidfx.report.probe_stress import Probes
-from rigidfx.report.report import Report
+from rigidfx.report.report import Report, Source
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.shortening import Shortening
 from rigidfx.state import State
-from rigidfx.step.equations.energies import Measures
+from rigidfx.step.load_path import LoadPath
+from rigidfx.step.newton.newton import Solution
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import Impact
 from rigidfx.step.system.system import StepResult
 from rigidfx.withheld.recovery import Recovery
 
 
-class Reported(Protocol):
-    """The maker of a step, or a load step."""
-
-    @property
-    def scene(self) -> Scene:
-        """The problem."""
-
-    @property
-    def state(self) -> State:
-        """The state."""
-
-    @property
-    def indicator(self) -> Indicator | None:
-        """Indicator of flexible cells, if any."""
-
-    @property
-    def unknowns(self) -> int:
-        """Number of unknowns."""
-
-    def measure(self) -> Measures:
-        """Energies and momenta. Collective."""
-
-
 def report_of(
     step: int,
-    stepper: Reported,
+    stepper: Stepper | LoadPath,
     probes: Probes,
     result: StepResult | None,
     impact: Impact | None,
@@ -61,72 +38,52 @@ def report_of(
 
     Args:
         step: Its number.
-        stepper: Its maker.
+        stepper: The maker of a step or of a load step.
         probes: Points that are reported.
         result: Result of the step; None for the initial state.
         impact: Impact of a support at the start of the step.
         shortening: Displacements of second order of bodies with shapes; not shown if None.
         recovery: Strains withheld from rigid parts, if known.
     """
-    state, solution = stepper.state, result.solution if result else None
+    state = stepper.state
     u, v = _shown(probes, state, shortening)
     return Report(
         step=step,
         t=state.t,
-        dt=result.dt if result else 0.0,
-        iterations=solution.iterations if solution else 0,
-        tangents=solution.tangents if solution else 0,
-        residuals=solution.residuals if solution else (),
-        linear_iterations=solution.linear_iterations if solution else 0,
-        solver=solution.solver if solution else "",
-        cuts=result.cuts if result else 0,
         unknowns=stepper.unknowns,
-        **vars(stepper.measure()),
-        work_of_loads=result.work_of_loads if result else 0.0,
-        work_of_supports=result.work_of_supports if result else 0.0,
-        dissipated=result.dissipated if result else {},
-        **_acting(stepper.scene, result),
+        energies=stepper.measure(),
+        result=_at_start(stepper.scene) if result is None else _named(result),
         impact=impact,
-        alternating_impulse=result.alternating_impulse if result else np.zeros((2, 3)),
         rigid=state.bodies,
         clamped=_clamped(stepper),
-        events=(),
-        closeness=np.nan,
         probes=Named("report.probes", u),
         velocities=Named("report.velocities", v),
-        ledger=None,
-        wall=0.0,
-        _state=state,
-        _changes=state.changes,
-        _indicator=stepper.indicator,
-        _probes=probes,
-        _shortening=shortening,
-        _recovery=recovery,
+        _source=Source(state, state.changes, stepper.indicator, probes, shortening, recovery),
     )
 
 
 def amended(report: Report, stepper: Stepper, events: Sequence[Event], closeness: float) -> Report:
     """A report after the switches around its step. Collective."""
-    changes = stepper.state.changes
-    if not events and np.isnan(closeness) and report._changes == changes:
+    changes, source = stepper.state.changes, report._source
+    if not events and np.isnan(closeness) and source.changes == changes:
         return report
+    loads = report.work_of_loads + sum(event.work_of_motors for event in events)
+    supports = report.work_of_supports + sum(event.work_of_supports for event in events)
     report = replace(
         report,
         events=tuple(events),
-        work_of_loads=report.work_of_loads + sum(e.work_of_motors for e in events),
-        work_of_supports=report.work_of_supports + sum(e.work_of_supports for e in events),
+        result=replace(report.result, work_of_loads=loads, work_of_supports=supports),
         closeness=closeness,
-        _changes=changes,
+        _source=replace(source, changes=changes),
     )
     if not any(event.t == report.t for event in events):
         return report
+    _, v = _shown(source.probes, stepper.state, source.shortening)
     return replace(
         report,
-        **vars(stepper.measure()),
+        energies=stepper.measure(),
         rigid=stepper.state.bodies,
-        velocities=Named(
-            "report.velocities", _shown(report._probes, stepper.state, report._shortening)[1]
-        ),
+        velocities=Named("report.velocities", v),
     )
 
 
@@ -140,43 +97,63 @@ def _shown(
     return {k: u[k] + d for k, (d, _) in more.items()}, {k: v[k] + r for k, (_, r) in more.items()}
 
 
-def _acting(scene: Scene, result: StepResult | None) -> dict[str, Any]:
-    """Reactions, touches, joints and springs of a step, or of the initial state, by name."""
-    if result is None:
-        titles = [joint.title for joint in scene.named(Joint)]
-        touches = {contact.title: Touch(contact.title) for contact in scene.named(Contact)}
-        acting = held_at_start(scene, {}, {}) | {"joints": JointReports(later=titles)}
-        springs, later = {}, [spring.title for spring in scene.named(SpringDamper)]
-    else:
-        touches, springs, later = dict(result.touches), dict(result.spring_dampers), []
-        acting = {
-            "reactions": Named("report.reactions", result.reactions),
-            "reaction_moments": Named("report.reaction_moments", result.reaction_moments),
-            "joints": result.joints,
-        }
-    acting["spring_dampers"] = Named("report.spring_dampers", springs, later)
-    return acting | {"touches": Named("report.touches", touches)}
+def _named(result: StepResult) -> StepResult:
+    """A result whose mappings name what a report has under a wrong name."""
+    names = "reactions", "reaction_moments", "touches", "spring_dampers"
+    named: dict[str, Any] = {n: Named(f"report.{n}", getattr(result, n)) for n in names}
+    return replace(result, **named)
 
 
-def held_at_start(
-    scene: Scene, forces: Mapping[str, Array], moments: Mapping[str, Array]
-) -> dict[str, Any]:
-    """Reactions of the initial state; those that are missing are known after the first step.
+def _at_start(scene: Scene) -> StepResult:
+    """The result of no step, for the initial state."""
+    touches = {contact.title: Touch(contact.title) for contact in scene.named(Contact)}
+    springs = [spring.title for spring in scene.named(SpringDamper)]
+    reactions, moments = _held(scene, {}, {})
+    return StepResult(
+        work_of_loads=0.0,
+        work_of_supports=0.0,
+        dissipated={},
+        reactions=reactions,
+        reaction_moments=moments,
+        alternating_impulse=np.zeros((2, 3)),
+        touches=Named("report.touches", touches),
+        joints=JointReports(later=[joint.title for joint in scene.named(Joint)]),
+        spring_dampers=Named("report.spring_dampers", {}, springs),
+        dt=0.0,
+        solution=Solution(True, "", (), 0, 0, "", None, 0.0, 0.0, 0.0),
+        cuts=0,
+    )
+
+
+def preloaded(
+    report: Report, scene: Scene, forces: Mapping[str, Array], moments: Mapping[str, Array]
+) -> Report:
+    """The report of the initial state with the reactions that a static preload knows.
 
     Args:
+        report: The report.
         scene: The problem.
-        forces: Force of each support that a static preload knows, by its name [N].
+        forces: Force of each support by its name [N].
         moments: Their moments about the origin [N m].
     """
+    reactions, moments = _held(scene, forces, moments)
+    result = replace(report.result, reactions=reactions, reaction_moments=moments)
+    return replace(report, result=result)
+
+
+def _held(
+    scene: Scene, forces: Mapping[str, Array], moments: Mapping[str, Array]
+) -> tuple[Named[Array], Named[Array]]:
+    """Reactions of the initial state; those that are missing are known after the first step."""
     acting = (support for support, _ in scene.supports if support.acts(0.0))
     later = dict.fromkeys(s.where for s in acting if s.where not in forces)
-    return {
-        "reactions": Named("report.reactions", forces, later),
-        "reaction_moments": Named("report.reaction_moments", moments, later),
-    }
+    return (
+        Named("report.reactions", forces, later),
+        Named("report.reaction_moments", moments, later),
+    )
 
 
-def _clamped(stepper: Reported) -> tuple[str, ...]:
+def _clamped(stepper: Stepper | LoadPath) -> tuple[str, ...]:
     """Names of the parts that supports hold; they are numbered as the scene names them."""
     if not stepper.state.clamped:
         return ()

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import nan
+from typing import Any
 
 import numpy as np
 from dolfinx import fem
@@ -14,13 +16,13 @@ from rigidfx.base.in_notebook import as_table, in_short
 from rigidfx.base.named import Named
 from rigidfx.base.taken import read_only
 from rigidfx.base.types import Array
+from rigidfx.base.warning import warn
 from rigidfx.flexible.strain_rate import Indicator
 from rigidfx.flexible.stress import Added, Recovered
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.mechanics.rotation import skew
 from rigidfx.report.events import Event
-from rigidfx.report.former import Former
 from rigidfx.report.ledger import Ledger
 from rigidfx.report.probe_stress import Probes, StressAt
 from rigidfx.report.writers import Writers
@@ -28,7 +30,7 @@ from rigidfx.shapes.shortening import Shortening
 from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures
 from rigidfx.step.system.supports import Impact
-from rigidfx.step.system.system import Work
+from rigidfx.step.system.system import StepResult
 from rigidfx.withheld.recovery import Recovery
 
 
@@ -93,12 +95,12 @@ def body_reports(bodies: Bodies, nu: Mapping[str, float]) -> tuple[BodyReport, .
         bodies: The bodies.
         nu: ν of bodies with shapes, by their names; zero of others.
     """
-    spins, kinetic = bodies.angular_momentum, bodies.kinetic_of_each
-    strain = bodies.strain_of_each
-    each = enumerate(bodies)
+    own = bodies.angular_momentum, bodies.kinetic_of_each, bodies.strain_of_each
     return tuple(
-        _body_report(b, spins[k], float(kinetic[k]), float(strain[k]), nu.get(b.data.name, 0.0))
-        for k, b in each
+        _body_report(
+            body, np.asarray(J), float(kinetic), float(strain), nu.get(body.data.name, 0.0)
+        )
+        for body, J, kinetic, strain in zip(bodies, *own, strict=True)
     )
 
 
@@ -129,12 +131,50 @@ def _body_report(body: Body, own: Array, kinetic: float, strain: float, nu: floa
     )
 
 
+@dataclass(frozen=True)
+class Source:
+    """What a report computes further values from, as long as the run has not gone on.
+
+    Attributes:
+        state: The state of the run.
+        changes: The number of its changes at the report.
+        indicator: Measures strain rates, if any are.
+        probes: Points that are reported.
+        shortening: Displacements of second order of bodies with shapes; not shown if None.
+        recovery: Strains withheld from rigid parts, if known.
+    """
+
+    state: State
+    changes: int
+    indicator: Indicator | None
+    probes: Probes
+    shortening: Shortening | None
+    recovery: Recovery | None
+
+
+# Results of the error motion, for one release: bodies have shapes in its place.
+FORMER = {
+    "error_motion": "probes",
+    "error_reactions": "reactions",
+    "error_reaction_moments": "reaction_moments",
+    "error_touches": "touches",
+}
+
+
 @dataclass(frozen=True, kw_only=True)
-class Report(Former, Work, Measures):
+class Report:
     """One accepted step, a value that may be kept; numbers are equal on all ranks.
 
     The first report of a run is that of the initial state, t = 0. A wrong name, as in
     `report.joints["pivto"]`, raises a KeyError that lists the names.
+
+    Attributes of its records are the report's, too, as `report.kinetic`: of `energies` `kinetic`,
+    `strain`, `stored`, `springs`, `contact`, `energy`, `linear_momentum`, `angular_momentum` and
+    `momentum_scale`; of `result` `dt` (0 for the initial state), `cuts`, `work_of_loads`,
+    `work_of_supports`, `dissipated`, `reactions`, `reaction_moments`, `alternating_impulse`,
+    `touches`, `joints` and `spring_dampers`; and of its solution `iterations`, `residuals`,
+    `tangents`, `linear_iterations` and `solver`. In the initial state reactions are those of a
+    static preload, touches are zero, and joints and springs tell nothing.
 
     Arrays as large as the mesh, `state` and `strain_rate`, are not copied: they can be read until
     the run goes on.
@@ -142,40 +182,12 @@ class Report(Former, Work, Measures):
     Attributes:
         step: Number of the step; 0 is the initial state.
         t: Time at its end [s].
-        dt: Its length [s]; 0 for the initial state.
-        iterations: Newton iterations, including those of a failed solution with a kept tangent.
-        residuals: ‖R‖ [N] at each iterate of the solve that has found the step.
-        tangents: Tangents assembled; fewer than iterations where one is kept.
-        linear_iterations: Krylov iterations in total.
-        solver: Linear solver used.
-        cuts: How often the step was cut before it converged.
         unknowns: Number of unknowns of the step.
-        kinetic: Kinetic energy [J].
-        strain: Strain energy of the flexible cells [J].
-        stored: Energy that bodies keep for their release: their strain energy, and the kinetic
-            energy of their vibration when they were frozen [J].
-        springs: Potential energy of springs, also those of joints and between points [J].
-        contact: Energy stored in contacts [J].
-        linear_momentum: L, shape (3,) [kg m/s].
-        angular_momentum: J about the origin, shape (3,) [kg m²/s].
-        momentum_scale: Σ |(M v)ᵢ| [kg m/s], a scale for L; a body counts with |m ṙ| + |π|/ℓ.
-        work_of_loads: Work of the loads in this step [J].
-        work_of_supports: Work of reactions in this step, and of impulses of supports at events [J].
-        dissipated: Energy that damping took in this step [J], by the name of its kind, such as
-            "KelvinVoigt" (a spring's dashpot counts as "Spring").
-        reactions: Force of each support on the structure at the step's midpoint, by the name of
-            its set, shape (3,) [N]; in the initial state those of a static preload.
-        reaction_moments: Its moment about the origin, likewise [N m].
-        touches: Force and impulse of each contact of the scene in this step, by its title: see
-            `rigidfx.effects.action.Touch`; zero in the initial state, and while it does not act.
-        joints: Force and motion of each joint in this step, by its title: see
-            `rigidfx.effects.joints.linkage.JointReport`; nothing in the initial state.
-        spring_dampers: Tension, length and its rate of each `SpringDamper` in this step, by its
-            title: see `rigidfx.effects.attached.spring_damper.SpringDamperReport`; likewise.
+        energies: Energies and momenta at its end: `rigidfx.step.equations.energies.Measures`.
+        result: Work, forces and solution: `rigidfx.step.system.system.StepResult`. Works contain
+            those at events.
         impact: Impact of a support that starts, or jumps in velocity, at the step's start; at t = 0
             in the report of the initial state.
-        alternating_impulse: Impulse of supports besides their reactions, on velocities that
-            alternate from step to step, and its moment, shape (2, 3) [N s, N m s].
         rigid: The bodies at its end, rigid or with shapes, as arrays.
         clamped: Names of `Rigid` parts that a support holds: they follow the support, have
             no unknowns, and are not among the bodies.
@@ -193,31 +205,45 @@ class Report(Former, Work, Measures):
 
     step: int
     t: float
-    dt: float
-    iterations: int
-    residuals: tuple[float, ...]
-    tangents: int
-    linear_iterations: int
-    solver: str
-    cuts: int
     unknowns: int
+    energies: Measures
+    result: StepResult
     impact: Impact | None
     rigid: Bodies
     clamped: tuple[str, ...]
-    events: tuple[Event, ...]
-    closeness: float
+    events: tuple[Event, ...] = ()
+    closeness: float = nan
     probes: Mapping[str, Array]
     velocities: Mapping[str, Array]
-    ledger: Ledger | None
-    wall: float
-    _state: State
-    _changes: int
-    _indicator: Indicator | None
-    _probes: Probes
-    _shortening: Shortening | None = None
-    _recovery: Recovery | None = None
+    ledger: Ledger | None = None
+    wall: float = 0.0
     nu: Mapping[str, float] = field(default_factory=dict)
+    _source: Source
     _writers: Writers = field(default_factory=Writers, repr=False, compare=False)
+
+    def __getattr__(self, name: str) -> Any:
+        """An attribute of the records of a step."""
+        if name in FORMER:
+            return self._former(name)
+        result = vars(self).get("result")
+        for record in (vars(self).get("energies"), result, getattr(result, "solution", None)):
+            if not name.startswith("_") and hasattr(record, name):
+                return getattr(record, name)
+        raise AttributeError(f"'Report' object has no attribute '{name}'")
+
+    def __dir__(self) -> list[str]:
+        """Attributes of the report and of its records."""
+        return [*super().__dir__(), *dir(self.energies), *dir(self.result), *dir(self.solution)]
+
+    def _former(self, name: str) -> Mapping[str, Array]:
+        whole = FORMER[name]
+        warn(
+            self._source.state.u.function_space.mesh.comm,
+            f"report.{name} is zero: bodies deform by shapes, and report.{whole} has all of it. "
+            "Leave it out, as the next release does not have it.",
+        )
+        keys = self.probes if whole == "probes" else ()
+        return Named(f"report.{name}", {key: np.zeros(3) for key in keys})
 
     def __repr__(self) -> str:
         """Step, time, size and energy, in a line."""
@@ -265,7 +291,7 @@ class Report(Former, Work, Measures):
     @property
     def current(self) -> bool:
         """Whether the run has not gone on since."""
-        return self._state.changes == self._changes
+        return self._source.state.changes == self._source.changes
 
     @property
     def state(self) -> State:
@@ -277,7 +303,7 @@ class Report(Former, Work, Measures):
             SceneError: If the run has gone on.
         """
         self._check("state")
-        return self._state
+        return self._source.state
 
     @property
     def strain_rate(self) -> Array | None:
@@ -288,10 +314,10 @@ class Report(Former, Work, Measures):
         Raises:
             SceneError: If it is measured and the run has gone on.
         """
-        if self._indicator is None:
+        if self._source.indicator is None:
             return None
         self._check("strain_rate")
-        return read_only(self._indicator.values)
+        return read_only(self._source.indicator.values)
 
     @cached_property
     def stresses(self) -> Mapping[str, StressAt]:
@@ -306,8 +332,8 @@ class Report(Former, Work, Measures):
             SceneError: If they have not been asked for yet and the run has gone on.
         """
         self._check("stresses")
-        strained = None if self._recovery is None else self._recovery.recovered
-        found = self._probes.stresses(self._state, strained, self._added())
+        strained = None if self._source.recovery is None else self._source.recovery.recovered
+        found = self._source.probes.stresses(self._source.state, strained, self._added())
         return Named("report.stresses", found)
 
     @property
@@ -322,12 +348,12 @@ class Report(Former, Work, Measures):
             SceneError: If the run has gone on.
         """
         self._check("interface_mismatch")
-        return self._state.interface_mismatch()
+        return self._source.state.interface_mismatch()
 
     @property
     def recovers(self) -> bool:
         """Whether the withheld strain of rigid parts is known: where forces wake cells."""
-        return self._recovery is not None
+        return self._source.recovery is not None
 
     def strains(self) -> Recovered | None:
         """Strains of cells whose displacement alone does not tell them; None if none. Collective.
@@ -352,21 +378,21 @@ class Report(Former, Work, Measures):
             SceneError: If the run has gone on.
         """
         self._check("recovered")
-        self._state.rebuild()
-        u = self._state.u.copy()
+        self._source.state.rebuild()
+        u = self._source.state.u.copy()
         count = u.function_space.mesh.topology.index_map(3).size_local
-        if self._recovery is None:
+        if self._source.recovery is None:
             none = np.zeros(count, dtype=bool)
             return Recovered(u, none, none, self._added())
         added = self._added()
-        carried = self._recovery.recovered()
+        carried = self._source.recovery.recovered()
         u.x.array[: carried.u.size] += carried.u.reshape(-1)
         u.x.scatter_forward()
         return Recovered(u, *carried.among(count), added)
 
     def _added(self) -> Added | None:
         """Strains of parts with shapes; None if there are none. Collective."""
-        return None if self.rigid.of.shapes is None else Added(*self._state.bent())
+        return None if self.rigid.of.shapes is None else Added(*self._source.state.bent())
 
     def shown(self) -> tuple[fem.Function, fem.Function]:
         """Displacement [m] and velocity [m/s], as of `probes`, also inside bodies. Collective.
@@ -375,21 +401,26 @@ class Report(Former, Work, Measures):
             SceneError: If the run has gone on.
         """
         self._check("shown")
-        self._state.rebuild()
-        more = None if self._shortening is None else self._shortening.field(self._state.bodies)
-        u, v = self._state.u, self._state.v
+        self._source.state.rebuild()
+        more = (
+            None
+            if self._source.shortening is None
+            else self._source.shortening.field(self._source.state.bodies)
+        )
+        u, v = self._source.state.u, self._source.state.v
         return (u, v) if more is None else (_with(u, more[0]), _with(v, more[1]))
 
     @property
     def finds_bodies(self) -> bool:
         """Whether the run looks for parts that become rigid."""
-        return self._indicator is not None
+        return self._source.indicator is not None
 
     def _check(self, name: str) -> None:
         if not self.current:
+            now = self._source.state.t
             raise SceneError(
                 f"Report.{name}: the report is of t = {self.t:g} s, and the run has gone on to "
-                f"{self._state.t:g} s. Ask before the next step, and keep a copy of what you need."
+                f"{now:g} s. Ask before the next step, and keep a copy of what you need."
             )
 
 

@@ -115,7 +115,8 @@ class ResolvedForces:
             found[contact.title] = replace(touch, resolved=resolved)
         if not found:
             return report
-        return replace(report, touches=Named("report.touches", {**report.touches, **found}))
+        touches = Named("report.touches", {**report.touches, **found})
+        return replace(report, result=replace(report.result, touches=touches))
 
 
 def trailing_mean(steps: Steps, time: float) -> float:

@@ -73,7 +73,7 @@ class Solution:
     @property
     def iterations(self) -> int:
         """Newton iterations."""
-        return len(self.residuals) - 1 + self.given_up
+        return max(len(self.residuals) - 1, 0) + self.given_up
 
     def after(self, failed: Solution | None) -> Solution:
         """The same, with the cost of an earlier solve of the step, if there was one."""
