@@ -27,8 +27,10 @@ def rigid_motions(places: Array, length: float | Array) -> Array:
     return modes
 
 
-def best_rotation(before: Array, after: Array, total: Callable[[Array], Array]) -> Array:
-    """The rotation that takes places best to others (W. Kabsch, Acta Cryst. A 32 (1976) 922-923).
+def best_motion(
+    before: Array, after: Array, total: Callable[[Array], Array]
+) -> tuple[Array, Array]:
+    """Rotation and shift that take places best to others (W. Kabsch, Acta Cryst. A 32 (1976) 922).
 
     Args:
         before: This rank's places, shape (places, 3) [m].
@@ -37,8 +39,25 @@ def best_rotation(before: Array, after: Array, total: Callable[[Array], Array]) 
     """
     local = [len(before), *before.sum(axis=0), *after.sum(axis=0), *(after.T @ before).ravel()]
     sums = total(np.array(local))
-    common = np.outer(sums[4:7], sums[1:4]) / max(sums[0], 1.0)
-    return nearest_rotations(sums[7:].reshape(3, 3) - common)
+    count, x, y = max(sums[0], 1.0), sums[1:4], sums[4:7]
+    R = nearest_rotations(sums[7:].reshape(3, 3) - np.outer(y, x) / count)
+    return R, (y - R @ x) / count
+
+
+def fitted_motion(
+    modes: Array, values: Array, total: Callable[[Array], Array], mass: float | Array = 1.0
+) -> Array:
+    """Coefficients of the motions that fit values best, in the mean of squares, shape (k, n).
+
+    Args:
+        modes: This rank's rows of the motions, shape (rows, k).
+        values: Those of the values, shape (rows, n).
+        total: Sum over the ranks. Collective.
+        mass: Weights of the squares; one number, or shape (rows, 1).
+    """
+    sums = np.asarray(total((mass * modes).T @ np.c_[modes, values]))
+    k = modes.shape[1]
+    return np.asarray(np.linalg.lstsq(sums[:, :k], sums[:, k:])[0])
 
 
 def free_motions(places: Array, held: Bools, length: float, comm: MPI.Intracomm) -> Array:

@@ -8,7 +8,7 @@ from rigidfx.base.types import Array
 from rigidfx.scene.points import parts_of_nodes
 from rigidfx.shapes.orthonormal import columns
 from rigidfx.shapes.stiffness import Stiffness
-from rigidfx.step.system.rigid_motion import FREE, motions_of_parts
+from rigidfx.step.system.rigid_motion import FREE, every_motion
 
 # Internal forces over K's diagonal and the extent of the structure: rounding.
 ROUNDING = 1e3 * float(np.finfo(np.float64).eps)
@@ -30,9 +30,7 @@ class Motions:
         parts, n = scene.parts, scene.owned_nodes
         self.part = part = parts_of_nodes(scene)[:n]
         self._sizes = np.linalg.norm(parts.upper - parts.lower, axis=1)
-        every = np.zeros((n, 3, parts.count, 6))
-        every[np.arange(n), :, part] = motions_of_parts(stiffness.places, part, parts)
-        self.all: Array = every.reshape(n, 3, 6 * parts.count)
+        self.all: Array = every_motion(stiffness.places, part, parts, np.arange(n))
         diagonal = stiffness.matrix.getDiagonal()
         rounding = ROUNDING * float(diagonal.norm()) * float(self._sizes.max())
         diagonal.destroy()

@@ -13,6 +13,7 @@ import numpy as np
 from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.dof_layout import nodes_of, split
 from rigidfx.coupling.rows import Rows
+from rigidfx.mechanics.rigid_motions import fitted_motion
 from rigidfx.shapes.orthonormal import columns
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.samples import compressed, instants
@@ -60,9 +61,7 @@ def of_supports(
             if s is hold.frame
         ]
         leads = np.isin(np.flatnonzero(held.mask), np.concatenate([*own, np.empty(0)]))
-    told = on_held[leads]
-    gram = np.asarray(scene.sum(told.T @ told))
-    rigid = np.linalg.pinv(gram, hermitian=True) @ scene.sum(told.T @ rates[leads])
+    rigid = fitted_motion(on_held[leads], rates[leads], scene.sum)
     out = [compressed(scene, responses.inertia(V @ rigid)), _spun(responses, V, rigid)]
     left = rates - on_held @ rigid
     if scene.sum((left**2).sum()) > SMALL * scene.sum((rates**2).sum()):

@@ -20,7 +20,7 @@ from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import add_vector
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.rigid_motions import rigid_motions
+from rigidfx.mechanics.rigid_motions import fitted_motion, rigid_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.orthonormal import columns
 from rigidfx.state import State
@@ -151,8 +151,7 @@ class Stiffness:
         for own, body in zip(six, self.bodies, strict=True):
             data = body.data
             R = columns(rigid_motions(data.offsets @ body.motion.R.T, data.length))
-            sums = np.asarray(self.scene.sum(R.T @ np.c_[R, columns(u[data.nodes])]))
-            own[:] = np.linalg.lstsq(sums[:, :6], sums[:, 6:])[0]
+            own[:] = fitted_motion(R, columns(u[data.nodes]), self.scene.sum)
         for column in range(k):
             p.collapse(u[:, :, column].reshape(-1), six[:, :, column], y)
             out[:, column] = y.array_r

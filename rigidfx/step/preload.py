@@ -81,17 +81,11 @@ def _check(scene: Scene, preload: Preload, holds: Sequence[Windowed], start: flo
             f"Preload: {idle[0].owner} does not act at t = 0, when the statics are. Give it no "
             "time window, or leave it out."
         )
+    held = PrescribedDofs(scene, supports_of(holds))
     pressed = any(effect.is_contact for effect in holds)
-    free = "" if pressed else _free(scene, holds, start)
-    if free:
+    if not pressed and (free := free_to_move(scene, held, acting=scene.acting(start))):
         raise SceneError(
             "Preload: the supports that act at the start, and springs, leave a rigid motion "
             f"free, of {free}, so there is no static equilibrium. Add supports or drop the "
             "preload."
         )
-
-
-def _free(scene: Scene, holds: Sequence[Windowed], start: float) -> str:
-    """See `free_to_move`, with the supports at the start [s]. Collective."""
-    held = PrescribedDofs(scene, supports_of(holds))
-    return free_to_move(scene, held, acting=scene.acting(start))

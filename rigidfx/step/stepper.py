@@ -10,7 +10,7 @@ import numpy as np
 
 from rigidfx.base.instants import longer
 from rigidfx.base.remembered import PART, Remembered, same
-from rigidfx.base.types import Bools
+from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.effects import Contact, Support, Touch, Windowed
 from rigidfx.effects.motion import Instant
@@ -19,7 +19,7 @@ from rigidfx.flexible.inversion import Inversion, InvertedCells
 from rigidfx.flexible.strain_rate import Indicator
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.step.equations.energies import Measures, Momenta
+from rigidfx.step.equations.energies import Measures
 from rigidfx.step.length.time_control import TimeControl
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.rigid_motion import following_energy
@@ -151,22 +151,12 @@ class Stepper:
             mask[cells] = True
         return mask
 
-    @property
-    def supported_nodes(self) -> Bools:
-        """For each owned node, whether a support holds any of its components."""
-        return np.asarray(self.prescribed.mask.reshape(-1, 3).any(axis=1))
-
-    @property
-    def strain_error(self) -> float:
-        """Strain that the end of Newton's iteration may leave in a cell. Collective."""
-        return self.system.newton.strain_error
-
     def measure(self) -> Measures:
         """Energies and momenta of the current state. Collective."""
         return self.system.energies.measure(self.state)
 
-    def held_momenta(self) -> Momenta:
-        """Momenta of dofs which supports hold. Collective."""
+    def held_momenta(self) -> Array:
+        """Linear and angular momentum of dofs which supports hold, shape (2, 3). Collective."""
         return self.system.energies.held_momenta(self.state)
 
     def inverted(self) -> InvertedCells | None:

@@ -18,7 +18,7 @@ from rigidfx.decide.decision import PlannedBody
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, Frozen
-from rigidfx.mechanics.rigid_motions import rigid_motions
+from rigidfx.mechanics.rigid_motions import fitted_motion, rigid_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.switch.exchange import freeze
@@ -95,19 +95,16 @@ def _with_energy(scene: Scene, body: Body, free: Bools) -> Frozen:
     v: Array = everywhere[data.nodes]
     m = scene.nodal_mass[data.nodes, None]
     modes = rigid_motions(data.offsets, data.length)
-    v = v - modes @ _motion(scene, m, modes, v)  # no angular momentum about the body as it is now
-    held = modes * free[:, :, None]
-    own = np.where(free, v - held @ _motion(scene, m, held, v), 0.0)
+
+    def unmoved(modes: Array) -> Array:
+        rows, values = modes.reshape(-1, 6), v.reshape(-1, 1)
+        motion = fitted_motion(rows, values, scene.sum, np.repeat(m, 3, axis=0))
+        return np.asarray(v - modes @ motion[:, 0])
+
+    v = unmoved(modes)  # no angular momentum about the body as it is now
+    own = np.where(free, unmoved(modes * free[:, :, None]), 0.0)
     local = [float((m * v * v).sum()), float((m * own * own).sum())]
     kinetic, square = 0.5 * np.asarray(scene.sum(np.array(local)))
     part = max(1.0 + (frozen.vibration - kinetic) / square, 0.0) if square > 0 else 1.0
     vibration = float(kinetic + (part - 1.0) * square)
     return Frozen(data.nodes, v + (np.sqrt(part) - 1.0) * own, frozen.strain, vibration)
-
-
-def _motion(scene: Scene, m: Array, modes: Array, v: Array) -> Array:
-    """The rigid motion that fits velocities best, shape (6,). Collective."""
-    weighted = m[:, :, None] * modes
-    local = [np.einsum("nak,nal->kl", weighted, modes), np.einsum("nak,na->k", weighted, v)]
-    sums = np.asarray(scene.sum(np.column_stack(local)))
-    return np.asarray(np.linalg.lstsq(sums[:, :6], sums[:, 6])[0])

@@ -38,7 +38,7 @@ from rigidfx.effects import rigid_faces
 from rigidfx.flexible.strain_rate import CellStrains, Indicator
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, RigidBody
-from rigidfx.mechanics.rigid_motions import best_rotation
+from rigidfx.mechanics.rigid_motions import best_motion
 from rigidfx.shapes.found import Found
 from rigidfx.shapes.linear import Linear
 from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz
@@ -161,7 +161,7 @@ class Growth(Watch):
             stiffness = self._bound().responses.stiffness
             found = Found(self._scene, self._stepper.forces, stiffness.linear, data)
             frozen = self._stepper.state.X[data.nodes] + data.displacement
-            Q = best_rotation(stiffness.places[data.nodes], frozen, self._scene.sum)
+            Q, _ = best_motion(stiffness.places[data.nodes], frozen, self._scene.sum)
             self._found[data.number] = known = data, found, Q
         return known[1], known[2]
 

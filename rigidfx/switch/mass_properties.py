@@ -24,6 +24,7 @@ from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.rows import Rows
 from rigidfx.domain.cell_quality import CHUNK, determinants
 from rigidfx.flexible.internal_forces import Cells
+from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.mechanics.rotation import skew
 from rigidfx.scene.scene import Scene
 
@@ -94,9 +95,7 @@ def _project(
 ) -> tuple[Array, Array, float]:
     """Pᵀ M P, shape (6, 6), Pᵀ M v, shape (6,), about the reference point, ½ v·M v. Collective."""
     mode, image = rows.vector(), rows.vector()
-    P = np.zeros((6, *coordinates.shape))
-    P[:3] = np.eye(3)[:, None, :]
-    P[3:] = np.cross(np.eye(3)[:, None, :], coordinates)
+    P = rigid_motions(coordinates, 1.0).transpose(2, 0, 1)
     columns = []
     for motion in (*P, v):
         mode.array[:] = motion.reshape(-1)

@@ -331,10 +331,9 @@ class Switch:
         changes = _changes(old, {body.data.number: body.data for body in found})
         if not changes:  # what was to freeze could not be a body
             return None
-        after, held = stepper.measure(), stepper.held_momenta()
+        after = stepper.measure()
         # Bodies and free nodes keep their momenta: what held dofs gain is what supports give.
-        impulse = held.linear - held_before.linear
-        angular_impulse = held.angular - held_before.angular
+        impulse, angular_impulse = stepper.held_momenta() - held_before
         linear = after.linear_momentum - before.linear_momentum - impulse
         angular = after.angular_momentum - before.angular_momentum - angular_impulse
         if self._grounded:  # the ground gives what is left, by impulses of joints

@@ -15,8 +15,7 @@ from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.effects import Rigid
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, BodyMotion, RigidBody
-from rigidfx.mechanics.rigid_motions import spanning
-from rigidfx.mechanics.rotation import nearest_rotations
+from rigidfx.mechanics.rigid_motions import best_motion, spanning
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import PrescribedDofs
 from rigidfx.step.system.system import System
@@ -87,17 +86,10 @@ class HeldParts(Watch):
         return BodyMotion(r, R, np.zeros(3), np.zeros(3))
 
     def _fitted(self, data: RigidBody, x: Array) -> tuple[Array, Array]:
-        """Centre [m] and rotation of a part whose marks are there. Collective.
-
-        Args:
-            data: The part.
-            x: Places of its marks, shape (marks, 3) [m].
-        """
-        V, x = data.offsets[self._marks[data.number]], x - data.origin
-        local = np.concatenate([[[len(V), 0, 0]], [x.sum(axis=0)], [V.sum(axis=0)], x.T @ V])
-        (count, *_), sx, sV, *xV = np.asarray(self._stepper.scene.sum(local))
-        R = nearest_rotations(xV - np.outer(sx, sV) / count)
-        return data.origin + (sx - R @ sV) / count, R
+        """Centre [m] and rotation of a part whose marks are at x. Collective."""
+        V = data.offsets[self._marks[data.number]]
+        R, shift = best_motion(V, x - data.origin, self._stepper.scene.sum)
+        return data.origin + shift, R
 
     def held(self) -> Bools:
         """For each owned node, which components are held as the parts would strain, too."""

@@ -84,7 +84,7 @@ class Observation:
     @property
     def supported(self) -> Bools:
         """For each owned node, whether a support holds any of its components."""
-        return self.stepper.supported_nodes
+        return np.asarray(self.held.reshape(-1, 3).any(axis=1))
 
     @property
     def held(self) -> Bools:
@@ -110,7 +110,7 @@ class Observation:
     @property
     def noise(self) -> float:
         """Strain rate that the end of Newton's iteration may leave in a cell [1/s]. Collective."""
-        return self.stepper.strain_error / self.dt
+        return self.stepper.system.newton.strain_error / self.dt
 
 
 class Rule(Protocol):

@@ -49,19 +49,6 @@ class Measures:
         return self.kinetic + self.strain + self.stored + self.springs + self.contact
 
 
-@dataclass(frozen=True)
-class Momenta:
-    """Linear and angular momentum.
-
-    Attributes:
-        linear: L, shape (3,) [kg m/s].
-        angular: J about the origin, shape (3,) [kg m²/s].
-    """
-
-    linear: Array
-    angular: Array
-
-
 class Energies:
     """Measures states of a scene."""
 
@@ -113,12 +100,11 @@ class Energies:
             momentum_scale=float(total[8]),
         )
 
-    def held_momenta(self, state: State) -> Momenta:
-        """Momenta of dofs which supports hold. Collective."""
+    def held_momenta(self, state: State) -> Array:
+        """Linear and angular momentum of dofs which supports hold, shape (2, 3). Collective."""
         p, x = self._momenta(state)
         held = np.where(self._held, p.reshape(-1), 0.0).reshape(-1, 3)
-        total = np.asarray(self._scene.sum(np.concatenate([held.sum(axis=0), axial(x.T @ held)])))
-        return Momenta(total[:3], total[3:])
+        return np.asarray(self._scene.sum(np.stack([held.sum(axis=0), axial(x.T @ held)])))
 
     def _momenta(self, state: State) -> tuple[Array, Array]:
         """M v and x of the active nodes, shapes (nodes, 3) [kg m/s, m]. Collective."""

@@ -15,19 +15,28 @@ from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import Effect, Structure, Windowed
+from rigidfx.effects import (
+    Effect,
+    Joint,
+    JointSpring,
+    Motor,
+    PointMass,
+    Stop,
+    Structure,
+    Windowed,
+)
 from rigidfx.effects.joints.linkage import Linkage
+from rigidfx.effects.joints.remote import Points
 from rigidfx.flexible.internal_forces import BoundForces, Cells, InternalForces
 from rigidfx.flexible.linear_forms import static_forces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.step.equations.actions import Actions
+from rigidfx.step.equations.actions import Actions, OwnMethods, bound
 from rigidfx.step.equations.constraints import Constraints
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.equations.shape_damping import ShapeDamping
 from rigidfx.step.system.held_bodies import HeldBodies
-from rigidfx.step.system.linked import linked
 from rigidfx.step.system.supports import PrescribedDofs
 
 Kind = Literal["step", "static", "linear"]
@@ -182,3 +191,31 @@ class Equations:
         self.mass.destroy()
         if self._dealt is not None:
             self._dealt.destroy()
+
+
+def elements_of(scene: Any, acting: Sequence[Windowed]) -> tuple[Motor | JointSpring | Stop, ...]:
+    """Actions along free coordinates of joints: motors that act, springs and stops."""
+    here = {id(effect) for effect in acting}
+    motors = [motor for motor in scene.named(Motor) if id(motor) in here]
+    return (*motors, *scene.named(JointSpring), *scene.named(Stop))
+
+
+def linked(structure: Structure, acting: Sequence[Windowed]) -> Linkage | None:
+    """Joints, remote points and springs between points, bound; None without any. Collective."""
+    scene = structure.scene
+    joints = (*scene.named(Joint), *(e for e in scene.named(PointMass) if e.is_carried))
+    points = _points_of(structure, acting)
+    if not joints and not len(points):
+        return None
+    return Linkage(joints, elements_of(scene, acting), structure, points)
+
+
+def _points_of(structure: Structure, acting: Sequence[Windowed]) -> Points:
+    """Actions on points that depend on the motion. Collective."""
+    here = {id(effect) for effect in acting}
+    every = structure.scene.effects
+    wanted = [e for e in every if not e.is_windowed or id(e) in here]
+    pairs = [(e, bound(e, structure, "bind_points")) for e in wanted]
+    owners = {id(action): effect.owner for effect, action in pairs if action is not None}
+    actions = [action for _, action in pairs if action is not None]
+    return Points(actions, OwnMethods(owners, structure.scene.comm).call)

@@ -26,7 +26,7 @@ from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.weights import inertial_masses
-from rigidfx.step.system.linked import elements_of
+from rigidfx.step.system.equations import elements_of
 from rigidfx.step.system.supports import PrescribedDofs
 
 FREE = 1e-10  # of the largest eigenvalue of BᵀB: motions that B does not see
@@ -115,11 +115,11 @@ def free_to_move(
         _add(gram, directions @ motions_of_parts(X[own], part[own], parts), part[own])
     gram = np.asarray(scene.sum(gram))
     for root, place in at_points:
-        moved = _every_motion(X, part, parts, place.nodes)
+        moved = every_motion(X, part, parts, place.nodes)
         rows = root @ np.asarray(scene.sum(np.einsum("nij,njm->im", place.slopes(), moved)))
         gram += rows.T @ rows
     if scene.named(Joint) or scene.named(SpringDamper):
-        rows = joint_rows(scene, acting, partial(_every_motion, X, part, parts))
+        rows = joint_rows(scene, acting, partial(every_motion, X, part, parts))
         gram += rows.T @ rows
     if parts.count > 1:
         _add_hinges(scene, gram, parts)
@@ -136,7 +136,7 @@ def motions_of_parts(X: Array, part: Ints, parts: ConnectedParts) -> Array:
     return rigid_motions(X - (parts.lower + parts.upper)[part] / 2, size[part, None])
 
 
-def _every_motion(X: Array, part: Ints, parts: ConnectedParts, nodes: Ints) -> Array:
+def every_motion(X: Array, part: Ints, parts: ConnectedParts, nodes: Ints) -> Array:
     """Displacements of nodes by the motions of all parts, shape (nodes, 3, 6 · parts)."""
     out = np.zeros((nodes.size, 3, parts.count, 6))
     out[np.arange(nodes.size), :, part[nodes]] = motions_of_parts(X[nodes], part[nodes], parts)
