@@ -171,8 +171,7 @@ def _record(report: Report, note: Any) -> bytes:
     for more in ({}, {"ledger": None}):  # one that holds a function is left out
         data = dumped((out | more, report.bodies, note))
         if data is not None:
-            return b"%d
-" % len(data) + data
+            return b"%d\n" % len(data) + data
     raise ValueError("a note has to be made of numbers, texts and arrays")
 
 
