@@ -116,11 +116,6 @@ def rigid_fields(scene: Scene, ensemble: Ensemble, prescribed: Bools) -> DofLayo
     """A division in which all nodes of bodies are attached and no cell is flexible.
 
     It serves fields over the whole mesh that are rigid in the bodies.
-
-    Args:
-        scene: The problem.
-        ensemble: Data of the rigid bodies; no two share a node.
-        prescribed: For each owned dof, whether a support prescribes it.
     """
     n = scene.owned_nodes
     free = np.ones(n, dtype=bool)
@@ -156,13 +151,7 @@ def nodes_of(scene: Scene, cells: Cells) -> Bools:
 
 
 def split(scene: Scene, flexible: Cells, of_bodies: Ints) -> tuple[Cells, Cells]:
-    """Interior and interface cells: without and with nodes that bodies move. Collective.
-
-    Args:
-        scene: The problem.
-        flexible: Owned cells by subdomain id.
-        of_bodies: Owned nodes that bodies move.
-    """
+    """Interior and interface cells: without and with owned nodes of bodies. Collective."""
     mark = fem.Function(scene.space)
     mark.x.array[3 * of_bodies] = 1.0
     mark.x.scatter_forward()

@@ -75,11 +75,7 @@ class NamedParts:
                 )
 
     def torn(self, clusters: Sequence[Cluster]) -> Bools:
-        """Owned cells round rigid faces that would be in several bodies, or in part. Collective.
-
-        Args:
-            clusters: The bodies as they would be.
-        """
+        """Owned cells round rigid faces that would be in several bodies, or in part. Collective."""
         out = np.zeros(self._graph.owned, dtype=bool)
         if not self.rings:
             return out
@@ -141,25 +137,12 @@ class Planner:
         return self._graph.touching(self._graph.nodes_with_ghosts(nodes))
 
     def unchanged(self, reason: str, seen: Observation, next_number: int) -> Decision:
-        """A freeze that adds nothing: all bodies stay as they are.
-
-        Args:
-            reason: Why, in words.
-            seen: The state.
-            next_number: First number that no body has had.
-        """
+        """A freeze that adds nothing: all bodies stay as they are."""
         stay = kept_bodies(b for b in seen.bodies if b.name not in self._named.apart)
         return Decision("freeze", reason, stay, self._named.apart, next_number)
 
     def release(self, seen: Observation, reason: str, cells: Bools, next_number: int) -> Decision:
-        """Release owned cells from their bodies; the other cells stay rigid. Collective.
-
-        Args:
-            seen: The state.
-            reason: Why, in words.
-            cells: These cells; those that are in no body, or rigid always, do not count.
-            next_number: First number that no body has had.
-        """
+        """Release owned cells from their bodies; the other cells stay rigid. Collective."""
         numbers = self.numbers(seen)
         leaving = cells & (numbers != NONE) & ~self._named.mask
         mine = np.unique(numbers[leaving]).tolist()

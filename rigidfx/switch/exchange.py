@@ -105,14 +105,7 @@ class Exchange(Protocol):
 def freeze(scene: Scene, forces: InternalForces, state: State, what: PlannedBody) -> Body | None:
     """A rigid body of cells in their present shape, with the momenta of its own mass. Collective.
 
-    Args:
-        scene: The problem.
-        forces: Internal forces, which know the stored energy.
-        state: Displacement and velocity, up to date at the nodes.
-        what: Cells and nodes.
-
-    Returns:
-        The body; None if its inertia is singular, so that it cannot be one.
+    None if its inertia is singular. The state is up to date at its nodes.
     """
     n = scene.owned_nodes
     u, v = (f.x.array[: 3 * n].reshape(-1, 3) for f in (state.u, state.v))
@@ -155,13 +148,7 @@ def freeze(scene: Scene, forces: InternalForces, state: State, what: PlannedBody
 
 
 def faces_within(scene: Scene, state: State, nodes: Indices) -> set[int]:
-    """Numbers of the rigid faces that have some of these nodes. Collective.
-
-    Args:
-        scene: The problem.
-        state: It has the faces as bodies.
-        nodes: Owned nodes.
-    """
+    """Numbers of the rigid faces that have some of these nodes. Collective."""
     faces = [body for body in state.bodies.of.records if body.is_face]
     if not faces:
         return set()

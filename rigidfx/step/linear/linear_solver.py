@@ -7,7 +7,6 @@ factors them on several ranks, and where a material gives way, so that the matri
 
 Defaults are set through PETSc's interface before its options are read, so that every option under
 the project's prefix overrides them: -rigidfx_ksp_type, -rigidfx_pc_type, -rigidfx_snes_monitor.
-Measurements behind the numbers are in docs/notes/solver_ablation.md.
 """
 
 from __future__ import annotations

@@ -34,15 +34,12 @@ NOTHING = float(np.sqrt(np.finfo(np.float64).eps))  # of a motion: what asks les
 
 
 def joint_rows(scene: Any, acting: Sequence[Windowed], motions: Callable[[Ints], Array]) -> Array:
-    """Rows that rigid motions fulfil which leave joints, locks, and springs beside. Collective.
+    """Rows of size one that motions fulfil which joints and springs leave, (rows, n). Collective.
 
     Args:
         scene: The problem.
         acting: The effects with a time window that act.
         motions: Displacements of owned nodes by the motions of all parts, shape (nodes, 3, n).
-
-    Returns:
-        Shape (rows, n), each of size one.
     """
     out: list[Array] = []
     joints = {joint.title: joint for joint in scene.named(Joint)}

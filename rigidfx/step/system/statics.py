@@ -168,12 +168,7 @@ class StaticSystem(System):
         """Put the last solution into the state, which then is at t₁. Collective.
 
         Where the time is fixed, that of the state stays. Work is by the trapezoidal rule; loads
-        have done what energy has gained beside it.
-
-        Args:
-            t0: Start of the load step [s].
-            t1: Its end [s].
-            before: Energies at its start.
+        have done what energy has gained beside it, since `before` at the start t₀ of the load step.
         """
         equations, p = self.equilibrium, self.prolongation
         d, own, increments = equations.d.array_r, equations.body_rows, self.increments
