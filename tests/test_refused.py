@@ -555,7 +555,7 @@ _contact(against="z1", friction=0.1, creep=1) :: friction is for obstacles, not 
 _contact(title="a\nb") :: title must be a text that can be printed, got 'a\nb'
 _scene(_contact(against="z0")) :: is flat, so it does not meet
 _scene(_contact(against="a")) :: there are no facets named 'a'
-_scene(_contact(), _contact()) :: two contacts are called 'z0_plane'; give one a title of its own
+_scene(_contact(), _contact()) :: two contacts are called 'z0_plane'; give one another title
 _scene(_contact("skin", against="skin"), domain=_overlapping()) :: the mesh overlaps itself at (
 _run(_contact(), InitialDisplacement(lambda x: (0, 0, -1.9))) :: at the start it is 0.9 m inside the
 _contact(against=None) :: against must be a Plane or another obstacle

@@ -100,8 +100,7 @@ class Contact(Windowed):
         """Look its facets up, and see where they are at the start. Collective."""
         if [contact.title for contact in scene.named(Contact)].count(self.title) > 1:
             raise SceneError(
-                f"{self.owner}: two contacts are called '{self.title}'; give one a title of its "
-                "own."
+                f"{self.owner}: two contacts are called '{self.title}'; give one another title."
             )
         surface, against, start = self._surface(scene), self.against, self.start
         if against == self.where:
@@ -152,8 +151,7 @@ class Contact(Windowed):
         x, depth = x[on[own]], -gap[own]
         k = int(np.argmax(depth)) if depth.size else -1
         mine = (float(depth[k]), tuple(x[k].tolist())) if depth.size else (-np.inf, ())
-        worst, place = max(scene.comm.allgather(mine))
-        return worst, place
+        return max(scene.comm.allgather(mine))
 
     @property
     def _other(self) -> str:
@@ -162,18 +160,14 @@ class Contact(Windowed):
         return f"'{other}'" if isinstance(other, str) else f"the {other.kind}"
 
     def at_nodes(self, scene: Any, x: Array, t: float) -> tuple[Ints, Array, Array]:
-        """Nodes of its surface, gaps [m] and pressures [Pa] at t, local nodes at x. Collective.
-
-        With another surface they are owned nodes that are near it.
-        """
+        """Nodes (near another surface), gaps [m], pressures [Pa] at t, nodes at x. Collective."""
         surface = self._surface(scene)
         on = np.flatnonzero(surface.area > 0) if self.acts(t) else np.empty(0, np.int64)
         if isinstance(self.against, str):
             pair = self._pair(scene)
             near, gap = pair.gaps(pair.everywhere(scene.comm, x))
             own = np.isin(near, pair.numbers) & self.acts(t)
-            on = pair.nodes[np.searchsorted(pair.numbers, near[own])]
-            gap = gap[own]
+            on, gap = pair.nodes[np.searchsorted(pair.numbers, near[own])], gap[own]
         else:
             against, asked = self.against, AskedObstacle(self.owner, self.against)
             gap = together(
