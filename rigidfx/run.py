@@ -8,7 +8,6 @@ from typing import ClassVar
 import numpy as np
 
 from rigidfx.base.remembered import PART, Remembered
-from rigidfx.base.types import Bools
 from rigidfx.base.uncaught import on_all_ranks
 from rigidfx.decide.criteria.judging import Observation
 from rigidfx.decide.decision import Decision
@@ -25,7 +24,7 @@ from rigidfx.step.first_touch import FirstTouch
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.system import StepResult
 from rigidfx.step.watches.judge import Attempt
-from rigidfx.switch.growth import Growth
+from rigidfx.switch.growth import Growth, Looked
 from rigidfx.switch.switch import Switch
 from rigidfx.withheld.recovery import Recovery
 
@@ -87,11 +86,11 @@ class Run:
             attempt = stepper.attempt(attempt.end, again=True)
         if policy is None:
             return stepper.accept(attempt), []
-        attempt, outgrown = self._grown(attempt, policy)
+        attempt, found = self._grown(attempt, policy)
         seen = Observation(stepper, attempt.dt)
         decision = policy.struck(seen, stepper.touches)
-        if decision is None and outgrown is not None:
-            decision = policy.outgrown(seen, outgrown)
+        if decision is None and found.woken is not None:
+            decision = policy.outgrown(seen, found.woken, found.reason)
         events = self._switched(policy, decision, seen)
         if not events and policy.releases.repeat and len(stepper.state.bodies):
             events = self._asked(policy, attempt, number)
@@ -101,20 +100,20 @@ class Run:
                 self.growth.look(attempt)
         return stepper.accept(attempt), events
 
-    def _grown(self, attempt: Attempt, policy: Policy) -> tuple[Attempt, Bools | None]:
+    def _grown(self, attempt: Attempt, policy: Policy) -> tuple[Attempt, Looked]:
         """A step made again until bodies have the shapes that it calls for. Collective.
 
         Returns:
-            The step, and owned cells that wake; None where none does.
+            The step, and which cells wake.
         """
         if self.growth is None:
-            return attempt, None
+            return attempt, Looked()
         found = self.growth.look(attempt, policy.rule.limits)
         while found.bodies is not None:
             self.switch.regroup(found.bodies)
             attempt = self.stepper.attempt(attempt.end, again=True)
             found = self.growth.look(attempt, policy.rule.limits)
-        return attempt, found.woken
+        return attempt, found
 
     def _asked(self, policy: Policy, attempt: Attempt, number: int) -> list[Event]:
         """Apply releases on a user's conditions before the step is solved again. Collective."""

@@ -30,10 +30,10 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
 
 import rigidfx as rf
-from rigidfx.decide.policy import OUTGROWN
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.stress import CauchyStress
 from rigidfx.scene.cells import thickness_axes
+from rigidfx.switch.growth import OUTGROWN
 
 ANY = 1e9  # a tolerance under which everything is rigid
 SIZES = {"enhanced": (0.05, 0.03), "assumed": (0.02, 0.01)}  # of displacements at random [m]

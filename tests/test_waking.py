@@ -19,9 +19,9 @@ from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.errors import StepError
 from rigidfx.decide.clusters import CellGraph
 from rigidfx.decide.paying import round_enclosed
-from rigidfx.decide.policy import OUTGROWN
 from rigidfx.flexible.nodal_stress import NodalStress
 from rigidfx.step.watches.judge import Judge
+from rigidfx.switch.growth import OUTGROWN
 
 DT, WINDOW = 0.02, 20  # s, steps
 NOTHING = rf.StrainRate(0.0, 1e9)  # nothing qualifies; rates are measured

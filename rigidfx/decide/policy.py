@@ -42,7 +42,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
 ASKED = "checked: a condition"
-OUTGROWN = "forces strain them otherwise than their shapes can"
 
 
 class Policy:
@@ -181,16 +180,17 @@ class Policy:
             return self._release(seen, ", ".join(reasons), cells)
         return self._window_decides(seen) if self.memory.window.over else None
 
-    def outgrown(self, seen: Observation, cells: Bools) -> Decision:
+    def outgrown(self, seen: Observation, cells: Bools, reason: str) -> Decision:
         """The release of cells of bodies that shapes do not follow, and their ring. Collective.
 
         Args:
             seen: The state before the step.
             cells: Owned cells that wake.
+            reason: Why, in words.
         """
         above = cells & self._planner.free(seen)
         leaving = self._graph.touching(self._graph.largest_at_nodes(above.astype(np.float64)) > 0)
-        decision = self._release(seen, OUTGROWN, leaving)
+        decision = self._release(seen, reason, leaving)
         return replace(decision, woken=np.flatnonzero(above).astype(np.int32))
 
     def _window_ends(self, seen: Observation) -> bool:

@@ -71,8 +71,8 @@ def spent(history: Mapping[str, Array]) -> dict[str, list[Curve]]:
     h = {name: values for name, values in history.items() if np.isfinite(values).any()}
     if "deformation" not in h:
         return {}
-    if not np.any(h["damped"] > 0):
-        del h["damped"], h["damping_allowed"]
+    if not np.any(history["damped"] > 0):
+        h = {name: h[name] for name in h if name not in ("damped", "damping_allowed")}
     if "measured_error" in h:
         # What the one share leaves is the other's: together they are all that was asked.
         h["budget"] = history["time_allowed"] + np.nan_to_num(history["rigidity_allowed"])

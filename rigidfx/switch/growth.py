@@ -51,6 +51,7 @@ from rigidfx.switch.resonance import Resonance
 from rigidfx.switch.spun_joints import SpinLimits, off_by
 from rigidfx.withheld.body_forces import BodyForces
 
+OUTGROWN = "forces strain them otherwise than their shapes can"
 # Part of a body's length below which ν of its motion is that of rounding.
 ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))
 
@@ -62,10 +63,12 @@ class Looked:
     Attributes:
         bodies: All bodies, some with more shapes, with which the step is to be made again.
         woken: Owned cells that wake; None where none does.
+        reason: Why they wake, in words.
     """
 
     bodies: Bodies | None = None
     woken: Bools | None = None
+    reason: str = OUTGROWN
 
 
 class Growth(Watch):
@@ -204,8 +207,8 @@ class Growth(Watch):
         if self._forces.borne is None:
             return Looked()
         for too_far in (self._spun, self._bent) if limits is not None else ():
-            if (woken := too_far(attempt)) is not None:
-                return Looked(woken=woken)
+            if (looked := too_far(attempt)) is not None:
+                return looked
         parts, rho = self._forces.borne[0], self._forces.borne[1].copy()
         F, bodies = np.zeros_like(self._withheld), self._growing()
         for data, at in zip(parts.bodies, parts.at, strict=True):
@@ -222,7 +225,7 @@ class Growth(Watch):
         if limits is None or not size > 0 or not bodies:
             return Looked()
         if (woken := self._resonant(attempt.dt, limits)) is not None:
-            return Looked(woken=woken)
+            return Looked(woken=woken, reason="motions that their shapes lack may be in resonance")
         if quiet:
             return Looked()
         now = limits()
@@ -269,7 +272,7 @@ class Growth(Watch):
         tell(self._scene.comm, f"modes that bodies lack may be in resonance: {most:.3g} tol")
         return np.asarray(rates > control.woken)
 
-    def _spun(self, attempt: Attempt) -> Bools | None:
+    def _spun(self, attempt: Attempt) -> Looked | None:
         """Cells of bodies that forces of joints stiffen as they spin; None if none. Collective."""
         woken = np.zeros(self._scene.mesh.topology.index_map(3).size_local, dtype=bool)
         fast = False
@@ -279,9 +282,9 @@ class Growth(Watch):
                 fast, woken[body.data.cells] = True, True
                 words = f"forces of joints stiffen it above {limit:.3g} rad/s"
                 tell(self._scene.comm, f"{body.data.name} spins too fast for its shapes: {words}")
-        return woken if fast else None
+        return Looked(woken=woken, reason="they spin too fast for their shapes") if fast else None
 
-    def _bent(self, attempt: Attempt) -> Bools | None:
+    def _bent(self, attempt: Attempt) -> Looked | None:
         """Cells in which the energy is not that of second order; None if none are. Collective."""
         known, control, comm = self._energies, self.control, self._scene.comm
         for body in attempt.increments.end:
@@ -310,7 +313,8 @@ class Growth(Watch):
             marks = np.zeros(self._scene.owned_nodes, dtype=bool)
             marks[body.data.nodes] = dense > control.share * most
             tell(comm, f"{body.data.name} bends by more than its shapes follow: ν = {nu:.3g}")
-            return self._with_nodes(marks, body.data.cells)
+            bent = self._with_nodes(marks, body.data.cells)
+            return Looked(woken=bent, reason="they bend by more than their shapes follow")
         return None
 
     def _with_nodes(self, marks: Bools, cells: Indices) -> Bools:
