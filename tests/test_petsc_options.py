@@ -54,7 +54,9 @@ def test_options_from_outside(where):
     if where != "environment":
         command += ["--petsc", *inside.split()]
     env = dict(os.environ) | ({} if where == "command line" else {"PETSC_OPTIONS": outside})
-    env["PYTHONPATH"] = os.pathsep.join(sys.path)  # scripts of tests and demos
+    folder = os.path.dirname(__file__)
+    meshes = os.path.join(os.path.dirname(folder), "meshes")
+    env["PYTHONPATH"] = os.pathsep.join([folder, meshes, env.get("PYTHONPATH", "")])
     done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == ("fgmres+ilu" if where == "environment" else "bcgs+ilu")
