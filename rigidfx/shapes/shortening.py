@@ -64,7 +64,7 @@ class Terms:
     Attributes:
         at: g·F_kl of the whole response, shape (3 · probes, m, m) [1/m].
         along: φ_j·F_kl, the same in any order, shape (m, m, m) [N/m²].
-        C: g·F_kl without what shapes follow, shape (3 · probes, m, m) [1/m].
+        C: the same without the part along the shapes, shape (3 · probes, m, m) [1/m].
     """
 
     at: Array
@@ -93,7 +93,7 @@ class Shortening:
         self._shown: dict[Key, int] = {}  # for how many steps, with forces along d
         self._terms: dict[Key, Terms] = {}  # of each body
         self._units: dict[int, tuple[Responses, Array]] = {}  # g, (owned nodes, 3, 3 · probes)
-        self._seen: dict[Key, tuple[int, Array]] = {}  # m of a body, and what remains of g for it
+        self._seen: dict[Key, tuple[int, Array]] = {}  # m of a body, and g without its shapes
 
     def at_probes(self, bodies: Bodies) -> dict[str, tuple[Array, Array]]:
         """δ [m] and its rate [m/s] at each probe; empty where no body bends by much. Collective."""
@@ -239,7 +239,7 @@ class Shortening:
         return Terms(at, along, at - np.einsum("pi,ijk->pjk", follow, along))
 
     def _remaining(self, body: Body, about: About) -> Array:
-        """g of a body in its frame without what shapes follow, shape as g. Collective."""
+        """g of a body in its frame without the part along its shapes. Collective."""
         key, shapes = _key(body), body.data.shapes
         assert shapes is not None
         m, g = self._seen.get(key, (0, np.empty(0)))
