@@ -1,5 +1,12 @@
 """A path of load steps: each is solved, looked at, cut where it fails, and accepted.
 
+    R(u₁) = f_int(u₁) + f_contact(u₁) - f_ext(t₁) = 0
+
+The equations are those of a step without inertia, with forces at its end; SNES solves them. Newton
+steps are taken whole first. Where that fails, they are shortened by a line search with backtracking
+(J. E. Dennis and R. B. Schnabel, Numerical Methods for Unconstrained Optimization and Nonlinear
+Equations, 1996, Section 6.3).
+
 A load step is cut where Newton's method fails, where it turns cells inside out, and where it jumps:
 where its increment is several times that of the step before and does not shrink as the step does.
 Such a jump, or a failure that no cut mends, is a limit load.
@@ -9,12 +16,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import nextafter
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
 
-from rigidfx.base.errors import InversionError, StepError
-from rigidfx.base.instants import longer
+from rigidfx.base.errors import StepError
+from rigidfx.base.types import Array
 from rigidfx.effects import Contact, Effect, Structure, Windowed
 from rigidfx.effects.inertia import StaticForces, StepDrag
 from rigidfx.flexible.internal_forces import InternalForces
@@ -22,13 +32,13 @@ from rigidfx.flexible.inversion import Inversion
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures
+from rigidfx.step.linear.linear_solver import PREFIX, default_options
 from rigidfx.step.newton.first_guess import Guess
-from rigidfx.step.newton.newton import Solution
+from rigidfx.step.newton.newton import Newton, Solution
 from rigidfx.step.system.division import Division
-from rigidfx.step.system.statics import StaticSystem
-from rigidfx.step.system.system import StepResult
+from rigidfx.step.system.system import StepResult, System, Work
 from rigidfx.step.watches.alternation import NEGLIGIBLE
-from rigidfx.step.watches.judge import INVERTED, course, overload, remedy
+from rigidfx.step.watches.judge import Cuts, course, inverted, overload
 
 
 @dataclass(frozen=True)
@@ -92,11 +102,11 @@ class Settling:
         self._forces = StepDrag(structure)
         return self._forces
 
-    def solve(self, system: StaticSystem, t0: float, t1: float) -> Solution:
+    def solve(self, path: LoadPath, t0: float, t1: float) -> Solution:
         """Find an equilibrium at t₁ from that at t₀; the state is not changed. Collective.
 
         Args:
-            system: The equations, with the drag.
+            path: The path, whose equations have the drag.
             t0: Start of the load step [s].
             t1: Its end [s].
 
@@ -104,21 +114,23 @@ class Settling:
             The last solve, with the cost of all; not converged if parts do not come to rest.
         """
         control, forces = self._control, self._forces
-        load = system.load(t1, t1 - t0)
+        load = path.load(t1, t1 - t0)
         unit = max(load / (self._mass * self._size), self._least)
         force = unit * self._mass * self._size
-        last, pose = system.at_rest
+        last, pose = path.at_rest, path.state.bodies.pose
+        joints = path.system.equilibrium.constraints
         forces.draw_to(last.increment, pose)
         first: Guess | None = None
         left = np.inf  # drag over loads
         solution: Solution | None = None
         for _ in range(control.solves):
             forces.rate = self._s * unit
-            system.take_drag(forces.rate)
+            if joints is not None:
+                joints.drag = forces.rate
             with np.errstate(over="ignore", invalid="ignore"):  # it may run away, and fails then
-                solution = system.solve_load(t0, t1, first).after(solution)
-            found, pose = system.found
-            moved = system.distance(found, last) / self._size
+                solution = path.solve(t0, t1, first).after(solution)
+            found, pose = path.found, path.system.increments.end.pose
+            moved = path.distance(found, last) / self._size
             if not solution.converged or moved > control.far:
                 self._s *= control.change
                 continue
@@ -141,7 +153,6 @@ class PathControl:
     """When a load step is cut.
 
     Attributes:
-        cuts: How often a load step is halved before the path ends.
         jump: Growth of the largest increment per load, from step to step, that is looked at more
             closely. Before a limit point, where u_c - u grows with √(t_c - t), it is at most 2.5.
         shrinks: A continuous path has at most this part of an increment in half the load step.
@@ -149,7 +160,6 @@ class PathControl:
             the path is told as a limit load.
     """
 
-    cuts: int = 8
     jump: float = 4.0
     shrinks: float = 0.8
     soft: float = 0.5
@@ -164,6 +174,7 @@ class LoadPath:
         indicator: None: nothing is measured to become rigid.
         system: The equations; those of the division and of the effects that act.
         t: Where the path is [s].
+        share: Part of the loads that acts in the present load step.
     """
 
     indicator = None
@@ -189,8 +200,8 @@ class LoadPath:
             effects: All effects that take part.
             divide: Divides the cells under the effects that act.
             owner: Who asks, for messages.
-            fixed: Time at which functions of time are taken [s]; that of the path if None. See
-                `StaticSystem`.
+            fixed: Time at which functions of time are taken [s]: then loads grow in proportion to
+                the path, supports and obstacles rest. The time of the path if None.
             control: When a load step is cut.
             loose: Whether contacts or loads alone hold a rigid motion: see `Settling`.
         """
@@ -200,17 +211,19 @@ class LoadPath:
         self._effects, self._divide, self._owner = tuple(effects), divide, owner
         self._control = PathControl() if control is None else control
         self._inversion = Inversion(scene, forces)
-        self._trial = self._whole = np.inf
+        self._cuts, self.share = Cuts(), 1.0
         # Increment per load of the last step that was more than rounding, and of the first.
         self._rate = self._first = 0.0
         self._least = NEGLIGIBLE * scene.mean_cell_size
         self._bound = False
-        self.system: StaticSystem
+        self.system: System
+        self._searching: Newton | None = None
+        self._last: tuple[Array, Array, float] | None = None  # increments and length of a step
 
     @property
     def unknowns(self) -> int:
         """Number of unknowns."""
-        return self.system.unknowns
+        return self.system.prolongation.size
 
     def measure(self) -> Measures:
         """Energies of the current state. Collective."""
@@ -218,28 +231,21 @@ class LoadPath:
 
     def follow(self, t: float) -> None:
         """Bind to the effects that act at t [s], where these are others than before. Collective."""
-        every: Sequence[Any] = self._effects
-        windowed = (e for e in every if e.is_windowed and not e.mass_damping)
-        acting = [
-            effect for effect in windowed if effect.acts(t if self._fixed is None else self._fixed)
-        ]
+        at = t if self._fixed is None else self._fixed
+        # A drag has no force where nothing moves.
+        every: list[Any] = [effect for effect in self._effects if not effect.mass_damping]
+        acting = [effect for effect in every if effect.is_windowed and effect.acts(at)]
         if self._bound and [*map(id, acting)] == [*map(id, self.system.acting)]:
             return
         division = self._divide(acting)
         self.close()
         self._inversion.bind(division.flexible)
         drags = [] if self._settling is None else [self._settling.effect]
-        self.system = StaticSystem(
-            self.scene,
-            self._forces,
-            self.state,
-            [*self._effects, *drags],
-            acting,
-            division,
-            self._fixed,
-            bool(drags),
-        )
-        self._bound, self._rate = True, 0.0
+        known = self.scene, self._forces, self.state, [*every, *drags], acting, division
+        self.system = System("static", *known, loose=bool(drags))
+        self._bound, self._rate, self._last = True, 0.0, None
+        self._before = np.zeros(self.system.prolongation.prescribed.size)  # forces of supports [N]
+        self._rows = np.zeros_like(self.state.bodies.rates)  # those on the rows of bodies [N]
 
     def advance(self, end: float) -> StepResult:
         """Go to a load, or as far towards it as a cut step gets. Collective.
@@ -252,27 +258,103 @@ class LoadPath:
             StepError: If there is no equilibrium close to the last one.
             InversionError: If cells turn inside out, however short the step.
         """
-        t0 = self.t
-        left = end - t0
-        if self._trial == np.inf:
-            self._whole = left
-        before, cuts, jumped = self.measure(), 0, np.inf
-        while True:
-            dt = self._trial if longer(left, self._trial) else left
-            t1 = end if dt == left else t0 + dt
-            if self._settling is None:
-                solution = self.system.solve_load(t0, t1)
-            else:
-                solution = self._settling.solve(self.system, t0, t1)
-            error, size = self._objection(solution, t0, dt, jumped)
-            if error is None:
-                self._trial = np.inf if dt == left and cuts == 0 else 2 * dt
-                return self._accept(solution, t0, t1, cuts, before, size)
-            if not longer(dt, self._whole / 2**self._control.cuts):
-                raise error
-            jumped = size
-            cuts += 1
-            self._trial = dt / 2
+        t0, before, jumped = self.t, self.measure(), np.inf
+
+        def solved(
+            dt: float, t1: float, cuts: int, last: bool
+        ) -> tuple[tuple[Solution, float, int], StepError | None]:
+            nonlocal jumped
+            own = None if self._settling is None else self._settling
+            solution = self.solve(t0, t1) if own is None else own.solve(self, t0, t1)
+            error, jumped = self._objection(solution, t0, dt, jumped)
+            return (solution, t1, cuts), error
+
+        solution, t1, cuts = self._cuts.taken(t0, end, solved)
+        work = self._accept(t0, t1, before)
+        if jumped > self._least:
+            self._rate = jumped / (t1 - t0)
+            self._first = self._first or self._rate
+        return StepResult(**vars(work), dt=t1 - t0, solution=solution, cuts=cuts)
+
+    def solve(self, t0: float, t1: float, first: Guess | None = None) -> Solution:
+        """Find the equilibrium at t₁ from that at t₀; the state is not changed. Collective.
+
+        Args:
+            t0: Start of the load step [s].
+            t1: Its end [s]; loads whose window ends then act still.
+            first: Where the iteration begins; by the last load step if None.
+
+        Raises:
+            SceneError: On every rank, if a user's function fails on any, or gives no numbers.
+        """
+        dt, system = t1 - t0, self.system
+        self._set_loads(t1, dt)
+        motors = (t0, dt) if self._fixed is None else (self._fixed, 0.0)
+        system.begin(t0, t1, dt, motors, moves=self._fixed is None)
+        rest = self.at_rest
+        guesses: tuple[Guess, ...] = (rest if first is None else first,)
+        if self._last is not None and first is None:
+            d, bodies, before = self._last
+            guesses = (rest, Guess(dt / before * d, dt / before * bodies))
+        solution = system.newton.solve(guesses)
+        if not solution.converged:
+            solution = self._search().solve(guesses[:1]).after(solution)
+            if not solution.converged:  # MUMPS may refuse to go on after a singular matrix
+                system.newton.destroy()
+                self._end_search()
+                system.newton = Newton(system.equilibrium)
+        return solution
+
+    def _set_loads(self, t: float, dt: float) -> None:
+        """Evaluate actions at the end t of a load step of length dt [s]. Collective."""
+        at = nextafter(t, -1.0) if self._fixed is None else self._fixed
+        self._forces.set_time(at, dt)
+        self.system.actions.set_time(at, dt)
+        if self._fixed is not None:
+            self.share = t
+            self.system.actions.loads.scale(t)
+
+    def load(self, t: float = 1.0, dt: float = 1.0) -> float:
+        """Size of all dead loads at the end t of a load step of length dt [N]. Collective."""
+        self._set_loads(t, dt)
+        loads = self.system.actions.loads
+        of_bodies = np.abs(loads.moments).sum() + np.abs(loads.torques).sum()
+        return float(loads.vector.norm(PETSc.NormType.NORM_1) + of_bodies)
+
+    def _search(self) -> Newton:
+        """Newton's method with a line search, made when it is first needed. Collective."""
+        if self._searching is None:
+            with default_options(PREFIX, snes_linesearch_type="bt"):
+                self._searching = Newton(self.system.equilibrium)
+        return self._searching
+
+    def _end_search(self) -> None:
+        """Free its solver. Collective."""
+        if self._searching is not None:
+            self._searching.destroy()
+            self._searching = None
+
+    @property
+    def at_rest(self) -> Guess:
+        """No increments."""
+        return Guess(
+            np.zeros(self.system.layout.rows.dofs.size), self.system.prolongation.no_bodies
+        )
+
+    @property
+    def found(self) -> Guess:
+        """Increments of the last solution."""
+        d = self.system.equilibrium.d.array_r.copy()
+        return Guess(d, self.system.increments.unknowns)
+
+    def distance(self, a: Guess, b: Guess) -> float:
+        """Largest difference of two increments [m]. Collective."""
+        return self._largest(np.abs(a.increment - b.increment), a.bodies - b.bodies)
+
+    def _largest(self, nodes: Array, bodies: Array) -> float:
+        """The largest increment of nodes or bodies [m]. Collective."""
+        own = max(float(nodes.max(initial=0.0)), float(np.abs(bodies).max(initial=0.0)))
+        return float(self.scene.comm.allreduce(own, op=MPI.MAX))
 
     def _objection(
         self, solution: Solution, t0: float, dt: float, jumped: float
@@ -281,11 +363,11 @@ class LoadPath:
         if not solution.converged:
             why = f"Newton's method fails there ({solution.reason}: {course(solution)})"
             return self._ended(t0, why, t0 + dt), np.inf
-        if (turned := self._inversion.find()) is not None:
-            found = f"{self._owner}: the load step from t = {t0:g} s turns cells inside out: "
-            advice = f"{overload(self.scene, t0 + dt)} {remedy(self.scene)}".strip()
-            return InversionError(f"{found}{turned}{INVERTED}", advice), np.inf
-        size = self.system.size
+        step = f"{self._owner}: the load step from t = {t0:g} s"
+        if (error := inverted(self.scene, self._inversion, step, "", t0 + dt)) is not None:
+            return error, np.inf
+        d = self.found
+        size = self._largest(np.linalg.norm(d.increment.reshape(-1, 3), axis=1), d.bodies)
         known = self._rate > 0 and self._settling is None
         grown = known and size > self._control.jump * self._rate * dt
         if grown and (jumped == np.inf or size > self._control.shrinks * jumped):
@@ -311,19 +393,34 @@ class LoadPath:
             "flies off where they are open at the start; a weak Spring holds it.",
         )
 
-    def _accept(
-        self, solution: Solution, t0: float, t1: float, cuts: int, before: Measures, size: float
-    ) -> StepResult:
-        """Accept the last solution. Collective."""
-        work = self.system.accept_load(t0, t1, before)
-        self.t = t1
-        if size > self._least:
-            self._rate = size / (t1 - t0)
-            self._first = self._first or self._rate
-        return StepResult(**vars(work), dt=t1 - t0, solution=solution, cuts=cuts)
+    def _accept(self, t0: float, t1: float, before: Measures) -> Work:
+        """Put the last solution into the state, which then is at t₁. Collective.
+
+        Where the time is fixed, that of the state stays. Work is by the trapezoidal rule; loads
+        have done what energy has gained beside it, since `before` at the start t₀ of the load step.
+        """
+        system, increments, self.t = self.system, self.system.increments, t1
+        equations, held = system.equilibrium, system.prolongation.prescribed
+        d, own = equations.d.array_r, equations.body_rows
+        f = equations.forces_out_of_balance.array_r[held]
+        of_supports = system.of_supports(f, 1.0)
+        (work,), dissipated = system.taken(0.5 * (self._before + f) @ d[held])
+        if len(system.held):
+            work += increments.work_of_supports(0.5 * (self._rows + own))
+        touches, links = system.actions.touches(), system.told()
+        moving = work + sum(touch.work for touch in touches.values())
+        self._last = d.copy(), increments.unknowns, t1 - t0
+        self._before, self._rows = f, own
+        system.move(t1 if self._fixed is None else self.state.t, np.zeros(d.size))
+        system.actions.accept()
+        equations.accept()
+        loads = self.measure().energy - before.energy + sum(dissipated.values()) - moving
+        dissipated = {kind: energy for kind, energy in dissipated.items() if energy != 0.0}
+        return Work(loads, moving, dissipated, *of_supports, np.zeros((2, 3)), touches, *links)
 
     def close(self) -> None:
         """Free all PETSc objects. Collective."""
+        self._end_search()
         if self._bound:
             self.system.destroy()
             self._bound = False

@@ -47,13 +47,13 @@ def apply_preload(
         _check(scene, preload, holds, start)
         lasting = [effect for effect in scene.effects if effect.is_lasting]
         paths: list[LoadPath] = []
-        spun = preload.centrifugal(scene, lambda paths=paths: paths[0].system.share)
+        spun = preload.centrifugal(scene, lambda paths=paths: paths[0].share)
         locks = [m for m in scene.named(Motor) if m.prescribes and m.acts(start)]
         effects: list[Effect] = [*preload.loads, *lasting, *spun, *holds, *locks]
         path = LoadPath(scene, state, forces, effects, divide, "Preload", fixed=0.0)
         paths.append(path)
         path.follow(0.0)
-        if not preload.turns and path.system.load() == 0.0:
+        if not preload.turns and path.load() == 0.0:
             raise SceneError(
                 "Preload: its loads are zero at t = 0, when the statics are, so that there is "
                 "nothing to be in equilibrium with. Look at their values and time functions."

@@ -8,8 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from rigidfx.base.instants import longer
-from rigidfx.base.remembered import PART, Remembered, same
+from rigidfx.base.errors import StepError
+from rigidfx.base.remembered import PART, Remembered
 from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.effects import Contact, Support, Touch, Windowed
@@ -27,11 +27,9 @@ from rigidfx.step.system.supports import Impact, PrescribedDofs, impose_velocity
 from rigidfx.step.system.system import StepResult, System, Work
 from rigidfx.step.watches.alternation import Alternation, Unresolved
 from rigidfx.step.watches.compression import Compression
-from rigidfx.step.watches.judge import Attempt, Judge, Measuring, Watch
+from rigidfx.step.watches.judge import Attempt, Cuts, Judge, Measuring, Watch
 from rigidfx.step.watches.jumps import JumpingObstacles, Jumps
 from rigidfx.step.watches.rotation_per_step import RotationPerStep
-
-MAX_CUTS = 8  # a step is cut to at least 1/256 before it is given up
 
 
 class Stepper:
@@ -47,9 +45,10 @@ class Stepper:
         control: Chooses Δt by its error; None if nothing does.
         system: Everything that is bound to that division.
         watches: Observers of attempts that become steps; more may be added.
+        cuts: Cuts steps.
     """
 
-    remembered: ClassVar[Remembered] = same("_trial", "_whole") | {"watches": PART}
+    remembered: ClassVar[Remembered] = {"cuts": PART, "watches": PART}
 
     def __init__(
         self,
@@ -82,8 +81,7 @@ class Stepper:
         squeezed = (Compression(scene, forces),) if scene.element.buckles else ()
         controls = () if control is None else (control,)
         self.watches: list[Watch] = [*measuring, *others, *squeezed, *controls]
-        self._trial = np.inf  # length of the next attempt after a cut ...
-        self._whole = np.inf  # ... of a step of this length
+        self.cuts = Cuts()
         self._dealing = Dealing()
         self.system: System
         self._bound = False
@@ -100,6 +98,7 @@ class Stepper:
         for watch in self.watches:
             watch.bind(division.flexible)
         self.system = System(
+            "step",
             self.scene,
             self.forces,
             self.state,
@@ -202,26 +201,19 @@ class Stepper:
             StepError: If the step does not converge after all cuts.
             InversionError: If it turns cells inside out after all cuts.
         """
-        left = target - self.state.t
-        if self._trial == np.inf:
-            self._whole = left
-        cuts = 0
-        while True:
-            dt = self._trial if longer(left, self._trial) else left
-            end = target if dt == left else self.state.t + dt
-            last = not longer(dt, self._whole / 2**MAX_CUTS)
-            solution = self.system.solve(self.state, dt)
-            increments, final = self.system.increments, again or last
-            attempt = Attempt(self.state.t, dt, solution, end, increments, cuts, final)
+        t, system = self.state.t, self.system
+
+        def solved(
+            dt: float, end: float, cuts: int, last: bool
+        ) -> tuple[Attempt, StepError | None]:
+            solution = system.solve(self.state, dt)
+            attempt = Attempt(t, dt, solution, end, system.increments, cuts, again or last)
             objection = self._judge.objection(attempt)
-            if objection is None:
-                self._trial = np.inf if dt == left and cuts == 0 else 2 * dt
-                return attempt
-            self.system.explain(solution)
-            if last:
-                raise objection
-            cuts += 1
-            self._trial = dt / 2**objection.halvings
+            if objection is not None:
+                system.explain(solution)
+            return attempt, objection
+
+        return self.cuts.taken(t, target, solved)
 
     def accept(self, attempt: Attempt) -> StepResult:
         """Let the state, and all else that remembers, take an attempt over. Collective."""

@@ -49,7 +49,7 @@ from rigidfx.state import State
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.equations import Equations
 from rigidfx.step.system.rigid_motion import free_to_move
-from rigidfx.step.system.supports import PrescribedDofs, supports_of
+from rigidfx.step.system.supports import supports_of
 from rigidfx.switch.inventory import divide
 from rigidfx.switch.shaping import Shaping
 from rigidfx.vibration.joined import HeldRows, free_motions
@@ -177,15 +177,12 @@ class Problem:
         self.spin = rest if about is None or not turns else spin_of(scene, about.state)
         division = self._divided(scene, forces, acting, t)
         state.group(division.bodies)
-        known = division.driven_nodes, None, division.nodes_of_held
-        held = PrescribedDofs(scene, supports_of(acting), *known)
-        cells, driven = division.flexible, division.driven_cells
-        of_division = state, cells, held.mask, driven
-        self._equations = of = Equations("linear", scene, forces, *of_division)
+        known = state, division, supports_of(acting)
+        self._equations = of = Equations("linear", scene, forces, *known)
         self._scene, self._layout, self._mass = scene, of.layout, of.mass
         self._prolongation = of.prolongation
         self._prolongation.pose(state.bodies)
-        masses, loose = self._masses(), bool(free_to_move(scene, held, acting=acting))
+        masses, loose = self._masses(), bool(free_to_move(scene, of.prescribed, acting=acting))
         # A reference is without stresses, but a mechanism may be in balance there.
         loaded = about is not None or (loose and bool(scene.named(Joint)))
         if self._bind(acting, t, loaded, masses) > BALANCED and about is None:
@@ -234,7 +231,7 @@ class Problem:
         lasting = [e for e in self._scene.effects if e.is_lasting and not e.is_windowed]
         effects = [*lasting, *dead, *self.spin.forces]
         there = [e for e in acting if loaded or e.grows != "time"]
-        self._equations.bind(effects, dead, along=there)
+        self._equations.bind(effects, there)
         actions, linkage = self._equations.actions, self._equations.linkage
         statics = self._equations.equilibrium
         rows = statics.constraints

@@ -18,15 +18,15 @@ from copy import deepcopy
 import numpy as np
 from petsc4py import PETSc
 
-from rigidfx.base.types import Array, Bools
+from rigidfx.base.types import Array, Indices
 from rigidfx.effects.motion import Instant
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.step.newton.factors import Factors
 from rigidfx.step.stepper import Stepper
+from rigidfx.step.system.division import Division
 from rigidfx.step.system.equations import Equations
-from rigidfx.step.system.supports import PrescribedDofs
 
 LONG = 1e4  # times the time so far: a step in which nothing but stiffness counts
 UP_TO = 100_000  # unknowns that are factored for that: their factors take 2 GB, and ten seconds
@@ -56,10 +56,11 @@ class Whole:
         for data in parts:
             mask[data.cells] = True
         flexible = forces.cells(np.flatnonzero(mask).astype(np.int32))
-        driven, prescribed = _driven(stepper, parts)
-        of_division = state, flexible, prescribed, driven
+        cells, nodes = _driven(stepper, parts)
+        division = Division(flexible, others, cells, nodes, {})
+        known = state, division, stepper.prescribed.active
         notes = deepcopy(state.notes)  # they follow its iterates
-        self._of = of = Equations("step", scene, forces, *of_division, bodies=others, notes=notes)
+        self._of = of = Equations("step", scene, forces, *known, notes=notes)
         of.bind(scene.effects, stepper.system.acting, joints=False)
         self._layout, self._prolongation, self._actions = of.layout, of.prolongation, of.actions
         self._equations = of.equilibrium
@@ -198,16 +199,15 @@ class Whole:
                 item.destroy()
 
 
-def _driven(stepper: Stepper, parts: Sequence[RigidBody]) -> tuple[Cells | None, Bools]:
-    """Cells that supports still move where parts are flexible, and which dofs these hold."""
+def _driven(
+    stepper: Stepper, parts: Sequence[RigidBody]
+) -> tuple[Cells | None, dict[int, Indices]]:
+    """Cells that supports still move where parts are flexible, and their owned nodes."""
     scene, state = stepper.scene, stepper.state
-    prescribed = PrescribedDofs(scene, stepper.prescribed.active).mask
     wanted = {data.number for data in parts}
     others = [cells for number, cells in state.clamped.items() if number not in wanted]
     if not others:
-        return None, prescribed
+        return None, {}
     cells = np.sort(np.concatenate(others))
     nodes = np.unique(scene.space.dofmap.list[cells])
-    nodes = nodes[nodes < scene.owned_nodes]
-    prescribed[(3 * nodes[:, None] + np.arange(3)).reshape(-1)] = True
-    return stepper.forces.cells(cells), prescribed
+    return stepper.forces.cells(cells), {0: nodes[nodes < scene.owned_nodes]}

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Literal
 
-from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import Mass
@@ -23,30 +22,32 @@ from rigidfx.effects import (
     PointMass,
     Stop,
     Structure,
+    Support,
     Windowed,
 )
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.remote import Points
-from rigidfx.flexible.internal_forces import BoundForces, Cells, InternalForces
+from rigidfx.flexible.internal_forces import BoundForces, InternalForces
 from rigidfx.flexible.linear_forms import static_forces
-from rigidfx.mechanics.bodies import Bodies
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions, OwnMethods, bound
 from rigidfx.step.equations.constraints import Constraints
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.equations.shape_damping import ShapeDamping
-from rigidfx.step.system.held_bodies import HeldBodies
+from rigidfx.step.system.division import Division
 from rigidfx.step.system.supports import PrescribedDofs
+from rigidfx.step.watches.jumps import Jumps
 
 Kind = Literal["step", "static", "linear"]
-OfSupports = tuple[dict[str, Array], dict[str, Array]]
 
 
 class Equations:
     """The unknowns, masses, effects and joints of one division; `destroy` frees them.
 
     Attributes:
+        kind: Which equations they are.
+        prescribed: Dofs that supports hold.
         layout: Division of cells and dofs.
         mass: Mass operator of the flexible cells.
         structure: The division as effects see it.
@@ -66,11 +67,10 @@ class Equations:
         scene: Scene,
         forces: InternalForces,
         state: State,
-        flexible: Cells,
-        held: Bools,
-        driven: Cells | None = None,
+        division: Division,
+        supports: tuple[Support, ...],
         *,
-        bodies: Bodies | None = None,
+        jumps: Jumps | None = None,
         notes: dict[int, Any] | None = None,
         dealing: Dealing | None = None,
     ) -> None:
@@ -81,17 +81,17 @@ class Equations:
             scene: The problem.
             forces: Compiled internal forces, which know the loads on facets that act.
             state: Where the structure is.
-            flexible: Flexible owned cells by subdomain id.
-            held: Which dofs supports hold.
-            driven: Owned cells by subdomain id that move with a support: not flexible, all their
-                dofs held, their mass counted.
-            bodies: The bodies; those of the state if None.
+            division: Division of the cells.
+            supports: The supports that act.
+            jumps: Observer of the paths of supports, if any.
             notes: Memory of effects; see `Structure`.
             dealing: Deals flexible cells out among the ranks where that pays.
         """
-        self._kind, self._scene, self._forces, self._driven = kind, scene, forces, driven
-        bodies = state.bodies if bodies is None else bodies
-        self.layout = layout = dof_layout(scene, flexible, bodies.of, held, driven)
+        flexible, bodies, driven = division.flexible, division.bodies, division.driven_cells
+        self.kind, self._scene, self._forces, self._driven = kind, scene, forces, driven
+        known = division.driven_nodes, jumps, division.nodes_of_held
+        self.prescribed = PrescribedDofs(scene, supports, *known)
+        self.layout = layout = dof_layout(scene, flexible, bodies.of, self.prescribed.mask, driven)
         own = layout.massive[layout.rows.nodes]
         self.mass = Mass(scene, layout.rows, flexible, own, driven)
         self.structure = Structure(
@@ -115,7 +115,6 @@ class Equations:
         effects: Sequence[Effect],
         acting: Sequence[Windowed],
         *,
-        along: Sequence[Windowed] | None = None,
         joints: bool = True,
         loose: bool = False,
         damping: ShapeDamping | None = None,
@@ -125,18 +124,16 @@ class Equations:
         Args:
             effects: All effects that take part.
             acting: Those with a time window that act.
-            along: Those of which motors of joints act; as `acting` if None.
             joints: Whether joints take part.
             loose: Whether a drag holds parts in statics, in place of springs that joints get.
             damping: That of the shapes of bodies.
         """
         self.actions = Actions(self.structure, effects, acting)
-        acts = acting if along is None else along
-        self.linkage = linked(self.structure, acts) if joints else None
-        mass, p = self.mass if self._kind == "step" else None, self.prolongation
+        self.linkage = linked(self.structure, acting) if joints else None
+        mass, p = self.mass if self.kind == "step" else None, self.prolongation
         rows: Constraints | None = None
         if self.linkage is not None:
-            anchored = self._kind == "static" and not loose
+            anchored = self.kind == "static" and not loose
             rows = Constraints(self.linkage, self.structure.bodies, p, anchored)
         given = self._scene, self._forces, self._cells(acting), mass, p, self.actions
         self.equilibrium = Equilibrium(*given, damping, rows)
@@ -145,40 +142,11 @@ class Equations:
         """The forces of flexible cells. Collective."""
         layout = self.layout
         parts = layout.flexible, layout.interior, layout.interface
-        if self._kind == "step":
+        if self.kind == "step":
             dealt = None if self._dealt is None else self._dealt.cells
             return self._forces.bind(*parts, self._driven, dealt)
-        if self._kind == "linear":
-            return static_forces(self._scene, self._forces, *parts)
-        return static_forces(self._scene, self._forces, *parts, self._driven, acting)
-
-    def of_supports(self, supports: PrescribedDofs, forces: Array, part: float) -> OfSupports:
-        """Force [N] and moment [N m] of each support on the structure, by its set. Collective.
-
-        Args:
-            supports: Dofs that they hold.
-            forces: Forces on these dofs [N].
-            part: Of the last increment, after which the structure is where they act.
-        """
-        if not supports.active:
-            return {}, {}
-        rows, d = self.layout.rows, self.equilibrium.d.array_r
-        at = self.prolongation.prescribed // 3
-        x = rows.X[at] + (self.equilibrium.start + part * d).reshape(-1, 3)[at]
-        found, moments = supports.reactions(forces, x)
-        return dict(found), dict(moments)
-
-    def add_frames(self, held: HeldBodies, to: OfSupports) -> None:
-        """Add what supports exert on bodies that they hold.
-
-        Args:
-            held: These bodies.
-            to: Forces and moments of supports, added to.
-        """
-        increments: Any = self.prolongation.increments
-        for where, *both in held.reactions(increments, self.equilibrium.body_rows):
-            for out, more in zip(to, both, strict=True):
-                out[where] = out.get(where, 0.0) + more
+        loads = acting if self.kind == "static" else ()
+        return static_forces(self._scene, self._forces, *parts, self._driven, loads)
 
     def unbind(self) -> None:
         """Free what `bind` has made. Collective."""

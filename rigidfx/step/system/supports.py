@@ -210,7 +210,7 @@ class PrescribedDofs:
             return self._spread(answers())
         return self._spread(together(self._scene.comm, "A support", answers))
 
-    def reactions(self, forces: Array, x: Array) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
+    def reactions(self, forces: Array, x: Array) -> tuple[dict[str, Array], dict[str, Array]]:
         """Force that each support exerts on the structure, and its moment. Collective.
 
         Args:

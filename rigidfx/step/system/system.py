@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -41,10 +41,11 @@ from rigidfx.step.system.division import Division
 from rigidfx.step.system.equations import Equations, Kind
 from rigidfx.step.system.held_bodies import HeldBodies
 from rigidfx.step.system.resolved_forces import ResolvedConstraints
-from rigidfx.step.system.supports import PrescribedDofs, supports_of
+from rigidfx.step.system.supports import supports_of
 from rigidfx.step.watches.jumps import Jumps
 
 Links = tuple[JointReports, Mapping[str, SpringDamperReport]]
+OfSupports = tuple[dict[str, Array], dict[str, Array]]
 
 
 @dataclass(frozen=True)
@@ -91,21 +92,18 @@ class StepResult(Work):
 
 
 class System(Equations):
-    """The equations of one division, for steps; `StaticSystem` has those of load steps.
+    """The equations of one division, for steps or load steps.
 
     Attributes:
-        kind: Which equations they are.
         acting: The effects with a time window that act.
-        prescribed: Dofs that supports hold.
         energies: Measures states.
         newton: Solves steps.
         held: Bodies whose frames supports hold.
     """
 
-    kind: ClassVar[Kind] = "step"
-
     def __init__(
         self,
+        kind: Kind,
         scene: Scene,
         forces: InternalForces,
         state: State,
@@ -120,6 +118,7 @@ class System(Equations):
         """Bind everything to a division and to the effects that act. Collective.
 
         Args:
+            kind: Steps or statics.
             scene: The problem.
             forces: Compiled internal forces.
             state: The state; its bodies become those of the division.
@@ -132,20 +131,19 @@ class System(Equations):
         """
         state.group(division.bodies)
         state.clamp(division.clamped)
-        known = division.driven_nodes, jumps, division.nodes_of_held
-        self.prescribed = PrescribedDofs(scene, supports_of(acting), *known)
-        steps, flexible, driven = self.kind == "step", division.flexible, division.driven_cells
-        if steps:
+        if steps := kind == "step":
             forces.select(acting)
-        of_division = state, flexible, self.prescribed.mask, driven
-        super().__init__(self.kind, scene, forces, *of_division, notes=state.notes, dealing=dealing)
+        known = state, division, supports_of(acting)
+        more: Any = {"jumps": jumps, "notes": state.notes, "dealing": dealing}
+        super().__init__(kind, scene, forces, *known, **more)
         self._state, self.acting = state, tuple(acting)
         state.follow(self.layout.following)
         state.rebuild()  # effects may look at the displacement inside bodies
         self._damping = ShapeDamping(scene, forces, state.bodies) if steps else None
         self.bind(effects, acting, loose=loose, damping=self._damping)
         self.energies = Energies(scene, forces, self.mass, self.layout, self.actions, self.linkage)
-        self._taken = forces.bind_taken(flexible, driven) if steps else None
+        cells = division.flexible, division.driven_cells
+        self._taken = forces.bind_taken(*cells) if steps else None
         self.newton = Newton(self.equilibrium)
         self.held = HeldBodies(scene, division.held, state.bodies)
         self._v0: Any = self.layout.rows.vector() if steps else None  # of statics there is none
@@ -282,6 +280,27 @@ class System(Equations):
             dissipated[kind] = dissipated.get(kind, 0.0) + energy
         return sums[: len(local)], dissipated
 
+    def of_supports(self, forces: Array, part: float, frames: bool = True) -> OfSupports:
+        """Force [N] and moment [N m] of each support on the structure, by its set. Collective.
+
+        Args:
+            forces: Forces on the dofs that they hold [N].
+            part: Of the last increment, after which the structure is where they act.
+            frames: Whether those on frames of bodies are among them.
+        """
+        found: OfSupports = {}, {}
+        if self.prescribed.active:
+            rows, d = self.layout.rows, self.equilibrium.d.array_r
+            at = self.prolongation.prescribed // 3
+            x = rows.X[at] + (self.equilibrium.start + part * d).reshape(-1, 3)[at]
+            found = self.prescribed.reactions(forces, x)
+        if frames and len(self.held):
+            increments: Any = self.increments
+            for where, *both in self.held.reactions(increments, self.equilibrium.body_rows):
+                for out, more in zip(found, both, strict=True):
+                    out[where] = out.get(where, 0.0) + more
+        return found
+
     def _work(self, state: State, dt: float) -> Work:
         """Effect of forces in the step that has been solved. Collective."""
         prolongation, actions = self.prolongation, self.actions
@@ -291,10 +310,10 @@ class System(Equations):
         if self._mean is not None:
             more, added = self._mean.find(state)
             held = held + more
-        of_supports = reactions, moments = self.of_supports(self.prescribed, held, 0.5)
+        of_supports = self.of_supports(held, 0.5)
         alternating = np.zeros((2, 3))
         if self._mean is not None:
-            rest = self.of_supports(self.prescribed, forces[prescribed] - held, 0.5)
+            rest = self.of_supports(forces[prescribed] - held, 0.5, frames=False)
             alternating += dt * np.array([sum(of.values(), np.zeros(3)) for of in rest])
         touches = actions.touches()
         assert self._taken is not None
@@ -307,7 +326,6 @@ class System(Equations):
         if self._damping is not None:
             further.append(self._damping.taken(self.increments, dt))
         if len(self.held):
-            self.add_frames(self.held, of_supports)
             supports += self.increments.work_of_supports(self.equilibrium.body_rows)
         supports += sum(touch.work for touch in touches.values())
         if self.linkage is not None:
@@ -317,7 +335,7 @@ class System(Equations):
         for own in further:
             for kind, energy in own.items():
                 dissipated[kind] = dissipated.get(kind, 0.0) + energy
-        named = reactions, moments, alternating, touches, *self.told(added)
+        named = *of_supports, alternating, touches, *self.told(added)
         return Work(loads, supports, dissipated, *named)
 
     def lead_frames(self, state: State, dt: float) -> bool:

@@ -14,13 +14,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from itertools import count
+from typing import Any, ClassVar, TypeVar
 
 import dolfinx.mesh as dmesh
 import numpy as np
 from mpi4py import MPI
 
 from rigidfx.base.errors import InversionError, StepError
+from rigidfx.base.instants import longer
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.flexible.internal_forces import Cells
@@ -32,6 +34,8 @@ from rigidfx.scene.scene import Scene
 from rigidfx.step.newton.newton import Solution
 from rigidfx.step.newton.stopping_test import MARGIN
 
+T = TypeVar("T")
+MAX_CUTS = 8  # a step is cut to at least 1/256 before it is given up
 INVERTED = ". There det F ≤ 0 at an integration point, or a stretch is above 10⁶."
 
 
@@ -148,14 +152,70 @@ class Judge:
         )
 
     def _inverted(self, attempt: Attempt) -> StepError | None:
-        turned = self._inversion.find()
-        if turned is None:
-            return None
-        return InversionError(
-            f"The step from t = {attempt.t:.9g} s turns cells inside out, even with "
-            f"Δt = {attempt.dt:.3g} s: {turned}{INVERTED}",
-            f"{overload(self._scene, attempt.t + attempt.dt)} {remedy(self._scene)}".strip(),
-        )
+        step = f"The step from t = {attempt.t:.9g} s", f", even with Δt = {attempt.dt:.3g} s"
+        return inverted(self._scene, self._inversion, *step, attempt.t + attempt.dt)
+
+
+def inverted(
+    scene: Scene, inversion: Inversion, step: str, cut: str, end: float
+) -> InversionError | None:
+    """The error of a step, or load step, that turns cells inside out. Collective.
+
+    Args:
+        scene: The problem.
+        inversion: Looks for such cells.
+        step: The step in words.
+        cut: How short it is, in words.
+        end: When loads act [s].
+    """
+    turned = inversion.find()
+    if turned is None:
+        return None
+    found = f"{step} turns cells inside out{cut}: {turned}{INVERTED}"
+    return InversionError(found, f"{overload(scene, end)} {remedy(scene)}".strip())
+
+
+class Cuts:
+    """Cuts of steps, or load steps, that are objected to."""
+
+    remembered: ClassVar[Remembered] = same("_trial", "_whole")
+
+    def __init__(self) -> None:
+        """Begin without a cut."""
+        self._trial = np.inf  # length of the next attempt after a cut ...
+        self._whole = np.inf  # ... of a step of this length
+
+    def taken(
+        self,
+        t: float,
+        target: float,
+        solved: Callable[[float, float, int, bool], tuple[T, StepError | None]],
+    ) -> T:
+        """The first attempt at a step to the target, or towards it, without objection. Collective.
+
+        Args:
+            t: Start of the step [s].
+            target: Time at which it is to end [s].
+            solved: Function of the length and end of an attempt [s], of the number of cuts before
+                it, and of whether it is the last one, to an attempt and an objection to it.
+
+        Raises:
+            StepError: The objection to the last one.
+        """
+        left = target - t
+        if self._trial == np.inf:
+            self._whole = left
+        for cuts in count():
+            dt = self._trial if longer(left, self._trial) else left
+            last = not longer(dt, self._whole / 2**MAX_CUTS)
+            found, objection = solved(dt, target if dt == left else t + dt, cuts, last)
+            if objection is None:
+                self._trial = np.inf if dt == left and cuts == 0 else 2 * dt
+                return found
+            if last:
+                raise objection
+            self._trial = dt / 2**objection.halvings
+        raise AssertionError
 
 
 def remedy(scene: Scene) -> str:
