@@ -85,7 +85,7 @@ from rigidfx.output.recorder import Recorder
 from rigidfx.report.recovered import recovered_stress
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
-from rigidfx.scene.step_control import StepControl
+from rigidfx.scene.timeline import StepControl
 from rigidfx.simulation import resume, simulate
 from rigidfx.statics import compliance, static
 from rigidfx.vibration.modes import Modes, modes, periods, rayleigh

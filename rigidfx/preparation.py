@@ -22,8 +22,7 @@ from rigidfx.report.resolved_forces import ResolvedForces
 from rigidfx.report.start import Start
 from rigidfx.run import Run
 from rigidfx.scene.scene import Scene
-from rigidfx.scene.step_control import StepControl
-from rigidfx.scene.timeline import Timeline
+from rigidfx.scene.timeline import StepControl, Timeline
 from rigidfx.shapes.shortening import About, Shortening
 from rigidfx.state import State
 from rigidfx.step.first_touch import FirstTouch

@@ -51,8 +51,7 @@ from rigidfx.report.writers import Writers
 from rigidfx.run import Run
 from rigidfx.scene.doubts import warn_of_idle, warn_of_short_steps
 from rigidfx.scene.scene import Scene
-from rigidfx.scene.step_control import StepControl
-from rigidfx.scene.timeline import Timeline
+from rigidfx.scene.timeline import StepControl, Timeline
 from rigidfx.step.linear.petsc_options import SolverOptions
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import Impact

@@ -53,18 +53,6 @@ class Structure:
         """1 on the first rank, 0 on others: counts once what all ranks know."""
         return float(self.scene.comm.rank == 0)
 
-    def moments(self, weights: Array) -> Array:
-        """Σ w a by weights of owned nodes, shape (nodes,), over each body, (bodies, n)."""
-        body, a, _ = self.bodies.of.holding(self.u.size // 3)
-        held = np.flatnonzero(body[: len(weights)] >= 0)
-        out = np.zeros(self.bodies.pose.shape[:2])
-        np.add.at(out, body[held], a[held] * weights[held, None])
-        return out
-
-
-def _nothing() -> Array:
-    return np.zeros(3)
-
 
 @dataclass(frozen=True)
 class Touch:
@@ -85,8 +73,8 @@ class Touch:
     """
 
     name: str
-    force: Array = field(default_factory=_nothing)
-    moment: Array = field(default_factory=_nothing)
+    force: Array = field(default_factory=lambda: np.zeros(3))
+    moment: Array = field(default_factory=lambda: np.zeros(3))
     pressing: float = 0.0
     resolved: float = 0.0
     energy: float = 0.0

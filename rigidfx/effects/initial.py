@@ -19,8 +19,7 @@ from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.inputs import vector
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array, Indices
-from rigidfx.effects.base import Effect, Vector, must_be
-from rigidfx.effects.fields import values_of
+from rigidfx.effects.base import Effect, Vector, must_be, values_of
 from rigidfx.effects.supports.support import Fixed
 
 # Relative error of the difference quotient for a path whose velocity is not given.

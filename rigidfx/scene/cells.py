@@ -188,11 +188,6 @@ def element_of(scene: Any, name: Any) -> Element:
     return ELEMENTS[name](scene)
 
 
-def _standard(scene: Any) -> Element:
-    """It goes with everything."""
-    return StandardElement()
-
-
 def _enhanced(scene: Any) -> Element:
     """With the elastic constants of each cell."""
     moduli = _check_enhanced(scene, "'enhanced'")
@@ -262,7 +257,7 @@ def _law(scene: Any, values: Any, axes: Any = 0) -> fem.Function:
 
 # How each is made of a scene, which it may refuse.
 ELEMENTS: Mapping[str, Callable[[Any], Element]] = {
-    StandardElement.name: _standard,
+    StandardElement.name: lambda scene: StandardElement(),
     EnhancedElement.name: _enhanced,
 }
 

@@ -99,18 +99,13 @@ def _merged(domain: Domain, effects: list[fx.Effect]) -> tuple[Domain, list[fx.E
     return domain, effects
 
 
-def count_pieces(domain: Domain, rigid: fx.Rigid) -> int:
-    """Number of pieces that a part named rigid is in. Collective."""
-    return len(_pieces(domain, rigid))
-
-
 def warn_of_pieces(domain: Domain, effects: Sequence[fx.Effect]) -> None:
     """Warn of a name with several pieces if nothing says that they are one body. Collective."""
     named: list[Any] = [effect for effect in effects if effect.is_rigid]
     for rigid in named:
         if rigid.each is not None:
             continue
-        count = count_pieces(domain, rigid)
+        count = len(_pieces(domain, rigid))
         if count > 1:
             warn(
                 domain.comm,
@@ -127,7 +122,7 @@ def pieces_in_words(
     lines = [f"Rigid '{name}': in {n} pieces, a body each" for name, n in divided.items() if n > 1]
     named: list[Any] = [effect for effect in effects if effect.is_rigid]
     for rigid in named:
-        if (count := count_pieces(domain, rigid)) > 1:
+        if (count := len(_pieces(domain, rigid))) > 1:
             lines.append(f"Rigid '{rigid.name}': in {count} pieces, which move as one")
     return lines
 

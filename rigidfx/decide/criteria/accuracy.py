@@ -24,8 +24,7 @@ from rigidfx.effects import NumericalDamping, Rigid
 from rigidfx.report.ledger import Entry, Ledger, Rigidity
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
-from rigidfx.scene.step_control import StepControl, check_probes, fraction, probe_names
-from rigidfx.scene.timeline import Timeline
+from rigidfx.scene.timeline import StepControl, Timeline, check_probes, fraction, probe_names
 
 FINER = 4  # a twin's Δt
 OF_XI = 0.3  # of the ξ with which damping would take as much as it may, were it to go on as it does
@@ -134,7 +133,7 @@ class Accuracy:
     A run begins reduced: from the second step on all cells are in bodies. A body gets shapes where
     what it withholds would move a node by more than its share of the budget, and loses cells where
     shapes do not suffice, or all of them where a contact's force changes. Bodies may use half of
-    the budget that time integration (`rigidfx.scene.step_control.StepControl`) has left
+    the budget that time integration (`rigidfx.scene.timeline.StepControl`) has left
     (`rigidfx.decide.criteria.budget_rule`). The ledger of each report has the spent amounts of
     both. Neither strains are bounded nor the error of the mesh is estimated.
 

@@ -33,8 +33,7 @@ from rigidfx.decide.memory.memory import Memory
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.strain_rate import Indicator, StrainRates
 from rigidfx.scene.scene import Scene
-from rigidfx.scene.step_control import fraction
-from rigidfx.scene.timeline import Timeline
+from rigidfx.scene.timeline import Timeline, fraction
 
 ENCLOSED = 1.5  # tolerances, up to which a cell may strain that others enclose
 MARGIN = 1.25  # an automatic window in longest periods

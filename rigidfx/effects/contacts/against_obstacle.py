@@ -20,8 +20,7 @@ from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import Structure, Touch
 from rigidfx.effects.base import vector_at
 from rigidfx.effects.contacts.obstacles import TINY, Approach, AskedObstacle, Obstacle
-from rigidfx.effects.contacts.penalty import CLOSED, ContactForces, secant, soonest
-from rigidfx.effects.contacts.surface import ContactSurface
+from rigidfx.effects.contacts.surface import CLOSED, ContactForces, ContactSurface, secant, soonest
 from rigidfx.effects.motion import Instant, Motion, Tangent
 from rigidfx.effects.nodes import Nodes
 
@@ -85,12 +84,12 @@ class Pressed:
             dg = dg - n[:, :, None] * of_n[:, None] - along[:, None, None] * dn
         direction = s.slid / s.root[:, None]
         across = IDENTITY - s.t[:, :, None] * direction[:, None]
-        across *= s.part
+        across *= s.friction.part
         N = -value * length
         # In statics points that have just closed stick, as if N/|slip| were their stiffness.
         N = np.where(2.0 * TINY * slope < N, N, slope * s.root)
         turned = (N / s.root)[:, None, None] * (across @ dg)
-        return np.asarray(s.mu * (direction[:, :, None] * dN[:, None] + turned))
+        return np.asarray(s.friction.mu * (direction[:, :, None] * dN[:, None] + turned))
 
     @property
     def dissipated(self) -> float:
@@ -98,7 +97,7 @@ class Pressed:
         if self.sliding is None:
             return 0.0
         s, N = self.sliding, -self.normal[0] * self.sliding.length
-        return s.mu * float((N / s.root) @ (s.slid * s.slid).sum(axis=1))
+        return s.friction.mu * float((N / s.root) @ (s.slid * s.slid).sum(axis=1))
 
 
 @dataclass(frozen=True)
@@ -106,22 +105,19 @@ class Sliding:
     """How pressed points slide at an iterate.
 
     Attributes:
-        mu: Coefficient μ.
         n: Normals, shape (n, 3).
         length: |m|, shape (n,).
         slid: Δg_T, shape (n, 3) [m].
         root: √(|Δg_T|² + (ε Δt)²), shape (n,) [m].
         t: Stand-in for Δg_T over that in derivatives, shape (n, 3).
-        part: Part of Δy in it.
     """
 
-    mu: float
+    friction: Friction
     n: Array
     length: Array
     slid: Array
     root: Array
     t: Array
-    part: float
 
 
 NONE = np.empty((0, 3))
@@ -171,7 +167,7 @@ class Points:
         force, sliding = value[:, None] * approach.m, None
         if self._friction is not None:
             sliding = self._sliding(self._friction, at, approach, moved)
-            grip = -sliding.mu * value * sliding.length / sliding.root
+            grip = -sliding.friction.mu * value * sliding.length / sliding.root
             force = force + grip[:, None] * sliding.slid
         self.pressed = Pressed(at, force, moved, (value, slope), approach, sliding)
         return self.pressed
@@ -183,7 +179,7 @@ class Points:
             out[0, p.at] = p.normal[1]
             if p.sliding is not None:
                 s = p.sliding
-                out[1, p.at] = -s.mu * p.normal[0] * s.length / s.root
+                out[1, p.at] = -s.friction.mu * p.normal[0] * s.length / s.root
         return out
 
     def _sliding(self, friction: Friction, at: Ints, approach: Approach, moved: Array) -> Sliding:
@@ -199,7 +195,7 @@ class Points:
         t /= np.maximum(np.linalg.norm(t, axis=1, keepdims=True), 1.0)
         for values, now in zip(self._before, (t, slid, root), strict=True):
             values[at] = now
-        return Sliding(friction.mu, n, length, slid, root, t, friction.part)
+        return Sliding(friction, n, length, slid, root, t)
 
 
 class ObstacleForces(ContactForces):

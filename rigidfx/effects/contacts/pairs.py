@@ -30,8 +30,16 @@ from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.effects.action import Structure, Touch
-from rigidfx.effects.contacts.penalty import CLOSED, ContactForces, secant, soonest
-from rigidfx.effects.contacts.surface import area_vectors, once, surface_of, triangles_of
+from rigidfx.effects.contacts.surface import (
+    CLOSED,
+    ContactForces,
+    area_vectors,
+    once,
+    secant,
+    soonest,
+    surface_of,
+    triangles_of,
+)
 from rigidfx.effects.motion import Instant, Motion, Tangent
 from rigidfx.effects.nodes import SharedNodes, on_all_ranks
 

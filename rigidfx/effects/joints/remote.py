@@ -106,11 +106,7 @@ class OnFace(Effect):
         directions = tuple(side.direction(e) for e in np.eye(3)) if self.turns else ()
         place, middle = side.place(point), side.place(side.centre)
         arm = place.start - middle.start
-        return self.with_point(RemotePoint(place, middle, arm, directions))
-
-    def with_point(self, remote: RemotePoint) -> Self:
-        """The effect with a point that was found before."""
-        return self._with(_remote=remote)
+        return self._with(_remote=RemotePoint(place, middle, arm, directions))
 
 
 @dataclass(frozen=True)

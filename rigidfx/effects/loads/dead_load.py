@@ -21,8 +21,19 @@ from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.attached.point_mass import PointMass
-from rigidfx.effects.base import Scaled, Vector, check_vector, is_truth, must_be, vector_at
-from rigidfx.effects.fields import PlaceAndTime, check_values, of_place, some_points, values_at
+from rigidfx.effects.base import (
+    PlaceAndTime,
+    Scaled,
+    Vector,
+    check_values,
+    check_vector,
+    is_truth,
+    must_be,
+    of_place,
+    some_points,
+    values_at,
+    vector_at,
+)
 from rigidfx.effects.motion import Forces
 from rigidfx.effects.nodes import Nodes
 from rigidfx.mechanics.rigid_body import RigidBody

@@ -25,8 +25,7 @@ from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import direction, numbers, of_time, scalar, shown, vector
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
-from rigidfx.effects.base import Vector
-from rigidfx.effects.fields import PlaceAndTime, of_place, values_at
+from rigidfx.effects.base import PlaceAndTime, Vector, of_place, values_at
 from rigidfx.effects.supports.support import Support, slope_after
 
 

@@ -12,8 +12,7 @@ import numpy as np
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import shown
 from rigidfx.base.types import Array
-from rigidfx.effects.base import Effect, Windowed, check_vector
-from rigidfx.effects.fields import check_values, some_points
+from rigidfx.effects.base import Effect, Windowed, check_values, check_vector, some_points
 
 FLAT = 1e-9  # of the size of the mesh: extent of a plane along its normal
 
@@ -59,9 +58,9 @@ class Support(Windowed):
     def displacements_at(self, t: float, X: Array) -> Array:
         """Prescribed displacements of points X at t [s], up to a constant of no consequence.
 
-        Shape (3,), or (points, 3) where they are not `uniform` [m].
+        Shape (3,), or (points, 3) where they are not `uniform` [m]; zero of one at rest.
         """
-        raise NotImplementedError
+        return np.zeros(3)
 
     def increments_of(self, t0: float, t1: float, X: Array, x: Array) -> Array:
         """Prescribed increments from t0 to t1 of points X, at x at t0, shape (points, 3) [m]."""
@@ -72,7 +71,7 @@ class Support(Windowed):
 
         Reference positions are X, places at t are x; dt scales a difference quotient [s].
         """
-        raise NotImplementedError
+        return np.zeros(3)
 
     def path_at(self, t: float) -> Array:
         """Its path in the components held, of all its nodes or some; equal on all ranks [m]."""
@@ -89,8 +88,8 @@ class Support(Windowed):
         return self.uniform
 
     def same_motion(self, other: Support) -> bool:
-        """Whether both prescribe the same motion, so that they may share nodes."""
-        raise NotImplementedError
+        """Whether both prescribe the same motion, as at rest, so that they may share nodes."""
+        return not (self.moves or other.moves)
 
     def check(self, scene: Any) -> None:
         """See whether its path can be used; the scene knows its nodes already."""
@@ -119,18 +118,6 @@ class Support(Windowed):
 @dataclass(frozen=True)
 class Fixed(Support):
     """Holds the nodes of a named set where they are when the window begins."""
-
-    def displacements_at(self, t: float, X: Array) -> Array:
-        """Zero."""
-        return np.zeros(3)
-
-    def velocities_at(self, t: float, dt: float, X: Array, x: Array) -> Array:
-        """Zero."""
-        return np.zeros(3)
-
-    def same_motion(self, other: Support) -> bool:
-        """Two fixed supports never disagree."""
-        return isinstance(other, Fixed)
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from rigidfx.base.warning import warn
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.scene.points import far_apart, find_probes, parts_of_nodes
 from rigidfx.scene.scene import Scene
-from rigidfx.scene.step_control import StepControl
-from rigidfx.scene.timeline import Timeline
+from rigidfx.scene.timeline import StepControl, Timeline
 from rigidfx.state import State
 from rigidfx.step.length.controller import Controller, Moves, RunError
 from rigidfx.step.length.given import Breakpoints, Onsets

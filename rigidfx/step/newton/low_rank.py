@@ -24,7 +24,7 @@ from scipy.sparse import csc_array, csr_array
 
 from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects.contacts.penalty import STALE
+from rigidfx.effects.contacts.surface import STALE
 from rigidfx.mechanics.rotation import AXES
 
 Solve = Callable[[PETSc.Vec, PETSc.Vec], None]
