@@ -12,8 +12,7 @@ from rigidfx.effects.attached.spring_damper import SpringDamper, SpringDamperRep
 from rigidfx.effects.base import Effect, Table, Windowed, bends_of
 from rigidfx.effects.contact import Contact
 from rigidfx.effects.contacts.obstacles import Cylinder, Obstacle, Plane, Sphere
-from rigidfx.effects.damping import KelvinVoigt, NumericalDamping, StiffnessDamping
-from rigidfx.effects.inertia import MassDamping
+from rigidfx.effects.damping import KelvinVoigt, MassDamping, NumericalDamping, StiffnessDamping
 from rigidfx.effects.initial import InitialDisplacement, InitialVelocity, places_at_start
 from rigidfx.effects.joints.elements import JointSpring, Motor, Stop, efforts_of
 from rigidfx.effects.joints.joint import (

@@ -54,6 +54,10 @@ class Structure:
         return float(self.scene.comm.rank == 0)
 
 
+def _nothing() -> Array:
+    return np.zeros(3)
+
+
 @dataclass(frozen=True)
 class Touch:
     """Force and impulse of a contact in a step; those of ranks and parts add up.
@@ -73,8 +77,8 @@ class Touch:
     """
 
     name: str
-    force: Array = field(default_factory=lambda: np.zeros(3))
-    moment: Array = field(default_factory=lambda: np.zeros(3))
+    force: Array = field(default_factory=_nothing)
+    moment: Array = field(default_factory=_nothing)
     pressing: float = 0.0
     resolved: float = 0.0
     energy: float = 0.0

@@ -1,12 +1,31 @@
-"""Damping: viscous stresses, which are terms of the compiled forms, and ξ of the scheme."""
+"""Damping: viscous stresses, ξ of the scheme and drags; centrifugal forces of statics.
+
+Forces proportional to mass are drags, and centrifugal forces in a frame that turns.
+Each is a resistance s M x, with x of the nodes and, of bodies, matrices X as their poses: a body
+has s Σ m a aᵀ X. A drag on velocities takes x = Δu.
+
+A drag on the increments of a load step makes statics of loose parts regular. The force
+-s M (x - x*) draws nodes and bodies to places x* near an equilibrium. Where these follow the
+solution it vanishes, and with x* = x the equilibrium is that without it: a proximal point method
+(R. T. Rockafellar, SIAM J. Control Optim. 14 (1976) 877). Each solve is an implicit Euler step of
+length s^(-1/2) from rest, so that it leads to stable equilibria.
+
+In a frame that turns with ω about c, statics have the load
+
+    f = -M ω × (ω × (x - c)) = M S (x - c),   S = |ω|² I - ω ωᵀ.
+
+It follows the deformed place x = X + u, so that its stiffness is -M S.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
 from math import pi
 from typing import Any, ClassVar, Literal, Self
 
+import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
@@ -14,9 +33,11 @@ from mpi4py import MPI
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive, shown
 from rigidfx.base.taken import Checks
+from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
-from rigidfx.effects.action import FormTerm
-from rigidfx.effects.base import Windowed
+from rigidfx.effects.action import Action, FormTerm, Structure
+from rigidfx.effects.base import Effect, Windowed
+from rigidfx.effects.motion import Forces, Motion, Tangent
 from rigidfx.mechanics.element import Element, Portion
 from rigidfx.mechanics.schemes import Law, initial_stiffness_times
 
@@ -178,3 +199,183 @@ class NumericalDamping(Windowed):
     def numerical_damping(self) -> float:  # type: ignore[override]
         """ξ."""
         return float(self.xi)
+
+
+class MassForces(Action):
+    """A resistance s M x; `destroy` frees its work vectors."""
+
+    def __init__(self, structure: Structure) -> None:
+        """Store the mass of nodes and bodies. Collective."""
+        self._mass, n = structure.mass, structure.bodies.pose.shape[1]
+        self._spread: Array = np.zeros((len(structure.bodies), n, n))  # Σ m a aᵀ, on the first rank
+        for k, body in enumerate(structure.bodies.of.records):
+            products = structure.once * body.mass_products
+            self._spread[k, : len(products), : len(products)] = products
+        self._field, self._image = structure.rows.vector(), structure.rows.vector()
+
+    def factor(self, motion: Motion) -> float:
+        """s."""
+        raise NotImplementedError
+
+    def moved(self, motion: Motion) -> tuple[Any, Array]:
+        """x of the nodes of the rows, a vector, and X of bodies, shape (bodies, n, 3)."""
+        raise NotImplementedError
+
+    def resist(self, motion: Motion, forces: Forces) -> None:
+        """Add s M x."""
+        factor, (at_nodes, of_bodies) = self.factor(motion), self.moved(motion)
+        self._mass.mult(at_nodes, self._image)
+        forces.vector.axpy(factor, self._image)
+        if len(of_bodies):
+            forces.moments[...] += factor * (self._spread @ of_bodies)
+
+    def stiffen(self, motion: Motion, tangent: Tangent) -> None:
+        """Add s M."""
+        factor = self.factor(motion)
+        self._mass.add_to(tangent.matrix, factor, tangent.prolongation)
+        tangent.add_spread(self._spread, factor * np.eye(3))
+
+    def destroy(self) -> None:
+        """Free the vectors. Collective."""
+        self._field.destroy()
+        self._image.destroy()
+
+
+@dataclass(frozen=True)
+class MassDamping(Windowed):
+    """Drag proportional to mass: the force -α M Δu/Δt, on flexible nodes and on rigid bodies.
+
+    It damps rigid motion too, as a surrounding fluid would; a mode of angular frequency ω gets the
+    damping ratio α/(2 ω). The ends of its window release no rigid body.
+
+    Attributes:
+        alpha: α > 0 [1/s].
+    """
+
+    checks: ClassVar[Checks] = {"alpha": positive}
+
+    alpha: float
+
+    @property
+    def mass_damping(self) -> float:  # type: ignore[override]
+        """α [1/s]."""
+        return float(self.alpha)
+
+    def bind(self, structure: Structure) -> Action:
+        """The drag on nodes and bodies."""
+        return Drag(float(self.alpha), structure)
+
+
+class Drag(MassForces):
+    """The force α M Δu/Δt as a resistance; its rounding is below that of inertia.
+
+    A body has -α m Δr/Δt and -α I_av θ/Δt, I_av = tr(B) I - B with B = R_av (Σ m V Vᵀ) R_avᵀ.
+    """
+
+    kind = MassDamping.__name__
+
+    def __init__(self, alpha: float, structure: Structure) -> None:
+        """Keep α [1/s]. Collective."""
+        super().__init__(structure)
+        self._alpha = alpha
+
+    def factor(self, motion: Motion) -> float:
+        """α/Δt [1/s²]."""
+        return self._alpha / motion.dt
+
+    def moved(self, motion: Motion) -> tuple[Any, Array]:
+        """Δu [m]."""
+        return motion.d, motion.increments.displacement
+
+    def taken(self, motion: Motion) -> float:
+        """α Δu·M Δu/Δt [J]."""
+        at_nodes, of_bodies = self.moved(motion)
+        self._mass.mult(at_nodes, self._image)
+        own = float(at_nodes.array_r @ self._image.array_r)
+        return self.factor(motion) * (own + float(np.vdot(of_bodies, self._spread @ of_bodies)))
+
+
+@dataclass(frozen=True)
+class StaticForces(Effect):
+    """Forces of statics only, which `of` makes for a division."""
+
+    of: Callable[[Structure], Action]
+
+    def bind(self, structure: Structure) -> Action:
+        """The forces on nodes and bodies."""
+        return self.of(structure)
+
+
+class StepDrag(MassForces):
+    """The drag on increments, s M (x - x*) as a resistance; its `rate` is s [1/s²]."""
+
+    kind = "StepDrag"
+
+    def __init__(self, structure: Structure) -> None:
+        """Draw to the start. Collective."""
+        super().__init__(structure)
+        self.rate, self._pose = 1.0, structure.bodies.pose
+        self._centre: Array = np.zeros(self._field.local_size)
+
+    def draw_to(self, d: Array, pose: Array) -> None:
+        """Set x*: increments of the rows in the step [m], and matrices of the places of bodies."""
+        self._centre, self._pose = d, pose
+
+    def factor(self, motion: Motion) -> float:
+        """s."""
+        return self.rate
+
+    def moved(self, motion: Motion) -> tuple[Any, Array]:
+        """x - x* [m]."""
+        self._field.array[:] = motion.array_r - self._centre
+        increments = motion.increments
+        return self._field, increments.start.pose - self._pose + increments.displacement
+
+
+class Centrifugal(MassForces):
+    """-M S (x - c) as a resistance."""
+
+    kind = "Preload"
+
+    def __init__(
+        self,
+        spin: Array,
+        centre: Array,
+        structure: Structure,
+        share: Callable[[], float] | None = None,
+    ) -> None:
+        """Store ω [rad/s], c [m], and the share of the forces that acts in increments of a load.
+
+        All of them act if it is None, and the stiffness of nodes is left to others. Collective.
+        """
+        super().__init__(structure)
+        rows, self._share = structure.rows, share
+        self._S = spin @ spin * np.eye(3) - np.outer(spin, spin)
+        self._u0, self._dofs = structure.u, rows.dofs
+        self._arms = rows.X - centre
+        self._axis = np.zeros_like(structure.bodies.pose)
+        self._axis[:, 0] = centre
+        self._nodes = rows.nodes[np.flatnonzero(structure.own)]
+        self._own_mass = structure.scene.nodal_mass[self._nodes]
+        mass = structure.scene.sum(self._own_mass.sum())
+        largest = structure.scene.comm.allreduce(np.abs(self._arms).max(initial=0.0))
+        self.rounding = float(np.linalg.norm(self._S)) * mass * largest
+
+    def factor(self, motion: Motion) -> float:
+        """Minus the share that acts."""
+        return -1.0 if self._share is None else -self._share()
+
+    def moved(self, motion: Motion) -> tuple[Any, Array]:
+        """S (x - c) [m/s²]."""
+        arms = self._arms + self._u0[self._dofs].reshape(-1, 3) + motion.nodes
+        self._field.array[:] = (arms @ self._S).reshape(-1)
+        increments = motion.increments
+        places = increments.start.pose + increments.displacement - self._axis
+        return self._field, places @ self._S
+
+    def stiffen(self, motion: Motion, tangent: Tangent) -> None:
+        """Add -M S; of a consistent mass by row sums: iterations see it, the solution not."""
+        softening = self.factor(motion) * self._S
+        tangent.add_spread(self._spread, softening)
+        if self._share is not None:
+            tangent.matrix.add_nodal(self._nodes, self._own_mass[:, None, None] * softening)

@@ -217,11 +217,8 @@ class SharedNodes(Nodes):
     def couple(self, nodes: Ints, G: Array, stiffness: Array, tangent: Tangent) -> None:
         """Add the stiffness of scalars of several nodes: Σ s (Lᵀ G)(Gᵀ P). Collective.
 
-        Args:
-            nodes: Nodes that each scalar depends on, shape (scalars, k).
-            G: Its derivatives by their displacements, shape (scalars, k, 3).
-            stiffness: Derivative of the force along each by it, shape (scalars,) [N/m].
-            tangent: The tangent.
+        Each scalar depends on k nodes by derivatives G, shape (scalars, k, 3), and has a stiffness
+        s [N/m].
         """
         p = tangent.prolongation
         if self._unknowns is None:

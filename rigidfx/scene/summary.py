@@ -39,10 +39,7 @@ def in_words(record: Any) -> str:
 def description(scene: Any, step: float | None, periods: int | None = None) -> list[str]:
     """The content in a scene and when it acts, line by line. Collective.
 
-    Args:
-        scene: The scene.
-        step: Time step that is thought of [s], if any.
-        periods: How many periods of vibrations; those that are cheap if None.
+    A step is one that is thought of [s]; periods of vibrations are told where cheap if None.
     """
     cells = scene.mesh.topology.index_map(3).size_global
     nodes = scene.space.dofmap.index_map.size_global

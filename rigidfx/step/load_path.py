@@ -26,7 +26,7 @@ from petsc4py import PETSc
 from rigidfx.base.errors import StepError
 from rigidfx.base.types import Array
 from rigidfx.effects import Contact, Effect, Structure, Windowed
-from rigidfx.effects.inertia import StaticForces, StepDrag
+from rigidfx.effects.damping import StaticForces, StepDrag
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.inversion import Inversion
 from rigidfx.scene.scene import Scene

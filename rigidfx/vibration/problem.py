@@ -37,7 +37,7 @@ from rigidfx.effects import (
     SpringDamper,
     Windowed,
 )
-from rigidfx.effects.inertia import Centrifugal, StaticForces
+from rigidfx.effects.damping import Centrifugal, StaticForces
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_motions import rigid_motions

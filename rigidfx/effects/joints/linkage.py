@@ -107,13 +107,8 @@ def told_of(
 ) -> JointReport:
     """The report of a joint: a force on a place acts there, one on a direction d is d × f.
 
-    Args:
-        joint: The joint.
-        step: Its averages at the start of the step, their increments, and forces on them, shape
-            (averages, 3) each.
-        free: Free coordinates: value at the end and mean rate, by name.
-        efforts: Torque or force of each motor and spring, by its owner.
-        gap: Largest violation of its rows [m].
+    A step is averages at its start, their increments, and forces on them, shape (averages, 3) each.
+    Free coordinates have a value at the end and a mean rate.
     """
     start, moved, forces = step
     pieces = joint.pieces

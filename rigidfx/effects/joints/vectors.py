@@ -246,10 +246,7 @@ class Vectors:
     def stiffness(self, by_vectors: Matrix, on_vectors: Array, share: float) -> Matrix:
         """Derivative of `forces` by the averages at the end, shape (3 · averages,) * 2 [N/m].
 
-        Args:
-            by_vectors: Derivative of forces on vectors by these, shape (3 · vectors,) * 2 [N/m].
-            on_vectors: Forces on vectors, shape (vectors, 3) [N].
-            share: 0.5 for forces of the middle of a step, 1 for those of its end.
+        Forces on vectors have their own derivative by these, shape (3 · vectors,) * 2 [N/m].
         """
         if self.is_plain:
             return by_vectors

@@ -13,7 +13,7 @@ from rigidfx.base.inputs import shown, vector
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.effects.base import Effect, Vector, at_least_one
-from rigidfx.effects.inertia import Centrifugal, StaticForces
+from rigidfx.effects.damping import Centrifugal, StaticForces
 from rigidfx.effects.joints.joint import Axial
 from rigidfx.effects.loads.dead_load import DeadLoad
 from rigidfx.effects.supports.prescribed import PrescribedRotation
