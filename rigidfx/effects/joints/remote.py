@@ -106,7 +106,11 @@ class OnFace(Effect):
         directions = tuple(side.direction(e) for e in np.eye(3)) if self.turns else ()
         place, middle = side.place(point), side.place(side.centre)
         arm = place.start - middle.start
-        return self._with(_remote=RemotePoint(place, middle, arm, directions))
+        return self.with_point(RemotePoint(place, middle, arm, directions))
+
+    def with_point(self, remote: RemotePoint) -> Self:
+        """The effect with a point that was found before."""
+        return self._with(_remote=remote)
 
 
 @dataclass(frozen=True)
