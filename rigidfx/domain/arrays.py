@@ -185,17 +185,7 @@ def element_name(elements: Sequence[tuple[str, Ints]], cell: int) -> str:
 def read_domain(
     comm: MPI.Intracomm, owner: str, source: str, read: Callable[[], FileMesh]
 ) -> Domain:
-    """The domain of a mesh that rank 0 reads. Collective.
-
-    Args:
-        comm: Communicator of the mesh.
-        owner: What is read, for messages.
-        source: Where the mesh comes from, for messages.
-        read: Reads it; called on rank 0 only.
-
-    Raises:
-        SceneError: If that fails, or the mesh cannot be a domain.
-    """
+    """The domain of a mesh that `read`, called on rank 0 only, reads, or its error. Collective."""
     communicator(owner, comm)
     mesh = together(comm, owner, lambda: read() if comm.rank == 0 else None)
     told = mesh and (mesh.kind, mesh.cells.shape[1], mesh.sets, mesh.notes, mesh.elements)
@@ -212,11 +202,9 @@ def read_domain(
 
 
 def sets_of(mesh: dmesh.Mesh, named: Names) -> list[EntitySet]:
-    """Sets of a mesh by the numbers of cells and nodes in its input. Collective.
+    """Sets of a mesh by the numbers of cells and nodes in its input, the same on all ranks.
 
-    Args:
-        mesh: The mesh.
-        named: See `FileMesh.sets`; the same on all ranks.
+    Collective.
     """
     found = []
     for name, rows in named[3].items():

@@ -49,12 +49,7 @@ ESCAPE = r"\\X[24]\\[0-9A-F]*\\X0\\|\\X\\[0-9A-F]{2}|\\S\\.|\\P[A-I]\\|''|\\\\"
 
 
 def labels_of(gmsh: Any, text: str) -> dict[tuple[int, int], str]:
-    """The label of each entity of gmsh's model, by dimension and number; "" where it has none.
-
-    Args:
-        gmsh: The module; its model is the content of the file.
-        text: The file.
-    """
+    """Labels of entities of gmsh's model by dimension and number, from a text; "" if none."""
     model = gmsh.model
     given = {each: name_of(model.getEntityName, *each) for each in model.getEntities()}
     if not any(given.values()):
@@ -74,14 +69,9 @@ def _last(name: str, with_slash: list[re.Pattern[str]]) -> str:
 
 
 def import_shapes(gmsh: Any, path: str | Path) -> dict[tuple[int, int], str]:
-    """Add the shapes of a file to gmsh's model; their labels by dimension and number.
+    """Add the shapes of a STEP, IGES or BREP file; their labels by dimension and number.
 
-    Args:
-        gmsh: The module.
-        path: A STEP, IGES or BREP file.
-
-    Raises:
-        SceneError: If a STEP file is not whole.
+    `SceneError` if a STEP file is not whole.
     """
     data = Path(path).read_bytes()
     text = decoded(data)
@@ -232,11 +222,7 @@ def read_cad(
 def _refine_circles(gmsh: Any, cad: Cad, length: float, metres: float) -> None:
     """Ask for twelve sides around cylinders and spheres; small holes had six, or four as splines.
 
-    Args:
-        gmsh: The module; its model is named.
-        cad: The content of the model.
-        length: Largest edge of a cell [m].
-        metres: Those of the model's unit of length.
+    Cells have edges of a largest `length` [m], of `metres` per unit of the model.
     """
     there = set(gmsh.model.getEntities(2))
     round_ = [s for s in cad.surfaces if np.isfinite(s.radius) and (2, s.number) in there]

@@ -132,16 +132,10 @@ Which = int | str | Callable[[CadEntity], bool] | Sequence[Any]
 def named_volumes(
     cad: Cad, wanted: Mapping[str, Which] | None, out: set[int]
 ) -> dict[str, list[int]]:
-    """Numbers of the volumes of each name, without those left out.
+    """Numbers of the volumes of each name, without those left out; all are "body" without names.
 
-    Args:
-        cad: The content of the file.
-        wanted: The choice of each name, besides the labels of the file; all volumes are named
-            "body" if None.
-        out: Numbers of volumes that are left out.
-
-    Raises:
-        SceneError: If a name picks nothing, or neither a name nor a label stands for a volume.
+    Labels of the file are names, too. A name that picks nothing, and a volume without a name, are
+    refused.
     """
     inside = [v.number for v in cad.volumes if v.number not in out]
     picked = _groups(cad, 3, {"body": inside} if wanted is None else wanted)
@@ -157,16 +151,7 @@ def named_volumes(
 
 
 def named_surfaces(cad: Cad, wanted: Mapping[str, Which], out: set[int]) -> dict[str, list[int]]:
-    """Numbers of the surfaces of each name that bound a volume which is not left out.
-
-    Args:
-        cad: The content of the file.
-        wanted: The choice of each name.
-        out: Numbers of volumes that are left out.
-
-    Raises:
-        SceneError: If a name picks nothing, or only entities that bound none of these volumes.
-    """
+    """Numbers of the surfaces of each name that bound a volume in the mesh; none is refused."""
     bounding = {s.number for s in cad.surfaces if set(s.volumes) - out}
     picked = _groups(cad, 2, wanted)
     kept = {name: [n for n in own if n in bounding] for name, own in picked.items()}
@@ -189,17 +174,7 @@ def _groups(cad: Cad, dim: int, wanted: Mapping[str, Which]) -> dict[str, list[i
 
 
 def numbers_of(cad: Cad, dim: int, name: str, which: Which) -> list[int]:
-    """Numbers of the entities that a name stands for.
-
-    Args:
-        cad: The content of the file.
-        dim: 3 for volumes, 2 for surfaces.
-        name: The name, for messages.
-        which: Its choice.
-
-    Raises:
-        SceneError: If that is nothing, or no way to pick, or a condition fails.
-    """
+    """Numbers of the entities that a name stands for; none is refused by that name."""
     each = [which] if isinstance(which, str) or not isinstance(which, Iterable) else list(which)
     found: set[int] = set()
     for one in each:
@@ -232,11 +207,7 @@ def numbers_of(cad: Cad, dim: int, name: str, which: Which) -> list[int]:
 def _fulfils(
     condition: Callable[[CadEntity], bool], entity: CadEntity, dim: int, name: str
 ) -> bool:
-    """Whether an entity is one that a condition picks.
-
-    Raises:
-        SceneError: If the condition fails.
-    """
+    """Whether an entity is one that a condition picks; `SceneError` if the condition fails."""
     try:
         return bool(condition(entity))
     except Exception as error:  # whatever a user's function may raise

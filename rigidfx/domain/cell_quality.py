@@ -60,11 +60,7 @@ def advice_on(cell: str, width: int) -> str:
 
 
 def collapsed(corners: Ints) -> tuple[int, str] | None:
-    """The first cell that names a corner twice, and a text of its fault; None if there is none.
-
-    Args:
-        corners: Nodes at the corners of each cell, shape (cells, corners).
-    """
+    """The first cell that names a corner twice, and a text of its fault; None if there is none."""
     ordered = np.sort(corners, axis=1)
     same = (np.diff(ordered, axis=1) == 0).sum(axis=1)
     if not same.any():
@@ -83,10 +79,7 @@ def degree_of(cell: str, width: int) -> int:
 def in_dolfinx_order(x: Array, rows: Ints, cell: str) -> tuple[Ints, str | None]:
     """Cells with their nodes in DOLFINx's order, and the fault of the given one, or None.
 
-    Args:
-        x: Points, shape (points, 3) [m].
-        rows: Points of each cell, shape (cells, nodes): corners first.
-        cell: "hexahedron" or "tetrahedron".
+    Points have shape (points, 3) [m], and `rows` those of each cell, corners first.
     """
     corners = CORNERS[cell]
     some = rows[:: max(1, len(rows) // MOST)]
@@ -145,12 +138,7 @@ _names: list[Callable[[int], str]] = []  # of cells that are read now
 
 @contextmanager
 def naming(cell: Callable[[int], str] | None) -> Iterator[None]:
-    """Make messages name cells as their file does meanwhile.
-
-    Args:
-        cell: The name of a cell by its number in the input, known on all ranks; None if the file
-            has none.
-    """
+    """Make messages name cells as their file does meanwhile, by numbers in the input."""
     before = [*_names]
     _names[:] = [cell] if cell else []
     try:
@@ -160,13 +148,7 @@ def naming(cell: Callable[[int], str] | None) -> Iterator[None]:
 
 
 def determinants(mesh: dmesh.Mesh, cells: Indices, points: Array) -> tuple[Array, Array]:
-    """Det J at reference points, shape (cells, points), and each cell's diameter cubed.
-
-    Args:
-        mesh: A 3D mesh of hexahedra or tetrahedra.
-        cells: Local cells.
-        points: Points of the reference cell, shape (points, 3).
-    """
+    """Det J at reference points, shape (cells, points), and each cell's diameter cubed."""
     element = basix.create_element(
         basix.ElementFamily.P,
         basix.CellType[mesh.topology.cell_type.name],
@@ -210,11 +192,7 @@ def _folded(mesh: dmesh.Mesh) -> Indices:
 
 
 def volume(mesh: dmesh.Mesh) -> float:
-    """Volume of all cells of all ranks [m³]. Collective.
-
-    Args:
-        mesh: A 3D mesh of hexahedra or tetrahedra.
-    """
+    """Volume of all cells of all ranks [m³]. Collective."""
     cell = basix.CellType[mesh.topology.cell_type.name]
     points, weights = basix.make_quadrature(cell, 3 * coordinate_map(mesh).degree)
     local, total = mesh.topology.index_map(3).size_local, 0.0
@@ -225,14 +203,7 @@ def volume(mesh: dmesh.Mesh) -> float:
 
 
 def check_cells(mesh: dmesh.Mesh) -> None:
-    """Refuse meshes with inverted or flat cells; warn of cells that are so at a corner. Collective.
-
-    Args:
-        mesh: A 3D mesh of hexahedra or tetrahedra.
-
-    Raises:
-        SceneError: On all ranks, naming one offending cell by its place and input number.
-    """
+    """Refuse inverted or flat cells; warn of cells that are so at a corner. Collective."""
     finite = bool(np.isfinite(mesh.geometry.x).all())
     agree(mesh.comm, None if finite else "The mesh has nodes whose coordinates are not finite.")
     local = mesh.topology.index_map(3).size_local

@@ -37,10 +37,7 @@ AT_ONCE = 4096  # edges whose cells are looked at together
 def touching(mesh: dmesh.Mesh, parts: ConnectedParts, group: Ints) -> Ints:
     """Pairs of parts that touch, sorted, shape (2, pairs). Collective.
 
-    Args:
-        mesh: The mesh.
-        parts: Its connected parts.
-        group: A number for each part; between parts with the same one, nothing is looked for.
+    Between parts of the same `group` nothing is looked for.
     """
     found = mesh.comm.allgather(_edges(mesh, parts))
     ends = np.concatenate([points for points, _ in found])
@@ -75,12 +72,7 @@ def _edges(mesh: dmesh.Mesh, parts: ConnectedParts) -> tuple[Array, Ints]:
 
 
 def _near(ends: Array, corners: Array) -> Iterator[tuple[Ints, Ints]]:
-    """Edges and cells whose boxes overlap, some at a time.
-
-    Args:
-        ends: Of edges, shape (edges, 2, 3).
-        corners: Of cells, shape (cells, corners, 3).
-    """
+    """Edges, shape (n, 2, 3), and cells, (n, corners, 3), whose boxes overlap, some at a time."""
     margin = COINCIDENT * np.ptp(corners, axis=1).max(axis=1)[:, None]
     lower, upper = corners.min(axis=1) - margin, corners.max(axis=1) + margin
     tree = KDTree((lower + upper) / 2)
@@ -99,13 +91,7 @@ def _near(ends: Array, corners: Array) -> Iterator[tuple[Ints, Ints]]:
 
 
 def _meets(mesh: dmesh.Mesh, corners: Array, ends: Array) -> Bools:
-    """Whether some point of an edge lies in a cell, or on it.
-
-    Args:
-        mesh: For the kind of its cells.
-        corners: Of one cell for each edge, shape (n, corners, 3).
-        ends: Of the edges, shape (n, 2, 3).
-    """
+    """Whether some point of an edge, shape (n, 2, 3), lies in its cell, (n, corners, 3)."""
     margin = COINCIDENT * np.ptp(corners, axis=1).max(axis=1)
     begin: Array = np.zeros(len(ends))  # what is left of each edge, from 0 ...
     end: Array = np.ones(len(ends))  # ... to 1
@@ -150,12 +136,7 @@ class Hinge:
 
 
 def hinges(mesh: dmesh.Mesh, parts: ConnectedParts) -> list[Hinge]:
-    """Find the vertices that parts share, a record for each pair of parts. Collective.
-
-    Args:
-        mesh: The mesh.
-        parts: Its parts that are connected through facets.
-    """
+    """Find the vertices that parts share, a record for each pair of parts. Collective."""
     topology = mesh.topology
     topology.create_connectivity(2, 3)
     topology.create_connectivity(2, 0)
@@ -216,13 +197,9 @@ class ConnectedParts:
 
 
 def connected_parts(mesh: dmesh.Mesh, dim: int, among: Bools | None = None) -> ConnectedParts:
-    """Find the connected parts. Collective.
+    """Find the parts of cells connected through entities of dimension 2 or 0. Collective.
 
-    Args:
-        mesh: A mesh.
-        dim: Dimension of the entities through which cells are joined: 2 or 0.
-        among: For each local cell, ghosts included, whether it is looked at; all are if None. The
-            others count as one part together.
+    Local cells, ghosts included, that are not `among` those looked at count as one part together.
     """
     topology, comm = mesh.topology, mesh.comm
     topology.create_entities(dim)
@@ -261,14 +238,10 @@ def _apart(
     marks: Any,
     rest: int,
 ) -> tuple[Ints, Ints]:
-    """Links among some cells; all other cells, and entities of these alone, to one more node.
+    """Links among some local cells; all others, and entities of these alone, to one node `rest`.
 
-    Args:
-        rows: Cells of the links of all.
-        columns: Their entities, numbered after the cells.
-        among: Of each local cell, whether it counts.
-        marks: A vector over the entities, overwritten. Collective.
-        rest: Number of the further node.
+    Columns are entities, numbered after all cells; `marks`, a vector over them, is overwritten.
+    Collective.
     """
     inside = among[rows]
     marks.array[:] = 0.0

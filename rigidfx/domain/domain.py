@@ -375,16 +375,7 @@ def replace_sets(domain: Domain, sets: Mapping[tuple[str, int], EntitySet]) -> D
 
 
 def nodes_of(mesh: dmesh.Mesh, dim: int, entities: Indices) -> Indices:
-    """Nodes of the geometry in the closure of entities, corners first. Collective.
-
-    Args:
-        mesh: A mesh.
-        dim: Dimension of the entities.
-        entities: Their local numbers; a rank may have none.
-
-    Returns:
-        A row for each, shape (entities, nodes).
-    """
+    """Nodes of the geometry in the closure of entities, corners first, by rows. Collective."""
     mesh.topology.create_entities(dim)
     for one, other in ((dim, 3), (3, dim)):
         mesh.topology.create_connectivity(one, other)
@@ -397,13 +388,8 @@ def nodes_of(mesh: dmesh.Mesh, dim: int, entities: Indices) -> Indices:
 def by_corners(mesh: dmesh.Mesh, dim: int, named: Mapping[str, Ints]) -> dict[str, Indices]:
     """Local entities with given corners, ghosts included, by name. Collective.
 
-    Corners that are those of no entity are left out.
-
-    Args:
-        mesh: A mesh.
-        dim: Dimension of the entities.
-        named: Name → corners by their numbers in the input, in any order, shape (entities,
-            corners); the same on all ranks.
+    Corners, of shape (entities, corners), have their numbers in the input, in any order, the same
+    on all ranks. Those of no entity are left out.
     """
     if not named:
         return {}
@@ -424,14 +410,9 @@ def by_corners(mesh: dmesh.Mesh, dim: int, named: Mapping[str, Ints]) -> dict[st
 
 
 def edges_within(mesh: dmesh.Mesh, dim: int, marker: Callable[[Any], Any]) -> Indices:
-    """Local edges with both ends and the middle in a marker, ghosts included.
+    """Local edges with both ends and the middle in a marker, ghosts included; `dim` is 1.
 
     An edge across a corner has both ends on the rim of a face, and its middle inside.
-
-    Args:
-        mesh: A mesh that knows its edges.
-        dim: 1, as `dolfinx.mesh.locate_entities` has it.
-        marker: Function of x, shape (3, n) [m], to booleans of shape (n,).
     """
     edges = dmesh.locate_entities(mesh, dim, marker)
     nodes = nodes_of(mesh, dim, edges)  # both ends, then the middle of a curved one

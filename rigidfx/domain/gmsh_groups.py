@@ -78,18 +78,10 @@ def name_of(call: Callable[[int, int], str], dim: int, tag: int) -> str:
 
 
 def mesh_of_model(gmsh: Any, source: str, header: Header, scale: float) -> FileMesh:
-    """The mesh of gmsh's model, with the names of its groups.
+    """The mesh of gmsh's model, with the names of its groups and those of a file's header.
 
-    Without any group, all volumes are named "body".
-
-    Args:
-        gmsh: The module; its model is meshed.
-        source: Where it comes from, for messages.
-        header: Names of groups by dimension and number, for those that gmsh does not tell.
-        scale: Metres per unit of length of the model.
-
-    Raises:
-        SceneError: If a name is there twice, or cells or facets are of no kind that will do.
+    Without any group, all volumes are named "body". A name that is there twice is refused, and so
+    are kinds of cells and facets that DOLFINx does not have.
     """
     model = gmsh.model
     groups = _groups(model, header)

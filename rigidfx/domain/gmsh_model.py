@@ -94,11 +94,7 @@ OF_ELEMENTS = "8"  # the kind of a group's member that is an element
 
 
 def check_unv(path: Path) -> None:
-    """Refuse groups of elements that are not there.
-
-    Raises:
-        SceneError: With the group's name and the element.
-    """
+    """Refuse groups of elements that are not there, by the group's name and the element."""
     known: set[str] = set()
     members: list[tuple[str, str]] = []
     for kind, lines in _data_sets(path):
@@ -163,13 +159,7 @@ def _members(lines: Iterator[list[str]]) -> list[tuple[str, str]]:
 def separate_groups(gmsh: Any, path: str | Path, header: Header) -> None:
     """Open a file anew with its groups as entities, if entities do not tell its groups apart.
 
-    Args:
-        gmsh: The module; the file is open in its current model.
-        path: The file.
-        header: Names of groups by dimension and number.
-
-    Raises:
-        SceneError: If that would lose cells that are in several groups.
+    It is refused if that would lose cells that are in several groups.
     """
     if not _is_of_version_2(path):
         return
@@ -315,11 +305,7 @@ def from_gmsh(
 
 @contextmanager
 def gmsh_session() -> Iterator[Any]:
-    """The module gmsh, ready and silent; a session that was open before is left as it was.
-
-    Raises:
-        SceneError: If there is no such module.
-    """
+    """The module gmsh, ready and silent, or a `SceneError`; an open session stays as it was."""
     try:
         import gmsh
     except ImportError:
@@ -348,11 +334,7 @@ def gmsh_session() -> Iterator[Any]:
 
 
 def find_file(path: str | Path, kind: str) -> None:
-    """Refuse a path that is no file.
-
-    Raises:
-        SceneError: If it is none.
-    """
+    """Refuse a path that is no file."""
     if not Path(path).is_file():
         raise SceneError(f"There is no {kind} file '{path}' (looked in {Path.cwd()}).")
 
@@ -366,17 +348,8 @@ def domain_of(
 ) -> Domain:
     """The domain of gmsh's model once a function has filled and meshed it. Collective.
 
-    Args:
-        comm: Communicator of the mesh.
-        owner: Name of the function, for messages.
-        source: Where the model comes from, for messages.
-        fill: Function of the module gmsh and of texts of warnings, to which it may add; called on
-            rank 0 only. It may return names of groups by dimension and number, for those that gmsh
-            does not tell.
-        scale: Metres per unit of length of the model.
-
-    Raises:
-        SceneError: If the function fails or its model cannot be a domain.
+    Rank 0 alone calls `fill` with the module and texts of warnings, to which it may add; it may
+    return names of groups that gmsh does not tell. A failure raises `SceneError`.
     """
 
     def read() -> FileMesh:

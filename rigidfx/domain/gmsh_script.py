@@ -45,15 +45,9 @@ KINDS = {"Tetrahedron": basix.CellType.tetrahedron, "Hexahedron": basix.CellType
 
 
 def straighten(gmsh: Any, metres: float) -> str:
-    """Mend curved cells of gmsh's model where det J would vanish.
+    """Mend curved cells of gmsh's model, in `metres` per unit, where det J would vanish.
 
-    Args:
-        gmsh: The module; its model has a mesh.
-        metres: Those of the model's unit of length, for the text.
-
-    Returns:
-        A text that says how many cells are straighter than the geometry, where, and by how much;
-        empty if there are none.
+    Returns a text that says how many are straighter than the geometry, where, and by how much.
     """
     mesh = gmsh.model.mesh
     tags, flat, _ = mesh.getNodes()
@@ -125,9 +119,7 @@ class _Cells:
     def mended(self, x: Array, fixed: Bools) -> tuple[Array, Ints]:
         """Places of nodes once all cells are sound, and cells that had to be straightened.
 
-        Args:
-            x: Places, shape (nodes, 3).
-            fixed: Whether a node lies on a surface, shape (nodes,).
+        Nodes on a surface, `fixed`, stay in place.
         """
         bad = self._bad(x)
         if not len(bad):
@@ -279,20 +271,10 @@ def _run(gmsh: Any, path: str | Path, given: Mapping[str, float | str]) -> None:
 def mesh_model(
     gmsh: Any, path: str | Path, size: float | None, order: int | None, metres: float
 ) -> list[str]:
-    """Mesh gmsh's model, unless there is a mesh already that is as asked for.
+    """Mesh gmsh's model, unless there is a mesh already that is as asked for; texts of warnings.
 
-    Args:
-        gmsh: The module.
-        path: The file of the geometry.
-        size: Largest edge of a cell, in the model's unit of length; the model's own if None.
-        order: Order of the cells' geometry; the model's own if None.
-        metres: Those of the model's unit of length.
-
-    Returns:
-        Texts of warnings.
-
-    Raises:
-        SceneError: If gmsh cannot mesh it.
+    The largest edge, in the model's unit of some metres, and the order of the geometry are the
+    model's own if None. `SceneError` if gmsh cannot mesh it.
     """
     mesh = gmsh.model.mesh
     own = size is not None or not len(mesh.getElements(3)[0])
@@ -316,14 +298,7 @@ def mesh_model(
 
 
 def _same(gmsh: Any, path: Path, size: float, metres: float) -> str:
-    """What to say if another size gave the same mesh in this process; else nothing.
-
-    Args:
-        gmsh: The module.
-        path: The file of the geometry.
-        size: Largest edge of a cell, in the model's unit of length.
-        metres: Those of the unit.
-    """
+    """A warning if another size [unit of the model] gave the same mesh in this process."""
     _, x, _ = gmsh.model.mesh.getNodes()
     digest = hashlib.sha1((x / np.ptp(x)).round(6).tobytes()).digest()
     before, mesh = LAST.get(path, (size, b""))
@@ -338,11 +313,7 @@ def _same(gmsh: Any, path: Path, size: float, metres: float) -> str:
 
 
 def check_order(owner: str, order: int | None) -> None:
-    """Refuse an order that cells cannot have.
-
-    Raises:
-        SceneError: If it is not 1, 2 or None.
-    """
+    """Refuse an order that cells cannot have: it is 1, 2 or None."""
     if order not in (None, 1, 2):
         raise SceneError(f"{owner}: order must be 1 or 2, got {shown(order)}.")
 

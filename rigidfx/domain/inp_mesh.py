@@ -41,12 +41,7 @@ class Numbers:
     """Rows by the numbers of one instance."""
 
     def __init__(self, labels: Ints, rows: Ints) -> None:
-        """Sort them.
-
-        Args:
-            labels: Numbers in the file.
-            rows: Of each, where it is.
-        """
+        """Sort numbers in a file, and the rows in which they are."""
         order = np.argsort(labels, kind="stable")
         self.labels, self.rows = labels[order], rows[order]
 
@@ -67,17 +62,9 @@ def kind_of(width: int) -> str:
 
 
 def mesh_of(model: Model, path: Path, corners: bool, scale: float) -> FileMesh:
-    """The mesh of a model.
+    """The mesh of a model, in metres; of cells with corners alone if these are asked for.
 
-    Args:
-        model: The content of the file.
-        path: The file, for messages.
-        corners: Whether cells are read by their corners.
-        scale: Metres per unit of length of the file.
-
-    Raises:
-        SceneError: If it has no cells, cells of several kinds, or names of sets, elements or nodes
-            that are not there.
+    It is refused without cells, with several kinds, or with names of what is not there.
     """
     return _Flat(model, path, corners, scale).mesh()
 

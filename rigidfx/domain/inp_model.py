@@ -33,11 +33,7 @@ Where = tuple[Path, int]  # a file and the number of a line
 
 
 def entries_of(line: str) -> list[str]:
-    """The entries of a line between its commas, those in quotes left alone.
-
-    Args:
-        line: A line of a card.
-    """
+    """The entries of a line between its commas, those in quotes left alone."""
     quoted = '"' in line and line.count('"') % 2 == 0
     entries = re.split(r',(?=(?:[^"]*"[^"]*")*[^"]*$)', line) if quoted else line.split(",")
     return [entry.strip(BLANKS) for entry in entries]
@@ -74,12 +70,7 @@ class Card:
     at: Where
 
     def wrong(self, problem: str, at: Where | None = None) -> SceneError:
-        """The error that names the place.
-
-        Args:
-            problem: The fault there, and the remedy.
-            at: The line; that of the card if None.
-        """
+        """The error that names a line, that of the card if None, with problem and remedy."""
         path, number = at or self.at
         return SceneError(f"read_inp: '{path}', line {number}, *{self.keyword}: {problem}")
 
@@ -100,22 +91,14 @@ class Card:
         return out
 
     def whole_numbers(self, entries: list[str], at: Where) -> list[int]:
-        """Entries as whole numbers, empty ones left out.
-
-        Raises:
-            SceneError: If one is none.
-        """
+        """Entries as whole numbers, empty ones left out; another one is refused."""
         try:
             return [int(entry) for entry in entries if entry]
         except ValueError:
             raise self.wrong(f"{', '.join(entries)!r} are no whole numbers.", at) from None
 
     def numbers(self, entries: list[str], count: int, at: Where) -> list[float]:
-        """So many real numbers; those that are missing or empty are zero.
-
-        Raises:
-            SceneError: If one is none, or not finite.
-        """
+        """So many finite numbers; those that are missing or empty are zero, others are refused."""
         try:
             values = [float(entry.upper().replace("D", "E")) if entry else 0.0 for entry in entries]
             if np.isfinite(values).all():
@@ -128,10 +111,8 @@ class Card:
 def cards_of(path: Path, decoder: Decoder) -> Iterator[Card]:
     """The cards of a file and of those it includes, in order.
 
-    Lines before the first card, which CalculiX passes over, are one of keyword `BEFORE`.
-
-    Raises:
-        SceneError: If a file cannot be read, or has data and no card.
+    Lines before the first card, which CalculiX passes over, are one of keyword `BEFORE`. Data
+    without a card are refused.
     """
     card = Card(BEFORE, {}, [], (path, 1))
     for at, line in _lines(path, decoder):
@@ -226,12 +207,7 @@ class Group:
     of_nodes: bool = False
 
     def add(self, entry: str, instance: str = "") -> None:
-        """Add a member by its number or its set's name, either behind an instance's name and a dot.
-
-        Args:
-            entry: The member.
-            instance: Name of the instance that it is of, where it names none.
-        """
+        """Add a member by its number or set's name, behind an instance's name and a dot if any."""
         name = folded(entry.replace('"', ""))
         if is_number(name):
             self.members.append((instance, np.array([int(name)])))
@@ -297,11 +273,7 @@ class Model:
 
 
 def model_of(path: Path, decoder: Decoder) -> Model:
-    """Read a file.
-
-    Raises:
-        SceneError: If a card cannot be understood; the message names its line.
-    """
+    """Read a file; a card that cannot be understood is refused by its line."""
     model = Model()
     place = model.top
     for card in cards_of(path, decoder):

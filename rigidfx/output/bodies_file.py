@@ -266,16 +266,7 @@ def _box(domain: Domain) -> Array:
 
 
 def _checked(content: dict[str, Any], total: int, box: Array) -> list[dict[str, Any]]:
-    """The bodies of a file, if they are of this mesh.
-
-    Args:
-        content: Content of the file.
-        total: Number of cells of the mesh.
-        box: Its least and greatest coordinates, shape (2, 3) [m].
-
-    Raises:
-        ValueError: If something does not fit; the message says what.
-    """
+    """The bodies of a file if they are of this mesh, by its cells and box; else a `ValueError`."""
     if content["cells"] != total:
         raise ValueError(f"it belongs to a mesh of {content['cells']} cells, this has {total}.")
     theirs = np.asarray(content["box"], dtype=np.float64)
@@ -298,11 +289,7 @@ def _checked(content: dict[str, Any], total: int, box: Array) -> list[dict[str, 
 
 
 def _numbers(body: dict[str, Any]) -> None:
-    """Check the numbers of a body.
-
-    Raises:
-        ValueError: If something is missing, no finite number, no mass or no rotation.
-    """
+    """Check the numbers of a body: finite ones, a mass and a rotation; else a `ValueError`."""
     shapes = {"mass": (), "inertia": (3, 3), "orientation": (3, 3), "place": (3,)}
     for key, shape in shapes.items():
         value = numbers(body[key])

@@ -212,11 +212,7 @@ def _whole(fields: Values) -> Values:
 
 
 def grid_of(body: Body | RecordedFields) -> Any:
-    """A body without fields, an `UnstructuredGrid` of pyvista.
-
-    Raises:
-        SceneError: If there is no pyvista.
-    """
+    """A body without fields, an `UnstructuredGrid` of pyvista, which has to be there."""
     try:
         import pyvista
     except ImportError:

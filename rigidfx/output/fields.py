@@ -50,11 +50,7 @@ class PointFields:
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Compile what they need, and place the points. Collective.
-
-        Args:
-            scene: The problem that is run.
-        """
+        """Compile what they need, and place the points. Collective."""
         self._points = PointStress(scene)
         self._owned = int(scene.mesh.topology.index_map(3).size_local)
         self._nodes = scene.space.dofmap.list[: self._owned]
@@ -95,26 +91,21 @@ class JointFields:
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Keep their places.
-
-        Args:
-            scene: The problem that is run.
-        """
-        joints = scene.named(Joint)
-        self._titles = [joint.title for joint in joints]
-        at = np.array([joint.at for joint in joints], dtype=np.float64)
+        """Keep their places."""
+        self._titles = [joint.title for joint in scene.named(Joint)]
+        at = np.array([joint.at for joint in scene.named(Joint)], dtype=np.float64)
         self.body = Cloud(at, np.arange(len(at), dtype=np.int32)[:, None])
 
     def values(self, report: Report) -> dict[str, Array]:
         """Values at a report; zero before the first step."""
-        told = [report.joints[title] for title in self._titles] if report.joints else []
 
         def each(of: Callable[[JointReport], float | Array], *shape: int) -> Array:
-            if not told:
+            if not report.joints:
                 return np.zeros((len(self._titles), *shape))
-            return np.nan_to_num(np.array([of(joint) for joint in told], dtype=np.float64))
+            values = [of(report.joints[title]) for title in self._titles]
+            return np.nan_to_num(np.array(values, dtype=np.float64))
 
-        places = each(lambda joint: joint.place, 3) if told else self.body.points
+        places = each(lambda joint: joint.place, 3) if report.joints else self.body.points
         return {
             "displacement": places - self.body.points,
             "force": each(lambda joint: joint.force, 3),
@@ -126,18 +117,9 @@ class JointFields:
 
 
 def clouds_of(scene: Scene, integration_points: bool) -> dict[str, PointFields | JointFields]:
-    """The clouds of points of a run, by the names of their files. Collective.
-
-    Args:
-        scene: The problem.
-        integration_points: Whether fields at these are wanted.
-    """
-    out: dict[str, PointFields | JointFields] = {}
-    if integration_points:
-        out["points"] = PointFields(scene)
-    if scene.named(Joint):
-        out["joints"] = JointFields(scene)
-    return out
+    """The clouds of points of a run, by the names of their files. Collective."""
+    points = {"points": PointFields(scene)} if integration_points else {}
+    return points | ({"joints": JointFields(scene)} if scene.named(Joint) else {})
 
 
 class Fields:
@@ -148,12 +130,7 @@ class Fields:
     """
 
     def __init__(self, scene: Scene, stress: bool) -> None:
-        """Number cells and nodes. Collective.
-
-        Args:
-            scene: The problem that is run.
-            stress: Whether stresses are among the fields. If not, none is computed or compiled.
-        """
+        """Number cells and nodes; without stresses none is computed or compiled. Collective."""
         self.body = Body(scene.space, material_groups(scene) if stress else None)
         self._materials = self.body.on_cells(_material_numbers(scene))
         self._nodal = NodalStress(scene) if stress else None

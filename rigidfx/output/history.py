@@ -139,12 +139,7 @@ def history_row(
 ) -> dict[str, float]:
     """The row of a step, by the names of the columns, which are the same for all steps.
 
-    Args:
-        scene: The problem.
-        report: The step.
-        stresses: Stress and strain at the probes, if they are among the columns.
-        peaks: Largest stresses, likewise.
-        before: The report of the row before, None in the first one.
+    Stresses at probes and peaks are there if they are among the columns.
     """
     bodies = report.bodies
     row = {name: getattr(report, name) for name in SCALARS}

@@ -46,12 +46,9 @@ class Body:
     """
 
     def __init__(self, space: Any, parts: Indices | None = None) -> None:
-        """Number cells and nodes. Collective.
+        """Number cells and nodes of a Lagrange space. Collective.
 
-        Args:
-            space: Lagrange space of the displacement.
-            parts: For each owned cell the number of its part; where parts meet, each has a node of
-                its own. One part if None.
+        Where `parts`, a number for each owned cell, meet, each has a node of its own.
         """
         self._comm = space.mesh.comm
         self._owned_nodes = int(space.dofmap.index_map.size_local)
@@ -82,29 +79,20 @@ class Body:
         return np.concatenate(parts) if parts else values[:0]
 
     def on_nodes(self, values: fem.Function | Array) -> Array:
-        """Nodal vectors on rank 0, shape (nodes, 3). Collective.
-
-        Args:
-            values: A function of the space, or an array of shape (local nodes, 3).
-        """
+        """Nodal vectors of a function, or of local nodes, on rank 0. Collective."""
         local = values if isinstance(values, np.ndarray) else values.x.array.reshape(-1, 3)
         return self._gather(local[: self._owned_nodes])[self._nodes]
 
     def on_nodes_of_parts(self, values: Array) -> Array:
-        """Values that nodes have in each part, on rank 0, a row for each of its nodes. Collective.
+        """Values of shape (parts, local nodes, …) on rank 0, a row for each part's nodes.
 
-        Args:
-            values: Shape (parts, local nodes, …).
+        Collective.
         """
         gathered = np.stack([self._gather(part[: self._owned_nodes]) for part in values])
         return np.asarray(gathered[self._parts, self._nodes])
 
     def on_cells(self, values: Array) -> Array:
-        """Values per cell on rank 0. Collective.
-
-        Args:
-            values: One row for each local cell, owned cells first.
-        """
+        """Values per local cell, owned ones first, on rank 0. Collective."""
         return self._gather(values[: self._owned_cells])[self._order]
 
 
@@ -131,16 +119,7 @@ class Series:
     """
 
     def __init__(self, path: Path, body: Body | Cloud, kept: tuple[int, int] = (0, 0)) -> None:
-        """Replace a former series of that name, or go on with it.
-
-        Args:
-            path: The .pvd; its .vtu files go to a folder beside it.
-            body: Points and cells.
-            kept: Of `kept`, what stays of a former series.
-
-        Raises:
-            OSError: If something is in the way, or times are gone that stay.
-        """
+        """Replace a former series, .vtu in a folder beside the .pvd, or go on with times `kept`."""
         self.path = path
         self._files = path.with_suffix("")
         self._count, self._end = kept  # times, and where the .pvd's next one goes
@@ -171,16 +150,7 @@ class Series:
         return self._count, self._end
 
     def write(self, t: float, points: Mapping[str, Array], cells: Mapping[str, Array]) -> None:
-        """Add a time to the series.
-
-        Args:
-            t: Time [s].
-            points: Name → values on the nodes, shape (nodes,), (nodes, 3) or (nodes, 3, 3).
-            cells: Name → values on the cells, shape (cells,), (cells, 3) or (cells, 3, 3).
-
-        Raises:
-            OSError: If a file cannot be written.
-        """
+        """Add a time [s], with values by name of shape (nodes or cells,), (…, 3) or (…, 3, 3)."""
         file = self._files / f"{self.path.stem}_{self._count:06d}.vtu"
         _replace(file, self._vtu(points, cells))
         name = quoteattr(f"{self._files.name}/{file.name}")

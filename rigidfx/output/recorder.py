@@ -157,10 +157,9 @@ class Recorder:
         return self._files.ends() | own
 
     def _begin(self, report: Report) -> None:
-        """Begin the files, or go on where they ended at the checkpoint. Collective.
+        """Begin the files, or go on where they ended at the checkpoint, which has to know them.
 
-        Raises:
-            SceneError: If they are to go on and the checkpoint does not know them.
+        Collective.
         """
         writers = report._writers
         ends = None if self._resume is False else writers.known(self.name)

@@ -94,15 +94,9 @@ class CsvFile:
     """
 
     def __init__(self, path: Path, columns: Sequence[str] = ()) -> None:
-        """Lock the file.
+        """Lock the file; `BlockingIOError` if it is open already.
 
-        Args:
-            path: The file.
-            columns: Names of its columns; those of the first row if empty.
-
-        Raises:
-            BlockingIOError: If it is open here already, or in another process.
-            OSError: If it cannot be written.
+        Columns are the first row's if none.
         """
         self._columns, self._path, self._end, self._sum = [*columns], path, 0, 0
         self._file = open(path, "a+b", buffering=0)  # noqa: SIM115 - it stays open
@@ -118,14 +112,7 @@ class CsvFile:
             raise
 
     def begin(self, kept: tuple[int, int] | None) -> None:
-        """Empty the file, or cut it off where it ended.
-
-        Args:
-            kept: Of `kept`, if rows stay.
-
-        Raises:
-            OSError: If it cannot be written, or has other rows.
-        """
+        """Empty the file, or cut it off where it ended if rows are `kept`, and not others."""
         end, known = kept or (0, 0)
         self._file.seek(0)
         if zlib.crc32(self._file.read(end)) != known:
@@ -145,14 +132,7 @@ class CsvFile:
             raise ChangedFile(self._path, "its columns are not those of the recorder's options")
 
     def add(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        """Add rows.
-
-        Args:
-            rows: Values by the names of their columns.
-
-        Raises:
-            OSError: If they cannot be written; the file is as before then. Or if it was removed.
-        """
+        """Add rows; where an `OSError` is raised the file is as before, or was removed."""
         if self._named and not os.fstat(self._file.fileno()).st_nlink:
             raise OSError(ENOENT, "removed since the run began", str(self._path))
         every = [*rows]
@@ -181,11 +161,7 @@ class CsvFile:
         return self._end, self._sum
 
     def close(self) -> None:
-        """Close the file, which ends its lock.
-
-        Raises:
-            OSError: If the file system has not been able to keep all data.
-        """
+        """Close the file, which ends its lock."""
         self._file.close()
 
 
@@ -196,21 +172,13 @@ class LogFile(logging.FileHandler):
     """
 
     def __init__(self, path: Path) -> None:
-        """Open it.
-
-        Raises:
-            OSError: If it cannot be written.
-        """
+        """Open it."""
         super().__init__(path, mode="a", encoding="utf-8")
         self.setFormatter(logging.Formatter("%(asctime)s %(message)s"))
         self._path, self._former = path, path.stat().st_size
 
     def begin(self) -> None:
-        """Leave out what was there when it was opened.
-
-        Raises:
-            OSError: If it cannot be written.
-        """
+        """Leave out what was there when it was opened."""
         self.flush()
         own = self._path.read_bytes()[self._former :]
         self._path.write_bytes(own)
@@ -231,15 +199,9 @@ class RunFiles:
         kinds: Sequence[str],
         bodies: Mapping[str, Body | Cloud],
     ) -> None:
-        """Lock the folder, and hear messages; files of a former run are as they were.
+        """Make and lock the folder, and hear messages; files of a former run are as they were.
 
-        Args:
-            folder: The folder, which is made if it does not exist.
-            kinds: Of files of fields.
-            bodies: Meshes of files of fields by name.
-
-        Raises:
-            OSError: If one cannot be written.
+        Kinds are those of files of fields, of the meshes of `bodies` by name.
         """
         folder.mkdir(parents=True, exist_ok=True)
         self._folder, self._kinds, self._bodies = folder, kinds, bodies
@@ -264,22 +226,11 @@ class RunFiles:
         return self._tables["history"].former
 
     def series(self, name: str) -> Sequence[Series | HdfSeries]:
-        """Files of the fields of a mesh; none before they begin.
-
-        Args:
-            name: "fields" at nodes and cells, "points" at integration points, "joints".
-        """
+        """Files of the fields of a mesh, "fields", "points" or "joints"; none before they begin."""
         return self._fields.get(name, ())
 
     def begin(self, ends: Mapping[str, Any]) -> None:
-        """Begin in the place of files of a former run, or go on.
-
-        Args:
-            ends: Of `ends`, where they go on; empty if they begin.
-
-        Raises:
-            OSError: If one cannot be written, or is not as it was.
-        """
+        """Begin in the place of a former run's files, or go on from their `ends`."""
         self._ends = ends
         self.rows("history").begin(ends.get("history"))
         if not ends:
@@ -304,14 +255,7 @@ class RunFiles:
         return made
 
     def rows(self, name: str) -> CsvFile:
-        """A table, which is opened when it is first asked for.
-
-        Args:
-            name: Its name.
-
-        Raises:
-            OSError: If it cannot be written.
-        """
+        """A table by its name, which is opened when it is first asked for."""
         if name not in self._tables:
             table = CsvFile(self._folder / f"{name}.csv", LATER.get(name, ()))
             self._tables[name] = self._open.enter_context(closing(table))
@@ -327,11 +271,7 @@ class RunFiles:
         return found
 
     def close(self) -> None:
-        """Close them.
-
-        Raises:
-            OSError: If the file system has not been able to keep all data.
-        """
+        """Close them; an `OSError` tells that the file system has not kept all data."""
         try:
             self._ended = self.ends()
         finally:
@@ -340,14 +280,7 @@ class RunFiles:
 
 
 def kinds_of(format: str) -> tuple[str, ...]:
-    """The kinds of files that a recorder writes.
-
-    Args:
-        format: As a user names them.
-
-    Raises:
-        SceneError: If there is none of that name, or no h5py for it.
-    """
+    """The kinds of files of a recorder, by a user's word; without h5py some are refused."""
     every = {kind: (kind,) for kind in KINDS} | {"both": tuple(KINDS)}
     if not isinstance(format, str) or format not in every:
         choice = ", ".join(f"'{kind}'" for kind in every)

@@ -62,14 +62,7 @@ def uninterrupted() -> Iterator[None]:
 
 
 def hdf(owner: str) -> Any:
-    """The module h5py.
-
-    Args:
-        owner: Who needs it, for the message.
-
-    Raises:
-        SceneError: If there is none.
-    """
+    """The module h5py, or a `SceneError` that says who needs it."""
     try:
         import h5py
     except ImportError:
@@ -88,17 +81,7 @@ class HdfSeries:
 
     @uninterrupted()
     def __init__(self, path: Path, body: Body | Cloud, kept: tuple[int, int] = (0, 0)) -> None:
-        """Replace a former file of that name, or go on with its times.
-
-        Args:
-            path: The file.
-            body: Points and cells.
-            kept: Of `kept`: how many times of a former file are copied.
-
-        Raises:
-            OSError: If it cannot be written.
-            SceneError: If there is no h5py.
-        """
+        """Replace a former file, or go on with so many `kept` times; without h5py it is refused."""
         h5py = hdf("Recorder")
         self.path, self._count = path, 0
         former = path.with_suffix(".former.vtkhdf")
@@ -162,16 +145,9 @@ class HdfSeries:
 
     @uninterrupted()
     def write(self, t: float, points: Mapping[str, Array], cells: Mapping[str, Array]) -> None:
-        """Add a time.
+        """Add a time [s], with values by name of shape (nodes or cells,), (…, 3) or (…, 3, 3).
 
-        Args:
-            t: Time [s].
-            points: Name → values on the nodes, shape (nodes,), (nodes, 3) or (nodes, 3, 3), the
-                same names each time.
-            cells: Name → values on the cells, likewise.
-
-        Raises:
-            OSError: If they cannot be written; the file is as before then.
+        Names are the same each time. Where an `OSError` is raised the file is as before.
         """
         rows = {"Values": np.array(t)}
         for kind, fields in (("Point", points), ("Cell", cells)):
@@ -207,11 +183,7 @@ class HdfSeries:
         self._disk.commit()
 
     def close(self) -> None:
-        """Close the file.
-
-        Raises:
-            OSError: If it cannot be written to its end.
-        """
+        """Close the file."""
         self._end()
 
 

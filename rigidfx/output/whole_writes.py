@@ -20,12 +20,7 @@ class ChangedFile(OSError):
     """A file lacks content that a checkpoint tells of, or has another one."""
 
     def __init__(self, path: Path, why: str) -> None:
-        """Name the file.
-
-        Args:
-            path: The file.
-            why: What has changed, as the end of a sentence.
-        """
+        """Name the file, and its change as the end of a sentence."""
         super().__init__(EIO, why, str(path))
 
 
@@ -33,11 +28,7 @@ class WholeWrites(io.RawIOBase):
     """A new file in the place of a former one; used on rank 0 only."""
 
     def __init__(self, path: Path) -> None:
-        """Make the file, empty.
-
-        Raises:
-            OSError: If it cannot be made.
-        """
+        """Make the file, empty."""
         path.unlink(missing_ok=True)  # readers of a former one keep it
         self._path = path
         self._open = open(path, "x+b", buffering=0)  # noqa: SIM115 - it stays open
@@ -48,11 +39,7 @@ class WholeWrites(io.RawIOBase):
         self._at = 0
 
     def commit(self) -> None:
-        """Bring all changes to the disk.
-
-        Raises:
-            OSError: If there is no space; readers see the file as before then.
-        """
+        """Bring all changes to the disk; without space, readers see the file as before."""
         new = [place for place in self._changed if place >= self._size]
         for place in new:
             self._put(place, self._changed[place])

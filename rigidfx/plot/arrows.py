@@ -48,12 +48,7 @@ def arrows_of(report: Report) -> Arrows | None:
 
 
 def largest_of(several: Sequence[Arrows | None], radius: float) -> dict[str, float]:
-    """The largest force [N] and moment [N m] of all; a kind that is next to nothing is left out.
-
-    Args:
-        several: Arrows of each picture, None where it has none.
-        radius: Of the body [m].
-    """
+    """The largest force [N] and moment [N m] of all; a kind that is next to nothing is left out."""
     known = [arrows for arrows in several if arrows is not None]
     top = {
         kind: max((float(_sizes(arrows, kind).max(initial=0.0)) for arrows in known), default=0.0)

@@ -99,15 +99,7 @@ def histories(
 
 
 def check_time(owner: str, free_since: float | None) -> None:
-    """Check the time from which on a body is free.
-
-    Args:
-        owner: Who asks for it, for the message.
-        free_since: The given value.
-
-    Raises:
-        SceneError: If it is neither a number nor None.
-    """
+    """Refuse a time from which on a body is free that is neither a number nor None."""
     if free_since is not None:
         number(owner, "free_since", free_since)
 
@@ -115,11 +107,7 @@ def check_time(owner: str, free_since: float | None) -> None:
 def _columns_of(
     history: str | Path | Mapping[str, Array], free_since: float | None
 ) -> Mapping[str, Array]:
-    """The columns that are drawn.
-
-    Raises:
-        OutputError: If one is missing, or there is nothing in them.
-    """
+    """The columns that are drawn; a missing or empty one raises `OutputError`."""
     given: Any = history
     h = {n: np.asarray(given[n]) for n in given} if is_table(given) else columns_of(given)
     for name in HISTORY:
@@ -314,11 +302,9 @@ PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G",
 
 
 def prefixed(unit: str, largest: float) -> tuple[float, str]:
-    """The factor from a unit to one with a prefix, and its name.
+    """The factor from a unit to one with a prefix, by the largest number shown, and its name.
 
-    Args:
-        unit: The unit, such as "Pa"; one that begins with a digit, such as "1/s", takes no prefix.
-        largest: Largest number that is to be shown in it [unit]; it becomes one from 1 to 1000.
+    A unit that begins with a digit, such as "1/s", takes no prefix.
     """
     if not unit or unit[0].isdigit() or not isfinite(largest) or largest <= 0:
         return 1.0, unit

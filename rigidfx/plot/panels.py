@@ -86,11 +86,7 @@ def joints(
 
 
 def of_probes(h: Mapping[str, Array]) -> Panels:
-    """Panels of probes and supports.
-
-    Args:
-        h: The columns of a history.csv by name.
-    """
+    """Panels of probes and supports, by the columns of a history.csv."""
     out: Panels = {}
     for heading, (pattern, what, unit) in PROBES.items():
         found = {" ".join(m.groups()): h[name] for name in h if (m := re.match(pattern, name))}
@@ -102,9 +98,6 @@ def of_joints(h: Mapping[str, Array]) -> Panels:
     """Panels of joints: angles, travels, sizes of forces, efforts of motors, springs and stops.
 
     The effort of a joint that both turns and slides may be a torque or a force: such are apart.
-
-    Args:
-        h: The columns of a history.csv by name.
     """
     out: Panels = {}
     titles = [m[1] for name in h if (m := re.match(r"joint_(.+)_gap$", name))]

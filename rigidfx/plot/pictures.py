@@ -63,11 +63,7 @@ ACCOUNTS = {
 
 
 def spent(history: Mapping[str, Array]) -> dict[str, list[Curve]]:
-    """The accounts of the ledger in per cent, by panel; nothing where nothing was estimated.
-
-    Args:
-        history: The columns of a history.csv by name.
-    """
+    """The accounts of the ledger in per cent, by panel; nothing where nothing was estimated."""
     h = {name: values for name, values in history.items() if np.isfinite(values).any()}
     if "deformation" not in h:
         return {}

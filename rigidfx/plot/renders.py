@@ -83,16 +83,7 @@ class Look:
 
 
 def check_camera(owner: str, view: Sequence[float], up: Sequence[float]) -> None:
-    """Check where a camera looks from, and its upward direction.
-
-    Args:
-        owner: Whose camera it is, for the message.
-        view: Direction from the body to the camera.
-        up: Direction that points upwards in the picture.
-
-    Raises:
-        SceneError: If one is no direction, or they are parallel.
-    """
+    """Refuse directions to a camera, and upwards, that are none or parallel."""
     for name, direction in (("view", view), ("up", up)):
         array = numbers(direction)
         if array.shape != (3,) or not np.isfinite(array).all() or not array.any():
@@ -121,14 +112,9 @@ def plain(title: str) -> str:
 def surface_of(
     grid: Any, displacement: Array, field: str, values: Array, scale: float = 1.0
 ) -> Any:
-    """The deformed surface of a body.
+    """The deformed surface of a body, coloured by a field; the grid's data are replaced.
 
-    Args:
-        grid: pyvista's UnstructuredGrid of the undeformed body; its data are replaced.
-        displacement: Shape (points, 3) [m].
-        field: Field that colours it, one of `FIELDS`.
-        values: Its values, one for each cell if it is among `OF_CELLS`, else for each point.
-        scale: Factor of the displacement.
+    Values are those of cells if the field is among `OF_CELLS`, else of points.
     """
     grid.clear_data()
     grid.point_data["displacement"] = displacement
@@ -154,15 +140,7 @@ def sheet(
     look: Look,
     columns: int,
 ) -> None:
-    """Draw photographs side by side.
-
-    Args:
-        path: Picture to write.
-        photographs: Photographs, in order.
-        field: Field that colours it, one of `FIELDS`.
-        look: How they are looked at.
-        columns: Photographs in a row.
-    """
+    """Draw photographs side by side, coloured by a field, so many in a row."""
     wide = min(columns, len(photographs))
     rows = -(-len(photographs) // wide)
     figure, axes = figure_of(rows, wide, (SIDE * wide + 1.2, SIDE * rows + 0.4), look.title)
@@ -203,12 +181,7 @@ def _range(photographs: Sequence[Photograph], field: str) -> tuple[float, float]
 
 
 def range_of(field: str, colours: Iterable[Array]) -> tuple[float, float]:
-    """The ends of the scale of a field.
-
-    Args:
-        field: One of `FIELDS`.
-        colours: Its values at each time.
-    """
+    """The ends of the scale of a field, by its values at each time."""
     if field == "rigid":
         return 0.0, 1.0
     top = max(*(float(c.max()) for c in colours), 1e-300)
@@ -219,14 +192,7 @@ def range_of(field: str, colours: Iterable[Array]) -> tuple[float, float]:
 
 
 def images(photographs: Sequence[Photograph], field: str, look: Look, pixels: int) -> Iterator[Any]:
-    """The photographs as arrays of square pictures, shape (pixels, pixels, 3).
-
-    Args:
-        photographs: Photographs, in order.
-        field: Field that colours them, one of `FIELDS`.
-        look: How they are looked at.
-        pixels: Width and height.
-    """
+    """The photographs, coloured by a field, as arrays of shape (pixels, pixels, 3)."""
     bottom, top = _range(photographs, field)
     logarithmic = field in LOGARITHMIC
     pv = pyvista()
@@ -307,14 +273,7 @@ DURATION = 80  # ms, of a photograph
 
 
 def film(path: str | Path, photographs: Sequence[Photograph], field: str, look: Look) -> None:
-    """Draw photographs one after another, as an animated GIF that starts anew at its end.
-
-    Args:
-        path: File to write.
-        photographs: Photographs, in order.
-        field: Field that colours it, one of `FIELDS`.
-        look: How they are looked at.
-    """
+    """Draw photographs one after another, as an animated GIF that starts anew at its end."""
     from PIL import Image
 
     canvas, ax = _frame(photographs, field, look)

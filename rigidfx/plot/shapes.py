@@ -46,15 +46,7 @@ Scale = float | Literal["auto"]
 
 
 def check_scale(owner: str, scale: Any) -> Scale:
-    """Check a factor.
-
-    Args:
-        owner: Whose factor it is, for the message.
-        scale: The given value.
-
-    Raises:
-        SceneError: If it is neither a number > 0 nor "auto".
-    """
+    """Refuse a factor that is neither a number > 0 nor "auto"."""
     if isinstance(scale, str):
         if scale != "auto":
             raise SceneError(f"{owner}: scale must be a number > 0 or 'auto', got {shown(scale)}.")
@@ -69,12 +61,7 @@ def factor_of(
 ) -> float:
     """The factor; if it is to be found, 1, 2 or 5 times a power of ten, and 1 at least.
 
-    The largest displacement is then drawn as at most a tenth of the diagonal of the body.
-
-    Args:
-        scale: A checked factor.
-        points: Of the undeformed body, shape (points, 3) [m].
-        displacements: Of these points, at several times [m].
+    The largest displacement of these points is then at most a tenth of the diagonal of the body.
     """
     if scale != "auto":
         return scale

@@ -128,14 +128,7 @@ class Pay:
 
 
 def beginning(scene: Scene, unknowns: int, t_end: float, took: float) -> str:
-    """The line with which a run begins.
-
-    Args:
-        scene: The problem.
-        unknowns: Number of unknowns.
-        t_end: End of the run [s].
-        took: Time that forms and initial state took [s].
-    """
+    """The line with which a run begins; forms and initial state took some time [s]."""
     return f"{scene!r}: ready after {took:.1f} s; {unknowns} unknowns, to t = {t_end:g} s"
 
 

@@ -72,12 +72,7 @@ class BriefContacts(Adviser):
     remembered: ClassVar[Remembered] = Adviser.remembered | same("_closed", "_most")
 
     def __init__(self, scene: Scene, given: bool) -> None:
-        """Begin before the first report.
-
-        Args:
-            scene: The problem.
-            given: Whether Δt is given, and nothing chooses it by its error.
-        """
+        """Begin before the first report. If Δt is not given its error chooses it."""
         super().__init__(scene)
         if not given:
             self.said.add(STEPS)
@@ -125,11 +120,7 @@ class BriefContacts(Adviser):
     def _judge(self, title: str, past: _Closed, how: str, ended: bool = True) -> None:
         """Advise on a blow that steps do not resolve, or on nodes that ring. Collective.
 
-        Args:
-            title: Of the contact.
-            past: Its steps.
-            how: The end of the blow, or of what is known of it.
-            ended: Whether the force has had its peak.
+        A text says how the blow `ended`, or what is known of it before its force has had its peak.
         """
         if past.impulse <= WORTH_A_WARNING * self._most:
             return

@@ -34,11 +34,7 @@ class EnergyBalance(Adviser):
     )
 
     def __init__(self, scene: Scene) -> None:
-        """Begin before the first report.
-
-        Args:
-            scene: The problem; schemes that do not conserve energy are not followed.
-        """
+        """Begin before the first report; schemes that do not conserve energy are not followed."""
         super().__init__(scene)
         self._expected = self._scale = self._known = 0.0
         self._rounding = _rounding(scene)
@@ -49,11 +45,7 @@ class EnergyBalance(Adviser):
         self._lost = ""  # when, and how much of it, once it is lost
 
     def follow(self, report: Report) -> None:
-        """Add the next report.
-
-        Args:
-            report: Of the initial state first, then of every step.
-        """
+        """Add the next report, that of the initial state first."""
         if not self._follows or self._lost:
             return
         work = report.work_of_loads + report.work_of_supports
@@ -96,11 +88,7 @@ class EnergyBalance(Adviser):
         self.advise(ROUNDED, number=part, largest=largest, known=self._rounding.known)
 
     def explained(self, error: StepError) -> StepError:
-        """The error with other advice, if the balance was lost before.
-
-        Args:
-            error: Cause of the end of the run.
-        """
+        """The error with other advice, if the balance was lost before."""
         if not self._lost:
             return error
         return type(error)(error.found, f"{self._lost}: look for the cause of that first.")

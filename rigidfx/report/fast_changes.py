@@ -53,13 +53,7 @@ class AlternatingForces(Adviser):
     )
 
     def __init__(self, scene: Scene, motion: Alternation, t_end: float) -> None:
-        """Begin before the first report. Collective.
-
-        Args:
-            scene: The problem.
-            motion: Tells where the motion itself goes back and forth.
-            t_end: End of the run [s].
-        """
+        """Begin before the first report, with where the motion goes back and forth. Collective."""
         super().__init__(scene)
         self._motion, self._half = motion, 0.5 * t_end
         rigid = [scene.owned_cells(r.where, r.owner) for r in scene.named(Rigid) if not r.deforms]
@@ -117,11 +111,7 @@ class AlternatingForces(Adviser):
         return np.array(out)
 
     def _judge(self, goes_on: bool = False) -> None:
-        """Keep peaks, and how far forces go back and forth, in a window.
-
-        Args:
-            goes_on: Whether steps of this length follow, which the last four are kept for.
-        """
+        """Keep peaks, and how far forces go back and forth, in a window."""
         if self.said or not self._last:
             return
         own = slice(2 * self._goes_on, -2 if goes_on else None)
@@ -172,12 +162,9 @@ class FastLoads(Adviser):
     remembered: ClassVar[Remembered] = same("_waits", "_t", "_missed", "_whole", "_worst")
 
     def __init__(self, scene: Scene, jumps: Jumps, given: bool) -> None:
-        """Begin before the first report. Collective.
+        """Begin before the first report. If Δt is not given, loads that will be choose it.
 
-        Args:
-            scene: The problem.
-            jumps: Tells where paths jump.
-            given: Whether Δt is given; else steps are chosen by what loads will be.
+        Collective.
         """
         super().__init__(scene)
         self._jumps = jumps

@@ -67,13 +67,7 @@ class Deformation:
         self.largest = self.kinetic = self.strain = 0.0
 
     def measure(self, system: System, state: State, report: Any) -> float:
-        """The energy of deformation now [J]. Collective.
-
-        Args:
-            system: Equations of the present division.
-            state: The state.
-            report: Its report.
-        """
+        """The energy of deformation now [J]. Collective."""
         self.kinetic = report.kinetic
         if not self._still:
             self.kinetic = max(report.kinetic - self._rigid(system, state, report.kinetic), 0.0)
@@ -291,12 +285,9 @@ class Ledgers:
         return self._deformation.largest
 
     def follow(self, report: Any, periods: float, rigidity: Rigidity | None) -> Ledger:
-        """The ledger after a step. Collective.
+        """The ledger after a step and so many periods, with the error by rigid parts if known.
 
-        Args:
-            report: Its report.
-            periods: Periods so far.
-            rigidity: Error of the motion by rigid parts; None if nothing estimates that.
+        Collective.
         """
         stepper = self._stepper
         self._deformation.measure(stepper.system, stepper.state, report)

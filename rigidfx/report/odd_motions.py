@@ -185,11 +185,7 @@ class TurnedSprings(Adviser):
                 self._springs.append((spring, on, weights[on], arms))
 
     def follow(self, report: Report) -> None:
-        """Look at a report. Collective.
-
-        Args:
-            report: The next one, of which nothing has gone on.
-        """
+        """Look at the next report, of which nothing has gone on. Collective."""
         if self.said or not self._springs:
             return
         self._most = max(self._most, report.energy)

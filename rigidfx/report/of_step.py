@@ -34,16 +34,10 @@ def report_of(
     shortening: Shortening | None = None,
     recovery: Recovery | None = None,
 ) -> Report:
-    """The report of a step, or of the initial state. Collective.
+    """The report of a step, or of the initial state, which has no result. Collective.
 
-    Args:
-        step: Its number.
-        stepper: The maker of a step or of a load step.
-        probes: Points that are reported.
-        result: Result of the step; None for the initial state.
-        impact: Impact of a support at the start of the step.
-        shortening: Displacements of second order of bodies with shapes; not shown if None.
-        recovery: Strains withheld from rigid parts, if known.
+    An impact is that of a support at the start; a shortening is that of bodies with shapes, by
+    displacements of second order.
     """
     state = stepper.state
     u, v = _shown(probes, state, shortening)
@@ -128,14 +122,7 @@ def _at_start(scene: Scene) -> StepResult:
 def preloaded(
     report: Report, scene: Scene, forces: Mapping[str, Array], moments: Mapping[str, Array]
 ) -> Report:
-    """The report of the initial state with the reactions that a static preload knows.
-
-    Args:
-        report: The report.
-        scene: The problem.
-        forces: Force of each support by its name [N].
-        moments: Their moments about the origin [N m].
-    """
+    """The report of the initial state with forces [N] of supports, and their moments [N m]."""
     reactions, moments = _held(scene, forces, moments)
     result = replace(report.result, reactions=reactions, reaction_moments=moments)
     return replace(report, result=result)

@@ -46,15 +46,9 @@ class Peaks:
     """
 
     def __init__(self, scene: Scene, names: Sequence[str], owner: str) -> None:
-        """Compile stresses, and find nodes and the cells at them. Collective.
+        """Compile stresses, and find nodes and cells of sets of any dimension, or refuse them.
 
-        Args:
-            scene: The problem.
-            names: Sets of facets, cells, edges or vertices.
-            owner: Who asks, for messages.
-
-        Raises:
-            SceneError: If there is no such set.
+        Collective.
         """
         self.names = tuple(names)
         self._scene, self._masks = scene, dict[str, Bools]()
@@ -98,12 +92,9 @@ class Peaks:
         }
 
     def largest(self, sizes: Array) -> tuple[float, Array]:
-        """The largest value at owned nodes, and its place. Collective.
+        """The largest value at owned nodes, shape (values, nodes), and its place. Collective.
 
         Of nodes that have it up to rounding all ranks choose the same one.
-
-        Args:
-            sizes: Shape (values of a node, nodes).
         """
         scene = self._scene
         own = sizes.max(axis=0, initial=-1.0)

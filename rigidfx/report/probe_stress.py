@@ -73,12 +73,7 @@ class ProbeStress:
     """Stress and strain at the probes of a scene."""
 
     def __init__(self, scene: Scene, holders: Mapping[str, Holder]) -> None:
-        """Compile the expressions and find the cells around the probes. Collective.
-
-        Args:
-            scene: The problem.
-            holders: Name of each probe → the cell that holds it.
-        """
+        """Compile the expressions and find the cells around the probes. Collective."""
         self._scene, self._names = scene, tuple(holders)
         self._points, self._more = PointStress(scene), fem.Function(scene.space)
         patches = [self._patch(holder) for holder in holders.values()]
@@ -120,11 +115,8 @@ class ProbeStress:
     ) -> dict[str, StressAt]:
         """Stress and strain at each probe, by its name. Collective.
 
-        Args:
-            state: Where the structure is; nodes inside bodies need not be up to date.
-            strained: Withheld strains of rigid cells, see `Recovery.recovered`; asked only where a
-                probe is at one. Collective.
-            added: Further strains of cells.
+        Nodes inside bodies need not be up to date. `strained`, see `Recovery.recovered`, is called
+        only where a probe is at a rigid cell; `added` are further strains.
         """
         u: fem.Function = self._points.u
         now = state.positions(self._nodes) - state.X[self._nodes]
@@ -204,12 +196,9 @@ class Probes:
     def stresses(
         self, state: State, strained: Strained | None = None, added: Added | None = None
     ) -> Mapping[str, StressAt]:
-        """Stress and strain at each point; compiled when first asked for. Collective.
+        """Stress and strain at each point, see `ProbeStress.measure`; compiled at first.
 
-        Args:
-            state: Where the structure is.
-            strained: Withheld strains of rigid cells, if known.
-            added: Further strains of cells.
+        Collective.
         """
         return self._stress.measure(state, strained, added) if self._probes else {}
 

@@ -89,12 +89,7 @@ class BodyReport:
 
 
 def body_reports(bodies: Bodies, nu: Mapping[str, float]) -> tuple[BodyReport, ...]:
-    """Reports of the bodies at an instant.
-
-    Args:
-        bodies: The bodies.
-        nu: ν of bodies with shapes, by their names; zero of others.
-    """
+    """Reports of the bodies at an instant, with ν of those that have shapes."""
     own = bodies.angular_momentum, bodies.kinetic_of_each, bodies.strain_of_each
     return tuple(
         _body_report(
@@ -436,11 +431,7 @@ class Look:
     """Looks at each report for something that a user should know."""
 
     def follow(self, report: Report) -> None:
-        """Look at a report. Collective.
-
-        Args:
-            report: The next one, that of the initial state first.
-        """
+        """Look at the next report, that of the initial state first. Collective."""
         raise NotImplementedError
 
     def end(self) -> None:

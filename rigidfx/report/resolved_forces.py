@@ -12,14 +12,10 @@ Cells vibrate faster than Δt resolves, and these forces with them, for ever. In
     λ* = λ - δ⁴λ/16,    δ⁴λₙ = λₙ₋₂ - 4 λₙ₋₁ + 6 λₙ - 4 λₙ₊₁ + λₙ₊₂,
 
 has nothing of an alternating force and no lag. A vibration that moves on by θ in a step keeps 1 -
-sin⁴(θ/2), as with `rigidfx.step.system.resolved_forces`: 0.99 at ten steps a period. Beside the
-ends of a series λ* = λ + δ²λ/4, and the outermost steps go on from there in a straight line. λ* is
-taken where δ⁴λ changes its sign in two of three steps, as it does at three steps a period and less,
-so that a single jump of a smooth force stays as it is. Two later steps are needed: weights of
-earlier steps alone that have neither a lag nor an alternating part, such as (3, 2, -1)/4, make a
-jump larger by a quarter.
-
-Times of the layer of cells behind a contact: what a mesh resolves of a blow, and by which Δt.
+sin⁴(θ/2): 0.99 at ten steps a period. Beside the ends of a series λ* = λ + δ²λ/4, and the outermost
+steps go on from there in a straight line. λ* is taken where δ⁴λ changes its sign in two of three
+steps, as it does at three steps a period and less, so that a single jump of a smooth force stays as
+it is. Weights of earlier steps alone, such as (3, 2, -1)/4, make a jump larger by a quarter.
 
 Nodes are s apart across the layer, whose waves have the speed c = √((λ + 2μ)/ρ). A wave crosses it
 in s/c. Forces that vary within few crossings are those of a lattice of nodes and not of the body: a
@@ -48,18 +44,14 @@ from rigidfx.effects.contacts.surface import area_vectors, modulus_of, surface_o
 from rigidfx.effects.rigid import Rigid
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
-from rigidfx.step.watches.alternation import FIRST
-from rigidfx.step.watches.alternation import WORTH_A_WARNING as NOTHING
+from rigidfx.step.watches.alternation import FIRST, WORTH_A_WARNING
 
+CROSSINGS = 4.0  # of a layer: a mean over them is ρ c v of a flat face within a few per cent
 Steps = list[tuple[float, float]]  # length [s] and force [N] of the last steps
 
 
 def resolved_part(forces: Array) -> Array:
-    """Forces without the part that alternates; all of them in less than eight steps.
-
-    Args:
-        forces: Of successive steps of one length, shape (steps, columns).
-    """
+    """Forces without the part that alternates; all of them in less than eight steps."""
     if len(forces) < 2 * FIRST:
         return forces
     rest, ends = np.diff(forces, 4, axis=0) / 2**4, np.diff(forces, 2, axis=0)[[0, -1]] / 2**2
@@ -75,14 +67,8 @@ def resolved_part(forces: Array) -> Array:
 
 
 def resolved(forces: Array, dt: Array, cut: Bools) -> Array:
-    """Forces of all steps of a run without the part that alternates.
-
-    Args:
-        forces: Shape (steps, columns).
-        dt: Lengths of the steps, shape (steps,) [s].
-        cut: Whether something else acts from each step on, likewise.
-    """
-    longer = np.abs(np.diff(dt, prepend=dt[:1])) > NOTHING * dt
+    """Forces of all steps without the part that alternates; something else acts after a cut."""
+    longer = np.abs(np.diff(dt, prepend=dt[:1])) > WORTH_A_WARNING * dt
     at = np.flatnonzero(cut | longer)
     return np.concatenate([resolved_part(part) for part in np.split(forces, at)])
 
@@ -120,14 +106,9 @@ class ResolvedForces:
 
 
 def trailing_mean(steps: Steps, time: float) -> float:
-    """Mean force over the last time, weighted by a triangle; that of the last step if it is longer.
+    """Mean force [N] over the last time [s], weighted by a triangle; of the last step if longer.
 
-    Args:
-        steps: Those since then, and earlier ones, which are removed.
-        time: Length of the mean [s].
-
-    Returns:
-        The force [N].
+    Earlier steps are removed.
     """
     lengths, forces = np.array(steps[::-1]).T
     ages = np.concatenate([[0.0], np.cumsum(lengths)])  # of the ends of steps, the last one first
@@ -143,9 +124,6 @@ def trailing_mean(steps: Steps, time: float) -> float:
     return mean
 
 
-CROSSINGS = 4.0  # of a layer: a mean over them is ρ c v of a flat face within a few per cent
-
-
 def resolved_time(scene: Any, contact: Any) -> float:
     """Four crossings of the layer behind a contact, the slower one of two [s]. Collective.
 
@@ -155,10 +133,11 @@ def resolved_time(scene: Any, contact: Any) -> float:
 
 
 def own_time(scene: Any, contact: Any) -> float:
-    """The shortest half period of a contact's layers, in their mean, and rigid parts. Collective.
+    """The shortest half period of a contact's layers, in their mean, and rigid parts [s].
 
-    Returns:
-        The time [s]; inf if neither a modulus nor a rigid part is known.
+    Collective.
+
+    It is inf if neither a modulus nor a rigid part is known.
     """
     surface = surface_of(scene, contact.where, contact.stiffness, contact.owner)
     k, area = scene.sum([of[: scene.owned_nodes].sum() for of in (surface.stiffness, surface.area)])

@@ -19,30 +19,13 @@ from rigidfx.state import State
 
 
 def check_scene(owner: str, scene: Any) -> None:
-    """Check that a scene is one.
-
-    Args:
-        owner: Who asks for it, for the message.
-        scene: The given value.
-
-    Raises:
-        SceneError: If it is anything else.
-    """
+    """Check that a scene is one, or name its owner in a `SceneError`."""
     if not isinstance(scene, Scene):
         raise SceneError(f"{owner}: scene must be a Scene, got {type(scene).__name__}.")
 
 
 def check_report(owner: str, scene: Scene, report: Any) -> None:
-    """Check that a report's state can be used.
-
-    Args:
-        owner: Who uses it, for the message.
-        scene: The problem that is run.
-        report: The given value.
-
-    Raises:
-        SceneError: If it is no report, of another scene, or the run has gone on since.
-    """
+    """Refuse what is no report of this scene, or one whose run has gone on."""
     if not isinstance(report, Report):
         raise SceneError(f"{owner}: report must be a Report, got {type(report).__name__}.")
     if not report.current:
@@ -55,16 +38,7 @@ def check_report(owner: str, scene: Scene, report: Any) -> None:
 
 
 def check_about(owner: str, scene: Scene, report: Any) -> None:
-    """Check that a report's state is one that a scene can have.
-
-    Args:
-        owner: Who uses it, for the message.
-        scene: The problem.
-        report: The given value: a report of this scene, or of another one on the same mesh.
-
-    Raises:
-        SceneError: If it is no report, of another mesh or order, or its run has gone on since.
-    """
+    """Refuse what is no report of a scene of this mesh and order, or one whose run has gone on."""
     if not isinstance(report, Report):
         raise SceneError(f"{owner}: a Report is expected, got {type(report).__name__}.")
     state = report.state
@@ -100,14 +74,11 @@ class Start:
 
 
 def start_of(scene: Scene, given: Any) -> Start | None:
-    """The start that a report is; None if there is none. Collective.
+    """The start that a report of a scene on the same mesh, or a start, is; None of none.
 
-    Args:
-        scene: The problem of the run.
-        given: A report of a scene on the same mesh, a start, or None.
+    Collective.
 
-    Raises:
-        SceneError: If it is none, or the scene names where it begins itself.
+    It is refused if the scene names where it begins itself.
     """
     if given is None or isinstance(given, Start):
         return given

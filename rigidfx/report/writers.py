@@ -40,12 +40,9 @@ class Writers:
         folder: str | Path | None = None,
         before: str | Path | None = None,
     ) -> None:
-        """There are none. Collective.
+        """There are none. Folders are those of the run's checkpoints, and of those it goes on from.
 
-        Args:
-            comm: Communicator of the run.
-            folder: Of the run's checkpoints, if it leaves some.
-            before: Of the checkpoint from which it goes on, if it does.
+        Collective.
         """
         self._joined: list[Writer] = []
         self._known: Mapping[str, Any] = {}

@@ -113,16 +113,10 @@ def side_of(scene: Any, owner: str, side: Side) -> Sided:
 
 
 def end_of(scene: Any, owner: str, side: Side, at: Point | None = None) -> Vector:
-    """An end, for `RemoteNodes`. Collective.
+    """An end, for `RemoteNodes`; `SceneError` on every rank if there is none. Collective.
 
-    Args:
-        scene: The problem.
-        owner: Whose end it is, for messages.
-        side: "ground", the name of a `Rigid` part or of a set, a `MeanFace` or a `RigidFace`.
-        at: Place at the start [m]: needed of the ground; the centre of a part or a face if None.
-
-    Raises:
-        SceneError: On every rank, if there is no such part, surface or set.
+    Of the ground its place `at` the start is needed [m]; of a part or a face it is the centre if
+    None.
     """
     given = None if at is None else np.asarray(at, dtype=np.float64)
     rigid = [effect.name for effect in scene.effects if effect.is_rigid]
