@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from test_contact_pairs import boxes
+from common import boxes
 
 import rigidfx as rf
 

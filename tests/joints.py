@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from test_contact_pairs import boxes
+from common import boxes
 
 import rigidfx as rf
 from rigidfx.effects import Joint

@@ -11,10 +11,10 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from common import boxes
 from joints import PIN, bars
 from mpi4py import MPI
 from parallel import report
-from test_contact_pairs import boxes
 
 import rigidfx as rf
 

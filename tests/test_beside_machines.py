@@ -6,9 +6,9 @@ from functools import partial
 
 import numpy as np
 import pytest
+from common import boxes
 from four_bars import MOTOR, driven, four_bars
 from test_beside_twin import BOX, HELD, SOFT, STIFF, Beside
-from test_contact_pairs import boxes
 
 import rigidfx as rf
 

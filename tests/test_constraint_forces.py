@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from common import boxes
 from histories import heard
-from test_contact_pairs import boxes
 
 import rigidfx as rf
 from rigidfx.report.resolved_forces import resolved_part

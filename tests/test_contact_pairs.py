@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 import parallel
 import pytest
+from common import arrays, boxes, on_first_rank
 from mpi4py import MPI
 
 import rigidfx as rf
@@ -31,29 +32,6 @@ NO_WARNINGS = pytest.mark.filterwarnings("ignore:Body")  # of few cells, whose l
 TOO_MANY = pytest.mark.filterwarnings(
     "ignore:Reduced .* (more of its nodes press|it deforms too far)"
 )
-
-
-def arrays(boxes):
-    """Points and hexahedra of boxes that share no node, each from corner to corner."""
-    points, cells, first = [], [], 0
-    for low, high, count in boxes:
-        lines = [np.linspace(a, b, n + 1) for a, b, n in zip(low, high, count, strict=True)]
-        points.append(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3))
-        stride = (count[1] + 1) * (count[2] + 1), count[2] + 1, 1
-        i, j, k = np.meshgrid(*[np.arange(n) for n in count], indexing="ij")
-        corner = first + (i * stride[0] + j * stride[1] + k).reshape(-1)
-        offsets = [
-            a * stride[0] + b * stride[1] + c for c in (0, 1) for b in (0, 1) for a in (0, 1)
-        ]
-        cells.append(corner[:, None] + np.array(offsets))
-        first += len(points[-1])
-    return np.concatenate(points), np.concatenate(cells)
-
-
-def boxes(*boxes):
-    """A domain of boxes that share no node, each from corner to corner in so many cells."""
-    every = arrays(boxes)
-    return rf.from_arrays(*(part[: 0 if MPI.COMM_WORLD.rank else None] for part in every))
 
 
 def _of_the_lower(x):
@@ -163,15 +141,14 @@ def fork(*effects, speed=12):
 
     It is sheared, so that no node meets an edge: rounding would choose the facet, and the motion.
     """
-    points, cells = arrays((((0, 0, 0), (0.5, 0.1, 0.3), (5, 1, 6)),))
+    points, cells = arrays(((0, 0, 0), (0.5, 0.1, 0.3), (5, 1, 6)))
     middle = points[cells].mean(axis=1)
     cells = cells[(middle[:, 0] < 0.1) | (np.abs(middle[:, 2] - 0.15) > 0.05)]
     used, cells = np.unique(cells, return_inverse=True)
     x, y, z = points[used].T
     x = x * (1 + 0.13 * z)
     sheared = np.c_[x, y + 0.17 * x * z, z]
-    on_rank_0 = slice(0 if MPI.COMM_WORLD.rank else None)
-    domain = rf.from_arrays(sheared[on_rank_0], cells.reshape(-1, 8)[on_rank_0])
+    domain = on_first_rank(sheared, cells.reshape(-1, 8))
 
     def within(x):
         return (x[0] > 0.1 - 1e-6) & (np.abs(x[2] - 0.15) < 0.05 + 1e-6)
@@ -205,11 +182,10 @@ def test_parts_of_one_surface_meet_named_or_not(monkeypatch):
 
 def curved(kind, *effects, n=24):
     """A strip bent to a C, all of it one surface: its ends, or its backs, fly at each other."""
-    points, cells = arrays((((0.15, 0.0, 0.34), (2 * np.pi - 0.15, 0.1, 0.4), (n, 1, 1)),))
+    points, cells = arrays(((0.15, 0.0, 0.34), (2 * np.pi - 0.15, 0.1, 0.4), (n, 1, 1)))
     angle, y, r = points.T
     bent = np.c_[r * np.cos(angle), y, r * np.sin(angle)]
-    on_rank_0 = slice(0 if MPI.COMM_WORLD.rank else None)
-    domain = rf.from_arrays(bent[on_rank_0], cells[on_rank_0])
+    domain = on_first_rank(bent, cells)
     domain = domain.with_facets("skin", lambda x: np.full(x.shape[1], True))
     domain = domain.with_cells("upper", lambda x: x[2] > 0.2)
 
@@ -338,9 +314,7 @@ def test_a_mesh_that_overlaps_itself_is_refused(low, count):
 @pytest.mark.filterwarnings("ignore:Scene. the part")
 def test_cells_with_warped_faces_are_no_larger_than_they_are():
     """The hull of the lower one goes far into the upper one."""
-    points, cells = arrays(
-        (((0, 0, 0), (1, 1, 1), (1, 1, 1)), ((0, 0, 1.01), (1, 1, 2), (1, 1, 1)))
-    )
+    points, cells = arrays(((0, 0, 0), (1, 1, 1), (1, 1, 1)), ((0, 0, 1.01), (1, 1, 2), (1, 1, 1)))
     points[:, 2] -= 0.3 * points[:, 0] * points[:, 1]
     both = rf.from_arrays(points, cells).with_facets("skin", lambda x: x[0] > -1)
     rf.Scene(both, SOFT, [rf.Contact("skin", against="skin")])

@@ -31,10 +31,9 @@ SOME = {
     "waking": ("--only", "eight cells"),
     "budgets": ("--only", "push", "--no-hand", "--budgets", "0.05"),
     "impact": ("--only", "wall"),
-    "mechanisms": ("--only", "Bricard"),
+    "mechanisms": ("--only", "pendulum"),
     "reduced": ("--only", "plate"),
     "solver_ablation": ("--rules", "secants"),
-    "size": ("--levels", "reduced"),  # `reduced` runs the same plate beside its twin
 }
 # Long ones, whose steps, switches, contacts and files others have on two ranks.
 ON_ONE_RANK = (

@@ -6,8 +6,9 @@ import re
 
 import numpy as np
 import pytest
+from common import on_first_rank
+from hardcases.first_week import drum
 from histories import heard
-from mpi4py import MPI
 
 import rigidfx as rf
 
@@ -58,9 +59,7 @@ def facing_bars():
     x = np.array([[i, j, k] for i in (0.0, 0.25, 0.5) for j in (0.0, 0.1) for k in (0.0, 0.1)])
     cells = np.array([[0, 4, 2, 6, 1, 5, 3, 7], [4, 8, 6, 10, 5, 9, 7, 11]])
     points, cells = np.vstack([x, x + np.array([0.501, 0, 0])]), np.vstack([cells, cells + 12])
-    if MPI.COMM_WORLD.rank > 0:
-        points, cells = points[:0], cells[:0]
-    bars = rf.from_arrays(points, cells).with_cells("first", lambda x: x[0] < 0.5005)
+    bars = on_first_rank(points, cells).with_cells("first", lambda x: x[0] < 0.5005)
     bars = bars.with_facets("end", lambda x: np.abs(x[0] - 0.5) < 1e-9)
     return bars.with_facets("begin", lambda x: np.abs(x[0] - 0.501) < 1e-9)
 
@@ -189,22 +188,6 @@ def test_springs_on_faces_that_turn(rigid):
     (message,) = said([rf.Spring("z0", 1e4), rf.Spring("z1", 1e4), *spin], 2e-3, 0.04, shaft)
     assert re.search(r"Spring on 'z0': at t = \S+ s its nodes have turned by", message)
     assert not said([rf.Spring("low", 1e4), rf.Spring("high", 1e4), *spin], 2e-3, 0.04, shaft)
-
-
-def drum(n):
-    """A ring of n flat facets, of radius 1 m."""
-    phi = 2 * np.pi * np.arange(n) / n
-    rings = [(r, z) for z in (0.0, 0.5) for r in (0.6, 1.0)]
-    points = np.concatenate(
-        [np.c_[r * np.cos(phi), r * np.sin(phi), np.full(n, z)] for r, z in rings]
-    )
-    k, after = np.arange(n), (np.arange(n) + 1) % n
-    square = np.stack([k, k + n, after, after + n], axis=1)
-    cells = np.concatenate([square, square + 2 * n], axis=1)
-    if MPI.COMM_WORLD.rank > 0:
-        points, cells = points[:0], cells[:0]
-    ring = rf.from_arrays(points, cells)
-    return ring.with_facets("skin", lambda x: np.hypot(x[0], x[1]) > 0.9)
 
 
 FLOOR = rf.Plane((0, -1.1, 0), (0, 1, 0))

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 import parallel
 import pytest
+from common import boxes
 from histories import heard
 from mpi4py import MPI
-from test_contact_pairs import boxes
 
 import rigidfx as rf
 import rigidfx.withheld.recovery

@@ -8,10 +8,10 @@ from __future__ import annotations
 import numpy as np
 import parallel
 import pytest
+from common import boxes
 from histories import imbalance
 from joints import PIN, SOFT, bars, follow
 from scipy.special import ellipk
-from test_contact_pairs import boxes
 
 import rigidfx as rf
 

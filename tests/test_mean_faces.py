@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from common import boxes
 from scipy.spatial.transform import Rotation
-from test_contact_pairs import boxes
 
 import rigidfx as rf
 from rigidfx.mechanics.rotation import nearest_rotations

@@ -11,6 +11,7 @@ import dolfinx.mesh as dmesh
 import numpy as np
 import parallel
 import pytest
+from common import on_first_rank
 from histories import heard
 from mpi4py import MPI
 
@@ -122,9 +123,7 @@ NEIGHBOURS = {
 def beside(corner, size):
     """The warning of a cube that is held and another one beside it."""
     boxes = np.concatenate([CUBE, CUBE * size + corner])
-    if COMM.rank > 0:
-        boxes = boxes[:0]
-    domain = rf.from_arrays(boxes, np.arange(len(boxes)).reshape(-1, 8))
+    domain = on_first_rank(boxes, np.arange(len(boxes)).reshape(-1, 8))
     return said(end(domain, 0), rf.Fixed("end"))
 
 
@@ -262,9 +261,7 @@ def hinged(corner, *effects):
     """The warnings of two unit cubes that share the nodes they have in common."""
     points, number = np.unique(np.concatenate([CUBE, CUBE + corner]), axis=0, return_inverse=True)
     cells = number.reshape(2, 8)
-    if COMM.rank > 0:
-        points, cells = points[:0], cells[:0]
-    domain = rf.from_arrays(points, cells).with_cells("first", lambda x: x[1] < 1.5)
+    domain = on_first_rank(points, cells).with_cells("first", lambda x: x[1] < 1.5)
     return said(end(domain.with_cells("both", lambda x: x[1] < 9), 0), *effects)
 
 

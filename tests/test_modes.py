@@ -6,10 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from common import boxes
 from parallel import report as tell
 from parallel import run as mpirun
 from scipy.linalg import eigh
-from test_contact_pairs import boxes
 
 import rigidfx as rf
 from rigidfx.step.linear.eigenpairs import EigenControl, lowest

@@ -6,11 +6,11 @@ from functools import partial
 
 import numpy as np
 import pytest
+from common import boxes
 from four_bars import MOTOR, bricard, four_bars
 from histories import imbalance, tips
 from joints import apart
 from parallel import check_the_same, report
-from test_contact_pairs import boxes
 
 import rigidfx as rf
 

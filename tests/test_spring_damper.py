@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 import parallel
 import pytest
+from common import boxes
 from histories import heard, imbalance
 from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, eigh
 from test_beside_twin import Beside
-from test_contact_pairs import boxes
 
 import rigidfx as rf
 

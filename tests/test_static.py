@@ -6,11 +6,10 @@ import re
 
 import numpy as np
 import pytest
+from common import boxes
 from histories import heard
-from mpi4py import MPI
 from parallel import report as tell
 from parallel import run as mpirun
-from test_contact_pairs import arrays
 from test_modes import chain, swinging
 
 import rigidfx as rf
@@ -157,9 +156,7 @@ def blocks_pressed(load, n=4):
     """A block above another one, of two materials without Poisson's effect, pressed at its top."""
     z = 0.5 + GAP
     lower, upper = ((0, 0, 0), (1, 1, 0.5), (2, 2, 1)), ((0, 0, z), (1, 1, z + 0.3), (n, n, 1))
-    points, cells = arrays([lower, upper])
-    first = MPI.COMM_WORLD.rank == 0
-    domain = rf.from_arrays(points if first else points[:0], cells if first else cells[:0])
+    domain = boxes(lower, upper)
     between = 0.5 + 0.5 * GAP
     domain = domain.with_cells("low", lambda x: x[2] < between)
     domain = domain.with_cells("high", lambda x: x[2] > between)

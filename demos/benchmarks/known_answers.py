@@ -4,7 +4,7 @@
 * *modes*: bars, a plate, a tuning fork, a string; and the time for six modes of 200 000 unknowns
   (`bench/mode_answers.py`).
 * *locking*: problems in which first-order cells lock, with standard, enhanced and assumed strains,
-  and with second-order cells (`bench/locking_list.py`; R.H. MacNeal and R.L. Harder, Finite
+  and with second-order cells (`bench/locking_cases.py`; R.H. MacNeal and R.L. Harder, Finite
   Elements in Analysis and Design 1 (1985) 3; K.Y. Sze, X.H. Liu and S.H. Lo, Finite Elements in
   Analysis and Design 40 (2004) 1551). Without a known answer second-order cells give it.
 * *cost*: a step of a bar with enhanced cells over one with standard cells, in turn.
@@ -25,8 +25,7 @@ from typing import Any
 
 from bench import DT, MATERIAL, PUSH, Parser, Turns, bar, cells_of_bar, chosen, conclude
 from bench.graded import block_of
-from bench.locking_cases import options_of, squeezed
-from bench.locking_list import TOLERANCES, cases
+from bench.locking_cases import PROMISED, TOLERANCES, cases, options_of, squeezed
 from bench.mode_answers import CASES as MODES
 from bench.static_answers import CASES as STATICS
 from common import say
@@ -36,7 +35,6 @@ import rigidfx as rf
 STRETCHES = 0.9, 0.8, 0.7, 0.6
 COARSE = 0.01  # relative error of modes that is allowed in a short run
 USUAL = 0.03  # relative error of enhanced and assumed strains
-PROMISED = "enhanced", "assumed"
 
 Rows = list[dict[str, Any]]
 

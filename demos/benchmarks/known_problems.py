@@ -10,8 +10,9 @@ modules in `known/` say all.
         --beside out/known_problems
 
 The second command checks that two ranks give the same numbers, to 1e-7 or, of reduced parts, 1e-4.
-Exudyn is a peer of two mechanisms, as `mechanisms.py` says, and CalculiX of the Princeton beam, on
-one rank, as `peers.py` says. `summary.json` has the rows, `errors.png` the errors and their bounds.
+Exudyn is a peer of the four-bar linkages, as `mechanisms.py` says, and CalculiX of the Princeton
+beam, on one rank, as `peers.py` says. `summary.json` has the rows, `errors.png` the errors and
+their bounds.
 """
 
 from __future__ import annotations

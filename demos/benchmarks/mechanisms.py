@@ -1,10 +1,5 @@
-"""Mechanisms: joints, motors, redundancy, against published and independent solutions.
+"""Mechanisms against independent solutions: joints and motors on rigid and on flexible parts.
 
-* *four-bar 2*, *four-bar 40*: N four-bar linkages (IFToMM's benchmark A02); the end point of N = 2
-  after 10 s is (0.3284574, 0.9445188) m, and N = 40 has 120 redundant rows or more.
-* *Bricard*: five bars along the edges of a cube (A04): one redundant row.
-* *heavy top*: at 150 rad/s (O. Brüls, A. Cardona, M. Arnold, Mechanism and Machine Theory 48 (2012)
-  121): x(2 s) = (-0.15042, -0.72417, -0.67302) m.
 * *double pendulum*: against SciPy's DOP853 in angles.
 * *bar on a pin*: a flexible steel bar of 1 m, let go from the horizontal on a pin in its own hole,
   against the period of a physical pendulum of its mesh's mass and inertia (1.93334 s if uniform).
@@ -14,12 +9,12 @@
 * *rod, rigid and mean faces*: a connecting rod held by its two holes: stiffness [N/m, N m/rad] and
   frequencies between two pins [Hz], a line for each kind of face.
 
-The error is that of the end point [m], of the bar's period [s], at the smaller Δt; the order is
-measured from two Δt.
+Mechanisms with published motions are among `known_problems.py`. The error is that of the end point
+[m], of the bar's period [s], at the smaller Δt; the order is measured from two Δt.
 
-Exudyn is a peer of two cases: four-bar 2 in the plane by its generalised α, and the slider-crank by
-its floating frames of reference with 64 modes a body, of the mass and stiffness of the same mesh.
-It is optional, and said to be missing where it is not there. Put it into an environment of its own,
+Exudyn is a peer of the slider-crank, by its floating frames of reference with 64 modes a body, of
+the mass and stiffness of the same mesh. It is optional, and said to be missing where it is not
+there. Put it into an environment of its own,
 
     ./fenicsx python3 -m venv out/peers/exudyn
     ./fenicsx out/peers/exudyn/bin/python -m pip install exudyn scipy
@@ -44,10 +39,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from bench import Parser, chosen, conclude
+from bench.drilled import exact_period, rod_numbers, swing
 from bench.flexible_crank import crank_motion, flexible_crank, for_exudyn, motion
-from bench.hung_bar import exact_period, swing
-from bench.mechanism_scenes import bricard, double_pendulum, four_bars, heavy_top
-from bench.rod import rod_numbers
+from bench.mechanism_scenes import double_pendulum
 from codes import Found, exudyn
 from common import ROOT, say
 from scipy.integrate import solve_ivp
@@ -58,10 +52,12 @@ Array = npt.NDArray[np.float64]
 Row = dict[str, Any]
 MODES = 64  # of each flexible body in Exudyn
 SPEED, DEFLECTION = 0.005, 0.03  # largest difference to Exudyn, of the largest value
-# Parts, points of them in their frames at the start [m], and where these end [m].
-UP, BAR = ("up 0", np.array([0.0, 0.5, 0.0])), ("bar 2", np.array([0.0, 0.0, 0.5]))
-TOP = "top", np.zeros(3)
-END_OF_UP, END_OF_TOP = np.array([0.3284574, 0.9445188]), np.array([-0.15042, -0.72417, -0.67302])
+
+
+def line(case: str, **known: Any) -> Row:
+    """A line of the summary; what is not known is None."""
+    names = "unknowns", "energy_drift", "constraint", "error", "order", "seconds_per_step", "peer"
+    return {"case": case} | dict.fromkeys(names) | known
 
 
 @dataclass(frozen=True)
@@ -110,73 +106,6 @@ class Followed:
         at = {body.data.name: body.motion for body in report.rigid}
         self.end = at[name].r + at[name].R @ arm
 
-    def row(self, case: str, **more: Any) -> Row:
-        """Its line of the summary."""
-        out = {"case": case, "unknowns": self.unknowns, "energy_drift": self.drift}
-        out |= {"constraint": self.gap, "error": None, "order": None, "redundant": self.redundant}
-        out |= {"seconds_per_step": self.seconds, "peer": None, "peer_seconds_per_step": None}
-        return out | more
-
-
-def against(
-    case: str,
-    make: Callable[[], rf.Scene],
-    steps: tuple[float, float],
-    end: tuple[str, Array],
-    exact: Array,
-    t_end: float,
-) -> list[Row]:
-    """A mechanism at two Δt against a known end point."""
-    coarse, fine = (Followed(make(), dt, t_end, end) for dt in steps)
-    off = [float(np.linalg.norm((run.end - exact)[: exact.size])) for run in (coarse, fine)]
-    order = float(np.log(off[0] / off[1]) / np.log(steps[0] / steps[1]))
-    fine.drift, fine.gap = max(coarse.drift, fine.drift), max(coarse.gap, fine.gap)
-    return [fine.row(case, error=off[1], order=order)]
-
-
-def two(asked: Asked) -> list[Row]:
-    """N = 2, its end point after 10 s."""
-    steps = (0.02, 0.01) if asked.short else (0.01, 0.005)
-    rows = against("four-bar 2", lambda: four_bars(2), steps, UP, END_OF_UP, 10.0)
-    assert rows[0]["energy_drift"] <= 1e-10
-    assert rows[0]["constraint"] <= 1e-11
-    assert rows[0]["error"] <= 1e-2
-    assert abs(rows[0]["order"] - 2) <= 0.3
-    assert rows[0]["redundant"] == 6
-    if asked.exudyn is not None:
-        dt = min(steps)
-        found = asked.exudyn({"kind": "four-bars", "n": 2, "dt": dt, "steps": round(10 / dt)})
-        drift = float(np.abs(found["energy"] - found["energy"][0]).max())
-        rows[0] |= peer_of(found) | {
-            "peer_energy_drift": drift,
-            "peer_error": float(np.linalg.norm(found["end"][:2] - END_OF_UP)),
-        }
-    return rows
-
-
-def forty(asked: Asked) -> list[Row]:
-    """N = 40: rows that others imply."""
-    run = Followed(four_bars(40), 0.01, 0.2 if asked.short else 10.0, UP)
-    assert run.drift <= 1e-9
-    assert run.redundant == 120
-    return [run.row("four-bar 40")]
-
-
-def cube(asked: Asked) -> list[Row]:
-    """Bricard's mechanism."""
-    run = Followed(bricard(), 0.01, 1.0 if asked.short else 10.0, BAR)
-    assert run.drift <= 1e-10
-    assert run.redundant == 1
-    return [run.row("Bricard")]
-
-
-def top(asked: Asked) -> list[Row]:
-    """The heavy top: its centre after 2 s."""
-    steps = (0.002, 0.001) if asked.short else (0.001, 0.0005)
-    rows = against("heavy top", heavy_top, steps, TOP, END_OF_TOP, 2.0)
-    assert rows[0]["error"] <= 0.02
-    return rows
-
 
 def pendulum(asked: Asked) -> list[Row]:
     """Two thin bars: the tip after 2 s."""
@@ -189,14 +118,18 @@ def pendulum(asked: Asked) -> list[Row]:
         force = [-s / 2 * db**2 - 1.5 * g * np.cos(a), s / 2 * da**2 - 0.5 * g * np.cos(b)]
         return np.r_[da, db, np.linalg.solve(mass, force)]
 
-    found = solve_ivp(motion, (0, 2), np.zeros(4), "DOP853", rtol=1e-12, atol=1e-12)
-    a, b = found.y[:2, -1]
+    solution = solve_ivp(motion, (0, 2), np.zeros(4), "DOP853", rtol=1e-12, atol=1e-12)
+    a, b = solution.y[:2, -1]
     exact = np.array([np.cos(a) + np.cos(b), np.sin(a) + np.sin(b), 0.0])
     steps = (0.004, 0.002) if asked.short else (0.002, 0.001)
     end = "lower", np.array([0.5, 0, 0])
-    rows = against("double pendulum", double_pendulum, steps, end, exact, 2.0)
-    assert abs(rows[0]["order"] - 2) <= 0.3
-    return rows
+    coarse, fine = (Followed(double_pendulum(), dt, 2.0, end) for dt in steps)
+    off = [float(np.linalg.norm(run.end - exact)) for run in (coarse, fine)]
+    order = float(np.log(off[0] / off[1]) / np.log(steps[0] / steps[1]))
+    assert abs(order - 2) <= 0.3
+    found = {"energy_drift": max(coarse.drift, fine.drift), "error": off[1], "order": order}
+    found |= {"constraint": max(coarse.gap, fine.gap), "seconds_per_step": fine.seconds}
+    return [line("double pendulum", unknowns=fine.unknowns, **found)]
 
 
 def pin(asked: Asked) -> list[Row]:
@@ -205,13 +138,12 @@ def pin(asked: Asked) -> list[Row]:
     exact = exact_period(size)
     coarse, (period, drift, gap, seconds, unknowns) = (swing(size, dt) for dt in steps)
     off = coarse[0] - exact, period - exact
-    row: Row = {"case": "bar on a pin", "unknowns": unknowns, "energy_drift": drift}
-    row |= {"constraint": gap, "error": abs(off[1]), "order": float(np.log2(abs(off[0] / off[1])))}
-    row |= {"redundant": 0, "seconds_per_step": seconds, "peer": None}
-    row |= {"peer_seconds_per_step": None, "period": period, "exact_period": exact}
     assert abs(off[1]) <= 1e-3 * exact
     assert drift <= 1e-10
-    return [row]
+    found = {"error": abs(off[1]), "order": float(np.log2(abs(off[0] / off[1])))}
+    found |= {"energy_drift": drift, "constraint": gap, "seconds_per_step": seconds}
+    found |= {"unknowns": unknowns, "period": period, "exact_period": exact}
+    return [line("bar on a pin", **found)]
 
 
 def crank(asked: Asked) -> list[Row]:
@@ -223,10 +155,8 @@ def crank(asked: Asked) -> list[Row]:
     own = crank_motion(flexible_crank(0.03, *parts), dt, steps)
     rows = []
     for case, run in (("slider-crank", twin), ("slider-crank, reduced", own)):
-        row: Row = {"case": case, "unknowns": run.unknowns, "energy_drift": run.drift}
-        row |= {"constraint": run.gap, "error": None, "order": None, "redundant": 0}
-        row |= {"seconds_per_step": run.seconds, "peer": None, "peer_seconds_per_step": None}
-        rows.append(row | {"iterations": run.iterations})
+        found = {"energy_drift": run.drift, "constraint": run.gap, "seconds_per_step": run.seconds}
+        rows.append(line(case, unknowns=run.unknowns, iterations=run.iterations, **found))
         assert run.drift <= 1e-10
         assert run.gap <= 1e-12
     rows[1] |= apart(own.motion, twin.motion)
@@ -236,9 +166,8 @@ def crank(asked: Asked) -> list[Row]:
         for modes in (own.shapes + 6, MODES):
             found = asked.exudyn(for_exudyn(scene, dt, steps) | {"modes": modes})
             theirs = apart(motion(found["crank"], found["rod"], dt), twin.motion)
-            row = dict.fromkeys(rows[0]) | {"case": f"slider-crank, Exudyn, {modes} modes"}
-            row |= {"seconds_per_step": float(found["seconds"]), "peer": str(found["version"])}
-            rows.append(row | theirs)
+            row = line(f"slider-crank, Exudyn, {modes} modes", peer=str(found["version"]))
+            rows.append(row | {"seconds_per_step": float(found["seconds"])} | theirs)
         assert theirs["speed_apart"] <= SPEED
         assert theirs["deflection_apart"] <= DEFLECTION
     return rows
@@ -250,11 +179,6 @@ def apart(own: tuple[Array, Array], twin: tuple[Array, Array]) -> Row:
     return dict(zip(("speed_apart", "deflection_apart"), of, strict=True))
 
 
-def peer_of(found: Found) -> Row:
-    """Exudyn's version and seconds a step."""
-    return {"peer": str(found["version"]), "peer_seconds_per_step": float(found["seconds"])}
-
-
 def rod(asked: Asked) -> list[Row]:
     """A rod between faces of each kind: the rigid ones are stiffer."""
     kinds = {"mean faces": rf.MeanFace, "rigid faces": rf.RigidFace}
@@ -264,17 +188,10 @@ def rod(asked: Asked) -> list[Row]:
     mean, rigid = rows.values()
     assert all(rigid[key] > mean[key] for key in ("tension", "sideways", "torsion"))
     assert np.all(np.array(rigid["frequencies"]) > mean["frequencies"])
-    none = dict.fromkeys(
-        ("energy_drift", "constraint", "error", "order", "seconds_per_step"), None
-    ) | {"redundant": 0, "peer": None, "peer_seconds_per_step": None}
-    return [{"case": f"rod, {name}"} | none | row for name, row in rows.items()]
+    return [line(f"rod, {name}", **row) for name, row in rows.items()]
 
 
 CASES: dict[str, Callable[[Asked], list[Row]]] = {
-    "four-bar 2": two,
-    "four-bar 40": forty,
-    "Bricard": cube,
-    "heavy top": top,
     "double pendulum": pendulum,
     "bar on a pin": pin,
     "slider-crank": crank,
@@ -294,7 +211,7 @@ def python_with_exudyn(named: str | None) -> str | None:
 
 def main() -> None:
     """Run the cases and leave summary.json."""
-    parser = Parser(__file__, "Mechanisms against published solutions.", "longer steps, shorter")
+    parser = Parser(__file__, "Mechanisms against independent solutions.", "longer steps, shorter")
     parser.add_only("cases")
     parser.add_argument("--exudyn", help="Exudyn: path of the Python that has it")
     options = parser.read()

@@ -1,386 +1,144 @@
-"""What parts reduced to a few shapes cost and how far they are from their flexible twins.
+"""Three levels by size: flexible, found by the run, and reduced by name.
 
-Whole runs, set-up included, one after the other on one core: the twin, in which all cells are
-flexible, and the same with parts named `Reduced`. Seconds are those of the processor.
+Scenes stand in `bench/reduced_cases.py`; each runs whole, set-up included, on one core:
 
-* `plate`: a square plate of 1 m on soft springs is struck near a corner and beside its hub
-  (`demos/gong.py`); also the peak of stress below the blows.
-* `drop`: a device of three materials falls on a corner (`demos/drop_test.py`): it has six unknowns
-  until a node presses, which gives it its shapes.
-* `arm`: a robot's arm moves by a third of its way and swings (`demos/robot_arm.py`): link and head
-  are reduced, its leaf stays flexible, and a moving support holds the link by its bore.
-* `there and back`: the whole way of the demo, and back.
-* `spin`: a bar spins freely by a turn and is struck at its end.
-* `sine`: a block is driven by a lasting sine load below its first frequency; both halves reduced
-  are one body, and one half is reduced beside the driven one.
-* `crank`: the slider-crank of `demos/mechanism.py` for half a turn and its brake, three reduced
-  parts between joints, a motor and a stop; also stress at the rod's fillet and the joints' gap.
-* `tumbling`: a body of twelve shapes, with energy and momenta over ten thousand steps.
+- flexible: the twin, in which all cells are flexible;
+- default: what a user gets who names nothing, `StrainRate(Relative(0.01), "auto")`;
+- reduced: parts named `Reduced`.
+
+Δt is the same in all three. An entry of summary.json is a level of a scene at a size:
+
+- case, level, unknowns (most of the twin), left (fewest of the run);
+- seconds of the processor for the whole run, set-up included, and for `set_up` alone;
+- ratio: seconds over those of the twin;
+- memory: the most that the process has taken [MB];
+- energy: largest error of its balance over the largest energy;
+- errors against the twin, of what the scene is about.
+
+`growth` tells the exponent of seconds by unknowns for each scene and level; `tumbling` has drifts.
 
     ./fenicsx python3 demos/benchmarks/reduced.py
-    ./fenicsx python3 demos/benchmarks/reduced.py --only plate drop --most 30000
+    ./fenicsx python3 demos/benchmarks/reduced.py --only drop --levels flexible reduced
+    ./fenicsx python3 demos/benchmarks/reduced.py --only plate --levels reduced --most 2000000
+    ./fenicsx python3 demos/benchmarks/reduced.py --only plate --most 150000 --resume
 
-Each row tells unknowns, the time over the twin's, and errors of what the case is about.
+Each run is a process of its own, so that memory is that of one run. Sizes up to 150 000 unknowns
+take some hours of one core; with --resume a run that has been measured into the folder before is
+not run again, and those of other scenes and sizes are in the table as well. A million unknowns have
+no twin here: their run tells seconds and memory.
 """
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
-from functools import partial
-from time import process_time
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
-from bench import Parser, conclude
-from bench.crank import BLOCK, driven
-from common import say
+from bench import Parser, chosen, conclude, without_mpi
+from bench.reduced_cases import SHORT, SIZES, Case, run, tumbling
+from common import positive, say
 
 import rigidfx as rf
-from meshes.device import device
-from meshes.gong import MALLET, PLACES, SIDE, gong
-from meshes.mechanism import FILLET, slider_crank
-from meshes.robot_arm import HEIGHT, TIP, robot_arm
 
-SOFT = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)  # Pa, 1, kg/m³
-ALUMINIUM = rf.StVenantKirchhoff(E=7e10, nu=0.33, rho=2700.0)
+LEVELS = "flexible", "default", "reduced"
+TWINS_UP_TO = 150_000  # unknowns; a twin of a million takes a day
+ENTRY, SEEN = "entry.json", "seen.npy"  # in the folder of a run
 
 
-@dataclass(frozen=True)
-class Case:
-    """A scene, the parts of it that are reduced, and what is compared.
-
-    Attributes:
-        scene: Makes it of some further effects.
-        parts: The reduced parts.
-        dt: Time steps, as `simulate` takes them.
-        t_end: End [s].
-        seen: What is kept of a report.
-        errors: Errors of what was seen in a run, by that of the twin.
-    """
-
-    scene: Callable[..., rf.Scene]
-    parts: tuple[rf.Reduced, ...]
-    dt: float | Mapping[float, float]
-    t_end: float
-    seen: Callable[[rf.Report], np.ndarray]
-    errors: Callable[[np.ndarray, np.ndarray], dict[str, float]]
+def carried_out(case: Case, level: str, folder: Path) -> None:
+    """Run a level of a case, in a process of its own, and keep what it leaves."""
+    found = rf.StrainRate(rf.Relative(0.01), "auto") if level == "default" else None
+    own = run(case, case.parts if level == "reduced" else (), rigidify=found)
+    left, most = own.unknowns
+    entry = {"level": level, "unknowns": most, "left": left, "set_up": own.set_up}
+    entry |= {"seconds": own.seconds, "energy": own.balance}
+    np.save(folder / SEEN, own.seen)
+    (folder / ENTRY).write_text(json.dumps(entry), encoding="utf-8")
 
 
-@dataclass
-class Run:
-    """What a run has left.
-
-    Attributes:
-        seconds: Time of the processor, with set-up, without looks at results [s].
-        unknowns: The fewest and the most.
-        seen: What was kept of each report.
-        balance: Largest error of the balance of energy over the largest energy.
-        set_up: The part of its time that has passed before the first step [s].
-    """
-
-    seconds: float = 0.0
-    unknowns: tuple[int, int] = (0, 0)
-    seen: np.ndarray = field(default_factory=lambda: np.empty(0))
-    balance: float = 0.0
-    set_up: float = 0.0
+def measured(name: str, unknowns: int, level: str, short: bool, folder: Path) -> None:
+    """Have a process run a level of a scene, and note its memory."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / ENTRY).unlink(missing_ok=True)
+    command = [sys.executable, __file__, "--out", str(folder), "--run", name, str(unknowns), level]
+    command += ["--short"] if short else []
+    with subprocess.Popen(command, env=without_mpi(), stdout=subprocess.DEVNULL) as process:
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise SystemExit(f"{' '.join(command)} ended with {process.returncode}")
+    entry = json.loads((folder / ENTRY).read_text(encoding="utf-8"))
+    entry = {"case": name, **entry, "memory": usage.ru_maxrss // 1024}
+    (folder / ENTRY).write_text(json.dumps(entry), encoding="utf-8")
 
 
-def run(case: Case, parts: tuple[rf.Reduced, ...], rigidify: rf.Criterion | None = None) -> Run:
-    """A run of a case, with parts reduced by name, or rigid where a criterion finds them."""
-    start, seen, unknowns, energy, work, looking = process_time(), [], [], [], [], 0.0
-    with warnings.catch_warnings():  # of blows that some of these cells do not resolve
-        warnings.simplefilter("ignore", rf.RigidfxWarning)
-        scene, set_up = case.scene(*parts), 0.0
-        for report in rf.simulate(scene, dt=case.dt, t_end=case.t_end, rigidify=rigidify):
-            began = process_time()
-            set_up = set_up or began - start
-            seen.append(case.seen(report))
-            looking += process_time() - began
-            unknowns.append(report.unknowns)
-            energy.append(report.energy)
-            taken = sum(report.dissipated.values())
-            work.append(report.work_of_loads + report.work_of_supports - taken)
-    off = np.abs(np.array(energy) - energy[0] - np.cumsum(work)).max()
-    ends = min(unknowns), max(unknowns)
-    took = process_time() - start - looking
-    return Run(took, ends, np.array(seen), off / np.abs(energy).max(), set_up)
-
-
-def measured(name: str, case: Case) -> dict[str, object]:
-    """A row: a case with its parts reduced, beside its twin."""
-    twin, own = run(case, ()), run(case, case.parts)
-    row = {
-        "case": name,
-        "unknowns_flexible": twin.unknowns[1],
-        "unknowns": own.unknowns[1],
-        "seconds_flexible": twin.seconds,
-        "seconds": own.seconds,
-        "time_ratio": own.seconds / twin.seconds,
-        "energy": own.balance,
-    } | case.errors(own.seen, twin.seen)
-    say(f"{name}: " + ", ".join(f"{k} {v:.4g}" for k, v in row.items() if k != "case"))
-    return row
-
-
-# The cases ----------------------------------------------------------------------------------------
-
-
-def hump(begin: float, length: float, t: float) -> float:
-    """A smooth push of height one."""
-    return float(begin < t < begin + length) * np.sin(np.pi * (t - begin) / length) ** 2
-
-
-def of_way(own: np.ndarray, twin: np.ndarray) -> dict[str, float]:
-    """Largest distance of a probe, over the largest way."""
-    apart = np.linalg.norm(own - twin, axis=-1).max()
-    return {"way": float(apart / np.linalg.norm(twin, axis=-1).max())}
-
-
-def probes(report: rf.Report) -> np.ndarray:
-    """Displacements of all probes [m]."""
-    return np.array(list(report.probes.values()))
-
-
-def plate(across: int) -> Case:
-    """The gong, for half a second after the first blow."""
-    push = (0.0, 0.0, -500.0 / MALLET**2)  # Pa
-    blows = {"corner": 0.02, "side": 0.32}  # s
-    effects = [
-        rf.Spring("rim", 330.0),
-        rf.StiffnessDamping(ratio=0.3, frequency=20.0),
-        rf.InitialVelocity(linear=(0, 0, 0.05)),
-        *(rf.Traction(where, push, time=partial(hump, t, 0.01)) for where, t in blows.items()),
-    ]
-    plastic = rf.StVenantKirchhoff(E=3e9, nu=0.3, rho=1200.0)
-    steel = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)
-    corners = {"corner": (SIDE, SIDE, 0), "across": (0, 0, 0), "hub": (SIDE / 2, SIDE / 2, 0)}
-    below = {f"below {name}": (*place, 0.0) for name, place in PLACES.items()}
-
-    def scene(*parts: rf.Reduced) -> rf.Scene:
-        materials = {"plate": plastic, "hub": steel}
-        given = [*effects, *parts]
-        points = corners | below
-        return rf.Scene(gong(across), materials, given, element="enhanced", probes=points)
-
-    def seen(report: rf.Report) -> np.ndarray:
-        stress = [report.stresses[name].von_mises if report.step else 0.0 for name in below]
-        return np.r_[np.ravel([report.probes[name] for name in corners]), stress]
-
-    def errors(own: np.ndarray, twin: np.ndarray) -> dict[str, float]:
-        ways = (of[:, :9].reshape(-1, 3, 3) for of in (own, twin))
-        peak = own[:, 9:].max() / twin[:, 9:].max() - 1
-        return of_way(*ways) | {"peak_stress": float(peak)}
-
-    return Case(scene, (rf.Reduced(),), 2e-3, 0.52, seen, errors)
-
-
-def drop(size: float) -> Case:
-    """The device, from its fall to the end of its first hit."""
-    gravity, dt, height, after = 9.81, 1e-4, 0.5, 0.012
-    touch = float(np.sqrt(2 * height / gravity))
-    materials = {
-        "shell": rf.NeoHooke(E=2.4e9, nu=0.35, rho=1200.0),
-        "board": rf.StVenantKirchhoff(E=2e10, nu=0.2, rho=1900.0),
-        "heavy": rf.StVenantKirchhoff(E=1e10, nu=0.3, rho=2700.0),
+def rows(name: str, unknowns: int, case: Case, out: Path) -> list[dict[str, object]]:
+    """The levels of a scene that have been run, each beside the twin where there is one."""
+    found = {level: out / f"{name}_{unknowns}_{level}" for level in LEVELS}
+    found = {level: folder for level, folder in found.items() if (folder / ENTRY).exists()}
+    entries = {
+        level: json.loads((folder / ENTRY).read_text(encoding="utf-8"))
+        for level, folder in found.items()
     }
-    floor = rf.Contact("skin", against=rf.Plane((0, 0, 0), (0, 0, 1)), title="floor")
-    effects = [
-        floor,
-        rf.Gravity((0, 0, -gravity)),
-        rf.StiffnessDamping(ratio=0.05, frequency=1000.0),
-    ]
-
-    def scene(*parts: rf.Reduced) -> rf.Scene:
-        body = device(size, up=(0.060, 0.035, 0.036), height=height)
-        return rf.Scene(body, materials, [*effects, *parts], element="enhanced")
-
-    def seen(report: rf.Report) -> np.ndarray:
-        force = report.touches["floor"].force[2] if report.step else 0.0
-        return np.array([force, report.linear_momentum[2]])
-
-    def errors(own: np.ndarray, twin: np.ndarray) -> dict[str, float]:
-        ends = [int(np.flatnonzero(of[:, 0] > 0)[-1]) + 1 for of in (own, twin)]
-        rebound = own[ends[0], 1] / twin[ends[1], 1] - 1
-        return {"peak_force": own[:, 0].max() / twin[:, 0].max() - 1, "rebound": float(rebound)}
-
-    steps = {0.0: 1e-3, touch - 10.5 * dt: dt}
-    return Case(scene, (rf.Reduced(),), steps, touch + after, seen, errors)
+    twin = entries.get("flexible")
+    for level, entry in entries.items():
+        if twin is not None and level != "flexible":
+            entry["ratio"] = entry["seconds"] / twin["seconds"]
+            seen, exact = (np.load(found[of] / SEEN) for of in (level, "flexible"))
+            entry["errors"] = case.errors(seen, exact)
+            entry["unknowns"] = twin["unknowns"]
+        elif twin is None:
+            entry["unknowns"] = unknowns
+    return [*entries.values()]
 
 
-def arm(size: float, distance: float = 0.05 / 3, back: float = np.inf) -> Case:
-    """The arm, its axis moved by some way [m], and back from a time on [s], if before the end."""
-    travel = 0.04  # s
-
-    def moved(t: float) -> float:
-        s = np.clip(t / travel, 0.0, 1.0)
-        return distance * float(s - np.sin(2 * np.pi * s) / (2 * np.pi))
-
-    def way(t: float) -> tuple[float, float, float]:
-        return 0.0, moved(t) - moved(t - back), 0.0
-
-    effects = [rf.PrescribedMotion("bore", displacement=way), rf.NumericalDamping(0.05)]
-
-    def scene(*parts: rf.Reduced) -> rf.Scene:
-        body = robot_arm(size, max(0.012, 0.6 * size))
-        tip = {"tip": (TIP, 0.0, HEIGHT / 2)}
-        given = [*effects, *parts]
-        return rf.Scene(body, ALUMINIUM, given, order=2, mass="consistent", probes=tip)
-
-    def seen(report: rf.Report) -> np.ndarray:
-        return np.array(report.probes["tip"][1] - way(report.t)[1])
-
-    def errors(own: np.ndarray, twin: np.ndarray) -> dict[str, float]:
-        return {"swing": float(np.abs(own - twin).max() / np.abs(twin).max())}
-
-    t_end = 0.12 if back == np.inf else back + 0.12
-    return Case(scene, (rf.Reduced("link"), rf.Reduced("head")), 1e-3, t_end, seen, errors)
+def growth(table: list[dict[str, object]]) -> dict[str, float]:
+    """Scene and level → exponent of seconds by unknowns, where there are three sizes."""
+    found: dict[str, list[tuple[float, float]]] = {}
+    for row in table:
+        place = float(str(row["unknowns"])), float(str(row["seconds"]))
+        found.setdefault(f"{row['case']}, {row['level']}", []).append(place)
+    fits = {of: np.polyfit(*np.log(at).T, 1)[0] for of, at in found.items() if len(at) > 2}
+    return {of: float(slope) for of, slope in fits.items()}
 
 
-def spin(along: int) -> Case:
-    """A bar that turns once, struck at its end at the start."""
-    rate, t_end = 2 * np.pi / 0.4, 0.4  # rad/s, s
-    across = max(2, along // 10)
-    effects = [
-        rf.InitialVelocity(angular=(0, 0, rate)),
-        rf.Traction("x1", (0, 0, 2e3), time=partial(hump, 0.0, 0.01)),
-    ]
-    ends = {"first": (0.0, 0.05, 0.05), "middle": (0.5, 0.05, 0.05), "last": (1.0, 0.05, 0.05)}
-
-    def scene(*parts: rf.Reduced) -> rf.Scene:
-        body = rf.box((0, 0, 0), (1.0, 0.1, 0.1), (along, across, across))
-        return rf.Scene(body, SOFT, [*effects, *parts], element="enhanced", probes=ends)
-
-    def errors(own: np.ndarray, twin: np.ndarray) -> dict[str, float]:
-        bends = [of[:, 0, 2] - 2 * of[:, 1, 2] + of[:, 2, 2] for of in (own, twin)]
-        off = np.abs(bends[0] - bends[1]).max() / np.abs(bends[1]).max()
-        return of_way(own, twin) | {"deflection": float(off)}
-
-    return Case(scene, (rf.Reduced(),), 1e-3, t_end, probes, errors)
-
-
-def sine(which: str) -> Case:
-    """A block of 7056 unknowns on a wall, driven at 0.7 of its first frequency."""
-    cells = (13, 13, 11)
-    first = 9.3  # Hz, of the block
-    push = rf.Traction("x1", (0, 0, 2e3), time=lambda t: np.sin(2 * np.pi * 0.7 * first * t))
-    effects = [rf.Fixed("x0"), push, rf.StiffnessDamping(ratio=0.02, frequency=first)]
-
-    def scene(*parts: rf.Reduced) -> rf.Scene:
-        body = rf.box((0, 0, 0), (1.0, 0.5, 0.5), cells)
-        body = body.with_cells("driven", lambda x: x[0] > 0.5 - 0.04)
-        body = body.with_cells("held", lambda x: x[0] < 0.5 + 0.04)
-        soft = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)
-        end = {"end": (1.0, 0.25, 0.25)}
-        return rf.Scene(body, soft, [*effects, *parts], element="enhanced", probes=end)
-
-    halves = {"both": (rf.Reduced("held"), rf.Reduced("driven")), "one": (rf.Reduced("held"),)}
-    return Case(scene, halves[which], 5e-3, 1.5, probes, of_way)
-
-
-def crank(size: float) -> Case:
-    """The slider-crank of `demos/mechanism.py`, brought to speed, turned and stopped."""
-    speed, ramp = 100.0, 0.02  # rad/s, s
-    brake = ramp / 2 + np.pi / speed  # s
-
-    def smooth(t: float) -> float:
-        s = min(max(t / ramp, 0.0), 1.0)
-        return s * s * (3 - 2 * s)
-
-    effects = driven(lambda t: speed * (smooth(t) - smooth(t - brake)))
-    points = {"fillet": FILLET, "block": BLOCK}
-
-    def scene(*parts: rf.Reduced) -> rf.Scene:
-        steel = rf.StVenantKirchhoff(E=2.1e11, nu=0.3, rho=7800.0)
-        body, given = slider_crank(size, size / 2), [*effects, *parts]
-        return rf.Scene(body, steel, given, order=2, mass="consistent", probes=points)
-
-    def seen(report: rf.Report) -> np.ndarray:
-        looked = report.step and report.step % 5 == 0
-        stress = report.stresses["fillet"].von_mises if looked else 0.0
-        gap = max((joint.gap for joint in report.joints.values()), default=0.0)
-        return np.array([*probes(report).ravel(), stress, gap])
-
-    def errors(own: np.ndarray, twin: np.ndarray) -> dict[str, float]:
-        stress = np.abs(own[:, 6] - twin[:, 6]).max() / twin[:, 6].max()
-        return of_way(own[:, 3:6], twin[:, 3:6]) | {"stress": stress, "gap": own[:, 7].max()}
-
-    parts = tuple(rf.Reduced(name) for name in ("crank", "rod", "block"))
-    return Case(scene, parts, 2e-4, brake + ramp + 0.01, seen, errors)
-
-
-def tumbling(steps: int) -> dict[str, object]:
-    """Drifts of a body of twelve shapes, with both masses."""
-    worst = {"energy": 0.0, "momentum": 0.0, "angular_momentum": 0.0, "stretch": 0.0}
-    for mass in ("lumped", "consistent"):
-        body = rf.box((0, 0, 0), (1.0, 0.1, 0.1), (12, 2, 2))
-        soft = rf.StVenantKirchhoff(E=2e6, nu=0.3, rho=1000.0)
-        thrown = rf.InitialVelocity(linear=(0.1, 0, 0), angular=(9.0, 10.0, 6.0))
-        given = [rf.Reduced(shapes=12), thrown]
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", rf.RigidfxWarning)
-            scene = rf.Scene(body, soft, given, mass=mass, element="enhanced")
-            reports = rf.simulate(scene, dt=2e-3, t_end=2e-3 * steps)
-            first = next(reports)
-            for report in reports:
-                off = {
-                    "energy": abs(report.energy / first.energy - 1),
-                    "momentum": np.abs(report.linear_momentum - first.linear_momentum).max()
-                    / np.abs(first.linear_momentum).max(),
-                    "angular_momentum": np.abs(
-                        report.angular_momentum - first.angular_momentum
-                    ).max()
-                    / np.abs(first.angular_momentum).max(),
-                    "stretch": np.abs(report.state.bodies.q).max(),
-                }
-                worst = {name: max(worst[name], float(off[name])) for name in worst}
-    return {"case": "tumbling", "steps": steps, "unknowns": 18} | worst
-
-
-WHOLE = 0.05, 0.14  # m, s: the demo's way, and when its way back begins
-SIZES: dict[str, dict[int, Callable[[], Case]]] = {
-    "plate": {6534: partial(plate, 32), 25_350: partial(plate, 64), 99_846: partial(plate, 128)},
-    "drop": {
-        2736: partial(drop, 0.02),
-        25_320: partial(drop, 0.0033),
-        66_744: partial(drop, 0.0028),
-    },
-    "arm": {10_503: partial(arm, 0.016), 20_997: partial(arm, 0.009)},
-    "there and back": {10_504: partial(arm, 0.016, *WHOLE), 20_998: partial(arm, 0.009, *WHOLE)},
-    "spin": {1053: partial(spin, 38), 8427: partial(spin, 80)},
-    "sine": {7056: partial(sine, "both"), 7057: partial(sine, "one")},
-    "crank": {
-        12_951: partial(crank, 0.03),
-        57_768: partial(crank, 0.0104),
-        109_899: partial(crank, 0.0078),
-    },
-}
-SHORT = {"plate": partial(plate, 16), "drop": partial(drop, 0.02), "spin": partial(spin, 20)}
-
-
-def rows(only: list[str], most: int, short: bool) -> Iterator[dict[str, object]]:
-    """All rows that are asked for."""
-    if "tumbling" in only:
-        yield tumbling(500 if short else 10_000)
-    for name, sizes in SIZES.items():
-        if name not in only:
-            continue
-        if short:
-            if name in SHORT:
-                yield measured(name, SHORT[name]())
-            continue
-        for unknowns, make in sizes.items():
-            if unknowns <= most:
-                yield measured(name, make())
+def main() -> None:
+    """Run the scenes and write their table."""
+    parser = Parser(__file__, __doc__.splitlines()[0], short="coarse meshes")
+    parser.add_only("scenes")
+    parser.add_argument("--levels", nargs="+", default=[*LEVELS], choices=LEVELS, help="these")
+    parser.add_argument("--least", type=positive, default=1, help="unknowns, at least")
+    parser.add_argument("--most", type=positive, default=30_000, help="unknowns, at most")
+    parser.add_argument("--resume", action="store_true", help="keep what has been measured")
+    parser.add_argument("--run", nargs=3, metavar="X", help="a scene's size and level, alone")
+    options = parser.read()
+    sizes = SHORT if options.short else SIZES
+    if options.run is not None:
+        name, unknowns, level = options.run
+        carried_out(sizes[name][int(unknowns)](), level, options.out)
+        return
+    asked, table = chosen(options, [*sizes, "tumbling"]), []
+    for name, made in sizes.items():
+        for unknowns, make in made.items():
+            wanted = name in asked and options.least <= unknowns <= options.most
+            for level in options.levels if wanted else ():
+                folder = options.out / f"{name}_{unknowns}_{level}"
+                done = options.resume and (folder / ENTRY).exists()
+                if not done and (level == "reduced" or unknowns <= TWINS_UP_TO):
+                    measured(name, unknowns, level, options.short, folder)
+            if wanted or options.resume:
+                table += (found := rows(name, unknowns, make(), options.out))
+                say("\n".join(map(str, found)))
+    found = {"rows": table, "growth": growth(table)}
+    if "tumbling" in asked:
+        found["tumbling"] = tumbling(500 if options.short else 10_000)
+    conclude(options.out, found)
+    assert all(row["energy"] < 1e-9 for row in table)
+    assert "tumbling" not in found or found["tumbling"]["energy"] < 1e-9
 
 
 if __name__ == "__main__":
-    names = [*SIZES, "tumbling"]
-    parser = Parser(__file__, "Reduced parts against their flexible twins.", "coarse meshes")
-    parser.add_argument("--only", nargs="+", default=names, choices=names, help="these cases")
-    parser.add_argument("--most", type=int, default=30_000, help="unknowns of a twin at most")
-    options = parser.read()
-    found = list(rows(options.only, options.most, options.short))
-    for row in found:
-        assert float(str(row["energy"])) < 1e-9, row
-    conclude(options.out, {"rows": found})
+    main()

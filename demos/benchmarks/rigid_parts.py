@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 from bench import DT, MATERIAL, PUSH, Parser, Turns, bar, cells_of_bar, run_parts, timed
+from common import boxes
 
 import rigidfx as rf
 
@@ -47,20 +48,11 @@ def chain(along: int, across: int, bodies: int, layers: int) -> rf.Scene:
 
 def ideal(along: int, across: int, bodies: int, layers: int) -> rf.Scene:
     """The flexible cells of a chain, held where bodies were; all are pushed sideways."""
-    steps = [np.arange(n + 1.0) for n in (layers, across, across)]
-    x, y, z = (each.reshape(-1) for each in np.meshgrid(*steps, indexing="ij"))
-    number = np.arange(x.size).reshape([each.size for each in steps])
-    corners = [
-        number[i : i + layers, j : j + across, k : k + across].reshape(-1)
-        for k in (0, 1)
-        for j in (0, 1)
-        for i in (0, 1)
-    ]
     ends = (np.arange(bodies) + 1) * along / bodies
-    points = np.concatenate([np.stack([x + end - layers, y, z], axis=1) for end in ends])
-    cells = np.concatenate([np.stack(corners, axis=1) + k * x.size for k in range(bodies)])
+    size = layers, across, across
+    every = boxes(*(((end - layers, 0, 0), (end, across, across), size) for end in ends))
     cuts = np.r_[ends[:-1], ends - layers]
-    domain = rf.from_arrays(points, cells).with_facets("side", lambda x: x[1] >= across - 1e-9)
+    domain = every.with_facets("side", lambda x: x[1] >= across - 1e-9)
     domain = domain.with_facets("cuts", lambda x: np.isclose(x[0][:, None], cuts).any(axis=1))
     push = rf.Traction("side", (0.0, 0.02, 0.03))  # Pa
     return rf.Scene(domain, MATERIAL, [push, rf.Fixed("cuts")])

@@ -32,23 +32,17 @@ from typing import Any
 
 import numpy as np
 from bench import Parser, chosen, conclude, write
-from bench.cell_strains import CellStrains
-from bench.judged import PROMISED, WINDOW, Record, error, judged
+from bench.judged import PROMISED, WINDOW, CellStrains, Record, error, judged
 from bench.random_waking import random_case, seeds_of
-from bench.waking_named import ALONE
-from bench.waking_scenes import CASES, Case
-from bench.waking_structures import LARGE, STRUCTURES, Built
+from bench.waking_scenes import CASES, LARGE, Built
 
 import rigidfx as rf
 
 MISSED, IN_VAIN = 0.01, 0.05  # shares, at most
-SHORT = {**CASES, **STRUCTURES, **ALONE}
 HEAD = "| scene | missed | in vain | error / promise | of quiet | in bodies | time / twin |"
 
 
-def followed(
-    scene: rf.Scene, case: Case | Built, rule: rf.StrainRate, twin: Record | None
-) -> Record:
+def followed(scene: rf.Scene, case: Built, rule: rf.StrainRate, twin: Record | None) -> Record:
     """Run a case, and keep what is judged.
 
     Args:
@@ -80,7 +74,7 @@ def followed(
     return Record(unknowns, places, *kept, woken, np.array(tips), seconds)
 
 
-def measured(name: str, case: Case | Built, seed: int | None, across: int) -> dict[str, Any]:
+def measured(name: str, case: Built, seed: int | None, across: int) -> dict[str, Any]:
     """The entry of a case."""
     case = case.at(across)
     twin = followed(case.scene(across), case, rf.StrainRate(0.0, 1e9, wake="none"), None)
@@ -138,7 +132,7 @@ def main() -> None:
     if options.seeds:
         cases = [(*random_case(seed), seed) for seed in options.seeds]
     else:
-        every = SHORT if options.short else {**SHORT, **LARGE}
+        every = CASES if options.short else {**CASES, **LARGE}
         cases = [(name, every[name], None) for name in chosen(options, every)]
     summary, table = [], [HEAD, "|---" * HEAD.count(" | ") + "|---|"]
     for name, case, seed in cases:

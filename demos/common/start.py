@@ -1,4 +1,4 @@
-"""How a demo starts: its options and its folder."""
+"""How a demo starts, with its options and its folder, and how it ends."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from typing import Any
 
 from mpi4py import MPI
 
-from rigidfx.command.options import RankParser
+from rigidfx.base.text_files import write_text
+from rigidfx.command.options import RankParser, say
+from rigidfx.plot import Shapes
 
 ROOT = Path(__file__).resolve().parents[2]
 comm = MPI.COMM_WORLD
@@ -69,3 +71,16 @@ def chosen(
     if options.short and short and not options.only:
         return list(short)
     return [name for name in names if options.only in name]
+
+
+def draw(shapes: Shapes, path: Path, **how: Any) -> None:
+    """Draw shapes, if there are any: a run that was over has none to add. Collective."""
+    if shapes.count:
+        shapes.draw(path, **how)
+    else:
+        say(f"The run was over before: no shapes for {path}")
+
+
+def write(path: Path, text: str) -> None:
+    """Write a file, and its folder if need be; a failure is one of all ranks. Collective."""
+    write_text(comm, path, text)

@@ -7,7 +7,6 @@ from . import (
     failure,
     first_week,
     levers,
-    machines,
     material,
     ranks,
     shape,
@@ -19,6 +18,6 @@ from .case import CASES, Case, Result, Run, carry_out, follow, judge
 
 __all__ = [
     "CASES", "Case", "Result", "Run", "bodies", "cad_parts", "carry_out", "contact", "failure",
-    "first_week", "follow", "judge", "levers", "machines", "material", "ranks", "shape", "speeds",
+    "first_week", "follow", "judge", "levers", "material", "ranks", "shape", "speeds",
     "stepping", "units",
 ]  # fmt: skip

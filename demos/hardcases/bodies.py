@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from mpi4py import MPI
+from common import on_first_rank
 from scipy.special import ellipk
 
 import rigidfx as rf
@@ -181,10 +181,7 @@ def _ring(n: int) -> rf.Domain:
     # x of a cell runs outwards, y along the ring, z up
     corners = [i + (2 * z + r) * n if s == 0 else j + (2 * z + r) * n
                for z in (0, 1) for s in (0, 1) for r in (0, 1)]  # fmt: skip
-    connected = np.stack(corners, axis=1)
-    if MPI.COMM_WORLD.rank:
-        points, connected = points[:0], connected[:0]
-    return rf.from_arrays(points, connected)
+    return on_first_rank(points, np.stack(corners, axis=1))
 
 
 @case("rigid bodies", "a closed ring of bodies with one flexible cell between each two")

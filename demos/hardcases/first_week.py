@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
-from mpi4py import MPI
+from common import on_first_rank
 
 import rigidfx as rf
 
@@ -31,9 +31,8 @@ def drum(n: int) -> rf.Domain:
     k, after = np.arange(n), (np.arange(n) + 1) % n
     square = np.stack([k, k + n, after, after + n], axis=1)
     cells = np.concatenate([square, square + 2 * n], axis=1)
-    if MPI.COMM_WORLD.rank > 0:
-        points, cells = points[:0], cells[:0]
-    return rf.from_arrays(points, cells).with_facets("skin", lambda x: np.hypot(x[0], x[1]) > 0.9)
+    ring = on_first_rank(points, cells)
+    return ring.with_facets("skin", lambda x: np.hypot(x[0], x[1]) > 0.9)
 
 
 def _on_a_slope(n: int, degrees: float) -> rf.Scene:
@@ -141,10 +140,8 @@ def bracket(leg: int, arc: int, arm: int, across: int) -> rf.Domain:
     sides = [first, first + across + 1, first + 1, first + across + 2]
     face = np.stack([side.reshape(-1) for side in sides], axis=1)
     cells = np.concatenate([face, face + k.size], axis=1)
-    if MPI.COMM_WORLD.rank > 0:
-        points, cells = points[:0], cells[:0]
     pad = between(LEG, LEG, axis=2)
-    bent = rf.from_arrays(points, cells).with_facets("foot", between(0.0, 0.0, axis=2))
+    bent = on_first_rank(points, cells).with_facets("foot", between(0.0, 0.0, axis=2))
     return bent.with_facets("pad", lambda x: pad(x) & (x[0] > THICK + 0.75 * ARM))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from mpi4py import MPI
+from common import hexahedra, on_first_rank
 
 import rigidfx as rf
 
@@ -65,21 +65,12 @@ def needle(short: bool) -> Iterator[Run]:
 
 def _distorted(cells: tuple[int, int, int], cell: str, move) -> rf.Domain:
     """A bar of unit cells whose corners `move` displaces, and does so alike on any ranks."""
-    nx, ny, nz = cells
-    grid = np.stack(np.meshgrid(*(np.arange(n + 1.0) for n in cells), indexing="ij"), axis=-1)
-    points = move(grid).reshape(-1, 3)
-    number = np.arange(len(points)).reshape(nx + 1, ny + 1, nz + 1)
-    corners = [number[i : i + nx, j : j + ny, k : k + nz].reshape(-1)
-               for k in (0, 1) for j in (0, 1) for i in (0, 1)]  # fmt: skip
-    hexahedra = np.stack(corners, axis=1)
+    grid, connected = hexahedra(*(np.arange(n + 1.0) for n in cells))
+    points = move(grid.reshape(*np.add(cells, 1), 3)).reshape(-1, 3)
     if cell == "tetrahedron":
         six = [(0, 1, 3, 7), (0, 1, 7, 5), (0, 5, 7, 4), (0, 3, 2, 7), (0, 6, 4, 7), (0, 2, 6, 7)]
-        connected = np.concatenate([hexahedra[:, list(four)] for four in six])
-    else:
-        connected = hexahedra
-    if MPI.COMM_WORLD.rank:
-        points, connected = points[:0], connected[:0]
-    return rf.from_arrays(points, connected, cell)
+        connected = np.concatenate([connected[:, list(four)] for four in six])
+    return on_first_rank(points, connected, cell)
 
 
 @case("shape", "hexahedra whose corners are moved by 40 % of their edge at random")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from mpi4py import MPI
+from common import on_first_rank
 
 import rigidfx as rf
 
@@ -139,9 +139,7 @@ def _arch(cells: int, rise: float) -> rf.Domain:
                        for row in rows for y in (0.0, 1.0)])  # fmt: skip
     first = 4 * np.arange(cells)[:, None]
     connected = first + np.array([0, 4, 1, 5, 2, 6, 3, 7])
-    if MPI.COMM_WORLD.rank:
-        points, connected = points[:0], connected[:0]
-    domain = rf.from_arrays(points, connected)
+    domain = on_first_rank(points, connected)
     ends = {"left": normal[0], "right": normal[-1]}
     for (name, n), foot in zip(ends.items(), (middle[0], middle[-1]), strict=True):
         along = np.array([n[1], -n[0]])

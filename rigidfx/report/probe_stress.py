@@ -139,12 +139,9 @@ class ProbeStress:
         self, state: State, now: Array, strained: Strained | None, added: Added | None
     ) -> Recovered | None:
         """Strains of cells in place of those of u, and further ones; None if none. Collective."""
-        rigid = state.body_numbers() > 0
-        if strained is None:
-            none = np.zeros(rigid.size, dtype=bool)
-            return None if added is None else Recovered(self._more, none, none, added)
+        rigid = (state.body_numbers() > 0) & (strained is not None)
         instead = rigid if added is None else rigid & ~added.cells
-        if not self._scene.sum(float(instead[self._cells].sum())):
+        if strained is None or not self._scene.sum(float(instead[self._cells].sum())):
             return None if added is None else Recovered(self._more, rigid, instead, added)
         carried = strained()
         self._more.x.array.reshape(-1, 3)[self._nodes] = now + carried.u[self._nodes]
@@ -154,12 +151,12 @@ class ProbeStress:
 
 
 class Probes:
-    """Displacements of the named points of a scene, and stresses there when they are asked for."""
+    """Displacements and stresses of named points; `points` has nodes of this rank and weights."""
 
     def __init__(self, scene: Scene) -> None:
         """Find the nodes of the cells that hold the points. Collective."""
         self._scene = scene
-        self._probes: dict[str, Point] = {}
+        self.points: dict[str, Point] = {}
         self._holders: dict[str, Holder] = {}
         groups = material_groups(scene)
         for name, (root, cell) in scene.probe_cells.items():
@@ -168,8 +165,8 @@ class Probes:
                 weights = weights_at(scene, cell, scene.probes[name])
                 mine = Holder(*weights, int(groups[cell]))
             self._holders[name] = found = scene.comm.bcast(mine, root=root)
-            self._probes[name] = owned_part(scene, found.nodes, found.weights)
-        each = list(self._probes.values())
+            self.points[name] = owned_part(scene, found.nodes, found.weights)
+        each = list(self.points.values())
         self._nodes = np.concatenate([np.empty(0, np.int64), *(p.nodes for p in each)])
         self._weights = block_diag(*(p.weights[None] for p in each))
 
@@ -181,17 +178,12 @@ class Probes:
         """Velocity of each point, shape (3,) [m/s]. Collective."""
         return self._summed(state.velocities)
 
-    @property
-    def points(self) -> Mapping[str, Point]:
-        """Nodes of this rank and their weights, of each probe."""
-        return self._probes
-
     def _summed(self, at: Callable[[Ints], Array]) -> Mapping[str, Array]:
         """Weighted sums of vectors at the nodes round each point. Collective."""
-        if not self._probes:
+        if not self.points:
             return {}
         sums = self._scene.sum(self._weights @ at(self._nodes))
-        return dict(zip(self._probes, np.asarray(sums), strict=True))
+        return dict(zip(self.points, np.asarray(sums), strict=True))
 
     def stresses(
         self, state: State, strained: Strained | None = None, added: Added | None = None
@@ -200,7 +192,7 @@ class Probes:
 
         Collective.
         """
-        return self._stress.measure(state, strained, added) if self._probes else {}
+        return self._stress.measure(state, strained, added) if self.points else {}
 
     @cached_property
     def _stress(self) -> ProbeStress:

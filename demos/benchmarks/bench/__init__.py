@@ -10,10 +10,18 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from common import Parser, chosen, conclude, write
 
-from .bar import DT, MATERIAL, PUSH, bar, cells_of_bar
-from .parts import run_parts
-from .processes import without_mpi
-from .turns import Turns, in_turn, timed
+from .shared import (
+    DT,
+    MATERIAL,
+    PUSH,
+    Turns,
+    bar,
+    cells_of_bar,
+    in_turn,
+    run_parts,
+    timed,
+    without_mpi,
+)
 
 __all__ = [
     "DT", "MATERIAL", "PUSH", "Parser", "Turns", "bar", "cells_of_bar", "chosen", "conclude",

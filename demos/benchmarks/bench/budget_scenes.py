@@ -16,8 +16,9 @@ from meshes.block_with_cantilever import block_with_cantilever
 from meshes.spatial_frame import spatial_frame
 from meshes.tumbling_l import tumbling_l
 
-SOFT = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)  # Pa, 1, kg/m³
-STIFF = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)
+from .waking_scenes import BASE, pulse, scene, sine
+from .waking_scenes import bar as stalk_and_block
+
 BUDGETS = 0.05, 0.01, 0.002
 
 
@@ -92,17 +93,8 @@ def tumbling() -> rf.Scene:
 
 def bar(*effects: rf.effects.Effect, drag: float = 1.0) -> rf.Scene:
     """A soft stalk with a stiff block on it."""
-    box = rf.box((0, 0, 0), (8, 1, 1), (16, 2, 2))
-    box = box.with_cells("stalk", lambda x: x[0] <= 4 + 1e-9)
-    box = box.with_cells("block", lambda x: x[0] >= 4 - 1e-9)
     damped = [*effects, rf.MassDamping(drag)] if drag else effects
-    materials = {"stalk": SOFT, "block": STIFF}
-    return rf.Scene(box, materials, damped, probes={"end": (8.0, 0.5, 0.5)})
-
-
-def ramped(period: float) -> Callable[[float], float]:
-    """A sine that begins gently."""
-    return lambda t: float(np.sin(2 * np.pi * t / period) * min(1.0, t / period))
+    return scene(stalk_and_block(2, 4.0), *damped, probe="end")
 
 
 def arch(t: float) -> float:
@@ -110,14 +102,9 @@ def arch(t: float) -> float:
     return float(np.sin(np.pi * t / 2))
 
 
-def swell(t: float) -> float:
-    """A smooth push between 2 s and 8 s."""
-    return float(np.sin(np.pi * (t - 2) / 6) ** 2) if 2 < t < 8 else 0.0
-
-
 def moved(t: float) -> tuple[float, float, float]:
     """How a base moves [m]."""
-    return 0.0, 0.0, 0.05 * ramped(3.0)(t)
+    return 0.0, 0.0, 0.05 * sine(3.0)(t)
 
 
 def quake() -> rf.Table:
@@ -139,12 +126,11 @@ def resonance() -> rf.Scene:
     return bar(BASE, pull, drag=0.1)
 
 
-BASE = rf.Fixed("x0")
 CASES = {
     "frame": Case(frame, 0.02, 1.25, 5e-5, 0.25),
     "tumbling L": Case(tumbling, 0.4, 20.0, 1.5e-3, 2.0),
     "free-flying body": Case(body, 0.4, 30.0, 5e-3, 5.0),
-    "sine": on_bar(lambda: bar(BASE, rf.Traction("x1", (0, 0, 200.0), time=ramped(4.0)))),
+    "sine": on_bar(lambda: bar(BASE, rf.Traction("x1", (0, 0, 200.0), time=sine(4.0)))),
     "push": on_bar(lambda: bar(BASE, rf.Traction("x1", (0, 0, 200.0), time=arch, until=2.0))),
     "free bar": on_bar(
         lambda: bar(rf.InitialVelocity(angular=(0.3, 1.0, 0.5)), viscous(0.005), drag=0.0),
@@ -156,7 +142,7 @@ CASES = {
     "spin-up": on_bar(
         lambda: bar(
             *(
-                rf.Traction(face, (sign * 30.0, 0, 0), time=swell)
+                rf.Traction(face, (sign * 30.0, 0, 0), time=pulse(2.0, 6.0))
                 for face, sign in (("y1", -1.0), ("y0", 1.0))
             ),
             rf.KelvinVoigt(2e4),

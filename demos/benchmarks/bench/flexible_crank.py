@@ -18,6 +18,8 @@ from mpi4py import MPI
 
 import rigidfx as rf
 
+from .drilled import drilled
+
 __all__ = ["CrankMotion", "crank_motion", "flexible_crank", "for_exudyn", "motion", "torque"]
 
 Array = npt.NDArray[np.float64]
@@ -48,21 +50,14 @@ def torque(t: float) -> float:
     return PUSH * s * s * (3 - 2 * s)
 
 
-def _bar(occ: Any, start: float, span: float) -> list[tuple[int, int]]:
-    """A bar along x with round ends and two holes along z."""
-    low, half = -THICK / 2, WIDE / 2
-    whole = [(3, occ.addBox(start, -half, low, span, WIDE, THICK))]
-    for x in (start, start + span):
-        whole, _ = occ.fuse(whole, [(3, occ.addCylinder(x, 0, low, 0, 0, THICK, half))])
-    for x in (start, start + span):
-        whole, _ = occ.cut(whole, [(3, occ.addCylinder(x, 0, low, 0, 0, THICK, RADIUS))])
-    return list(whole)
-
-
 def _parts(names: tuple[str, ...], size: float, gmsh: Any) -> None:
     """The parts of some names, each a volume of its own, with its holes as surfaces."""
     occ, model = gmsh.model.occ, gmsh.model
-    made = {name: _bar(occ, STARTS[name], SPANS[name]) for name in names if name in SPANS}
+    made = {
+        name: drilled(occ, (span, WIDE, THICK), (x, -THICK / 2), (x, x + span), RADIUS)
+        for (name, span), x in zip(SPANS.items(), STARTS.values(), strict=True)
+        if name in names
+    }
     if "slider" in names:
         made["slider"] = [(3, occ.addBox(CRANK + ROD, -CUBE / 2, -CUBE / 2, *(3 * [CUBE])))]
     occ.synchronize()

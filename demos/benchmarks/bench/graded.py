@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
+from common import hexahedra, on_first_rank
 from scipy.spatial import cKDTree
 
 import rigidfx as rf
@@ -26,23 +26,12 @@ def block_of(n: tuple[int, int, int], place: Callable[[Array], Array]) -> rf.Dom
     Returns:
         The domain; its sides are x0, x1, y0, … as those of the cube.
     """
-    axes = [np.linspace(0, 1, k + 1) for k in n]
-    z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
-    cube = np.stack([x.reshape(-1), y.reshape(-1), z.reshape(-1)])
-    points = place(cube).T
-    number = np.arange(len(points)).reshape(x.shape)
-    corners = [
-        number[k : k + n[2], j : j + n[1], i : i + n[0]].reshape(-1)
-        for k in (0, 1)
-        for j in (0, 1)
-        for i in (0, 1)
-    ]
-    cells = np.stack(corners, axis=1)
-    first = MPI.COMM_WORLD.rank == 0
-    domain = rf.from_arrays(points if first else points[:0], cells if first else cells[:0])
+    cube, cells = hexahedra(*(np.linspace(0, 1, k + 1) for k in n))
+    points = place(cube.T).T
+    domain = on_first_rank(points, cells)
     for axis, name in enumerate("xyz"):
         for side in (0, 1):
-            tree = cKDTree(points[cube[axis] == side])
+            tree = cKDTree(points[cube[:, axis] == side])
             domain = domain.with_facets(
                 f"{name}{side}", lambda X, tree=tree: tree.query(X.T)[0] < CLOSE
             )

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import basix
 import numpy as np
 
-__all__ = ["MOST", "PROMISED", "WINDOW", "Record", "error", "judged"]
+import rigidfx as rf
 
 MOST = 6.0  # tolerances, above which a cell that strains otherwise than in the twin is missed
 PROMISED = 2.4  # error over the largest displacement that tol / peak strain rate brings at most
@@ -77,3 +78,27 @@ def error(twin: Record, ours: Record) -> float:
     """Error of the probe's displacement, over its largest one."""
     size = np.abs(twin.tips - twin.tips[0]).max()
     return float(np.abs(twin.tips - ours.tips).max() / size)
+
+
+class CellStrains:
+    """Green strains at the points of a rule of second order in each cell."""
+
+    def __init__(self, scene: rf.Scene) -> None:
+        """Tabulate gradients of the shape functions of a scene's space."""
+        element, X = scene.space.element.basix_element, scene.space.tabulate_dof_coordinates()
+        points, weights = basix.make_quadrature(element.cell_type, 2)
+        by_point = np.moveaxis(element.tabulate(1, points)[1:, :, :, 0], 0, 2)
+        self._nodes = scene.space.dofmap.list
+        J = np.einsum("cna,qnb->cqab", X[self._nodes], by_point)
+        self._gradients = np.einsum("qnb,cqba->cqna", by_point, np.linalg.inv(J))
+        volumes = weights * np.abs(np.linalg.det(J))
+        self._shares = volumes / volumes.sum(axis=1, keepdims=True)
+
+    def of(self, places: np.ndarray) -> np.ndarray:
+        """E for places of nodes, shape (nodes, 3) [m]; of shape (cells, points, 3, 3)."""
+        F = np.einsum("cna,cqnb->cqab", places[self._nodes], self._gradients)
+        return 0.5 * (np.einsum("cqka,cqkb->cqab", F, F) - np.eye(3))
+
+    def sizes(self, E: np.ndarray) -> np.ndarray:
+        """Root of the mean of E:E over each cell."""
+        return np.sqrt(np.einsum("cqab,cqab,cq->c", E, E, self._shares))

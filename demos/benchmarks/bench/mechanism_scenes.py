@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
+from common import boxes
 
 import rigidfx as rf
 
@@ -64,22 +64,11 @@ class Link:
 
 def linked(links: Sequence[Link]) -> rf.Domain:
     """A mesh of bars that share no nodes; each has its name. Collective."""
-    points, cells, first = [], [], 0
+    counts = []
     for link in links:
-        low, high = link.corners
-        along = int(np.argmax(high - low))
-        count = [link.cells if axis == along else 1 for axis in range(3)]
-        lines = [np.linspace(a, b, n + 1) for a, b, n in zip(low, high, count, strict=True)]
-        points.append(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3))
-        stride = (count[1] + 1) * (count[2] + 1), count[2] + 1, 1
-        origin = np.stack(np.indices(count), axis=-1).reshape(-1, 3) @ stride
-        corner = np.stack(np.meshgrid(*[[0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-        corner = corner[np.lexsort((corner[:, 2], corner[:, 1], corner[:, 0]))]
-        order = np.argsort(corner @ (4, 2, 1))
-        cells.append(first + origin[:, None] + (corner[order] @ stride)[None])
-        first += len(points[-1])
-    own = slice(None) if MPI.COMM_WORLD.rank == 0 else slice(0, 0)
-    domain = rf.from_arrays(np.concatenate(points)[own], np.concatenate(cells)[own])
+        along = int(np.argmax(np.subtract(*link.corners[::-1])))
+        counts.append([link.cells if axis == along else 1 for axis in range(3)])
+    domain = boxes(*((*link.corners, n) for link, n in zip(links, counts, strict=True)))
     for link in links:
         low, high = (corner[:, None] for corner in link.corners)
 

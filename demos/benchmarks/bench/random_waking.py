@@ -13,8 +13,7 @@ import numpy as np
 
 import rigidfx as rf
 
-from .waking_scenes import Effects, pulse, sine
-from .waking_structures import Built
+from .waking_scenes import Built, Effects, pulse, sine
 
 __all__ = ["random_case", "seeds_of"]
 

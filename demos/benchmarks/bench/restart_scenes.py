@@ -8,8 +8,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import numpy as np
-from mpi4py import MPI
+from common import boxes, comm
 
 import rigidfx as rf
 
@@ -32,15 +31,8 @@ def bouncing() -> tuple[rf.Scene, dict[str, Any]]:
 
 def linked() -> tuple[rf.Scene, dict[str, Any]]:
     """Two bars with a spring in the hinge between them; they swing and are struck twice."""
-    parts = [((0, 0, 0), (1, 0.2, 0.2)), ((1.02, 0, 0), (2.02, 0.2, 0.2))]
-    points, cells = [], []
-    corners = np.array([[i, j, k] for i in range(6) for j in range(2) for k in range(2)], float)
-    for number, (low, high) in enumerate(parts):
-        points.append(low + corners / (5, 1, 1) * np.subtract(high, low))
-        at = 24 * number + 4 * np.arange(5)
-        cells.append(at[:, None] + [0, 4, 2, 6, 1, 5, 3, 7])
-    nothing = 0 if own_rank() else None
-    box = rf.from_arrays(np.concatenate(points)[:nothing], np.concatenate(cells)[:nothing])
+    sizes = ((0, 0, 0), (1, 0.2, 0.2)), ((1.02, 0, 0), (2.02, 0.2, 0.2))
+    box = boxes(*((*ends, (5, 1, 1)) for ends in sizes))
     for name, side in (("left", 1), ("right", -1)):
         box = box.with_cells(name, lambda x, s=side: s * x[0] < s * 1.01)
         box = box.with_facets(
@@ -57,11 +49,6 @@ def linked() -> tuple[rf.Scene, dict[str, Any]]:
     effects = [rf.Fixed("axis"), rf.Gravity((0, 0, -9.81)), pin, spring, push, damping]
     scene = rf.Scene(box, STIFF, effects, probes={"tip": (2.02, 0.1, 0.1)})
     return scene, {"dt": 0.004, "t_end": 2.4, "rigidify": rf.StrainRate(1e-3, 0.1)}
-
-
-def own_rank() -> int:
-    """This rank."""
-    return int(MPI.COMM_WORLD.rank)
 
 
 SCENES: dict[str, Callable[[], tuple[rf.Scene, dict[str, Any]]]] = {
@@ -89,5 +76,5 @@ def go_on(case: str, folder: Path, part: float) -> None:
             began = began or perf_counter()
             if report.step % EVERY == 1:
                 (folder / f"moves-{os.getpid()}").touch()
-    if own_rank() == 0:
+    if comm.rank == 0:
         (folder / "over").write_text(str(perf_counter() - began), encoding="utf-8")

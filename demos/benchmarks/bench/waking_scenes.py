@@ -1,35 +1,53 @@
-"""The scenes of waking.py: what acts on parts that could be rigid most of the time."""
+"""The scenes of waking.py: what acts on parts that could be rigid most of the time.
+
+Most are a bar, a soft stalk with a stiff block on it; others turn, hang, are preloaded, touch, are
+named rigid, or are machines and parts of demos. `LARGE` are those of a mesh of their own, that the
+long form alone runs.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from hardcases.cad_parts import lug
 
 import rigidfx as rf
 from meshes.gong import MALLET, SIDE, gong
+from meshes.mechanism import slider_crank
 from meshes.robot_arm import HEIGHT, TIP, robot_arm
 from meshes.spatial_frame import spatial_frame
 
-__all__ = ["CASES", "Case"]
+from .crank import BLOCK, driven
+
+__all__ = ["BASE", "CASES", "LARGE", "Built", "Effects", "bar", "pulse", "scene", "sine"]
 
 SOFT = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)  # Pa, 1, kg/m³
+MIDDLE = rf.StVenantKirchhoff(E=1e7, nu=0.3, rho=1000.0)
 STIFF = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)
 STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)
 POLYMER = rf.StVenantKirchhoff(E=3e9, nu=0.3, rho=1200.0)
 ALUMINIUM = rf.StVenantKirchhoff(E=7e10, nu=0.33, rho=2700.0)
 BASE = rf.Fixed("x0")
+DRAG, DAMPING = rf.MassDamping(1.0), rf.KelvinVoigt(2e4)
+WEIGHT = rf.Gravity((0.0, 0.0, -0.05))
+SPIN = 0.3  # rad/s
 COARSE = 2  # cells across a bar, up to which the other meshes are coarse, too
+PERIOD = 1.2  # s, of the stiff bar held at one end
+SPEED, RAMP = 100.0, 0.02  # rad/s, s; of the crank
+SPEED_OF_SOUND = float(np.sqrt(SOFT.E / SOFT.rho))
 Effects = list[rf.effects.Effect]
+Time = Callable[[float], float]
 
 
-def pulse(start: float, length: float) -> Callable[[float], float]:
+def pulse(start: float, length: float) -> Time:
     """A smooth push of height one."""
     return lambda t: float(start < t < start + length) * np.sin(np.pi * (t - start) / length) ** 2
 
 
-def sine(period: float) -> Callable[[float], float]:
+def sine(period: float) -> Time:
     """A sine that begins gently."""
     return lambda t: np.sin(2 * np.pi * t / period) * min(1.0, t / period)
 
@@ -42,12 +60,6 @@ def shake(t: float) -> tuple[float, float, float]:
     return 0.0, 0.0, float(2e-3 * (waves / frequency).sum() * min(1.0, t / 4) ** 2)
 
 
-def swinging(period: float, reach: float) -> Callable[[float], tuple[float, float, float]]:
-    """A path that swings sideways [m]."""
-    wave = sine(period)
-    return lambda t: (0.0, 0.0, reach * float(wave(t)))
-
-
 def turning(t: float) -> tuple[float, float, float]:
     """A gravity that turns once in 12 s [m/s²]."""
     rise = 0.1 * min(1.0, t / 6)
@@ -55,172 +67,262 @@ def turning(t: float) -> tuple[float, float, float]:
 
 
 @dataclass(frozen=True)
-class Case:
-    """A bar, its outer half a stiff block or as soft as the rest, and what acts on it.
+class Built:
+    """A scene and its times.
 
     Attributes:
-        effects: What acts, supports included.
-        block: Whether the outer half is stiff.
+        build: The scene on a mesh of so many cells across.
         tol: Tolerance over the peak strain rate of the twin.
         dt: Δt [s].
         t_end: End [s].
-        damping: α of the drag [1/s].
     """
 
-    effects: Callable[..., Effects]
-    block: bool = True
+    build: Callable[[int], rf.Scene]
     tol: float = 0.01
     dt: float = 0.02
-    t_end: float = 16.0
-    damping: float = 1.0
+    t_end: float = 12.0
 
-    def at(self, across: int) -> Case:
+    def at(self, across: int) -> Built:
         """The case on a mesh of so many cells across."""
         return self
 
     def scene(self, across: int) -> rf.Scene:
         """The problem on a mesh of so many cells across."""
-        box = rf.box((0, 0, 0), (8, 1, 1), (8 * across, across, across))
-        box = box.with_cells("stalk", lambda x: x[0] <= 4 + 1e-9)
-        box = box.with_cells("block", lambda x: x[0] >= 4 - 1e-9)
-        materials = {"stalk": SOFT, "block": STIFF if self.block else SOFT}
-        drag = [rf.MassDamping(self.damping)] if self.damping else []
-        return rf.Scene(box, materials, [*self.effects(), *drag], probes={"tip": (8, 0.5, 0.5)})
+        return self.build(across)
 
 
 @dataclass(frozen=True)
-class AtOnesOwn(Case):
+class AtOnesOwn(Built):
     """The bar under a sine of the longest period of its block, were that free, on its mesh."""
 
-    def at(self, across: int) -> Case:
-        """See `Case`: twenty steps a period, and forty periods."""
+    def at(self, across: int) -> Built:
+        """Twenty steps a period, and forty periods."""
         box = rf.box((4, 0, 0), (8, 1, 1), (4 * across, across, across))
         period = float(rf.periods(rf.Scene(box, STIFF), 1)[0])
-        effects = self.effects
-        return Case(lambda: effects(period), dt=period / 20, t_end=40 * period, tol=self.tol)
+        time, tol = sine(period), self.tol
+        return halves(BASE, push(400.0, time), dt=period / 20, t_end=40 * period, tol=tol)
 
 
-@dataclass(frozen=True)
-class Gong(Case):
-    """A plate with a heavy hub instead, of demos/gong.py."""
-
-    def scene(self, across: int) -> rf.Scene:
-        """The problem on a mesh of eight times as many cells along a side, in sixteens."""
-        return rf.Scene(
-            gong(16 * max(1, across // 2)),
-            {"plate": POLYMER, "hub": STEEL},
-            self.effects(),
-            element="enhanced",
-            probes={"tip": (SIDE, SIDE, 0)},
-        )
+def bar(across: int, cut: float = 2.0) -> rf.Domain:
+    """A bar along x, a "stalk" up to the cut [m] and a "block" from there on."""
+    box = rf.box((0, 0, 0), (8, 1, 1), (8 * across, across, across))
+    box = box.with_cells("stalk", lambda x: x[0] <= cut + 1e-9)
+    return box.with_cells("block", lambda x: x[0] >= cut - 1e-9)
 
 
-@dataclass(frozen=True)
-class Arm(Case):
-    """The arm of demos/robot_arm.py instead, of first-order cells, in a bearing that gives."""
-
-    def scene(self, across: int) -> rf.Scene:
-        """The problem on a mesh that is coarse or fine."""
-        size, leaf = (0.02, 0.012) if across <= COARSE else (0.008, 0.005)
-        probe = {"tip": (TIP, 0.0, HEIGHT / 2)}
-        return rf.Scene(robot_arm(size, leaf), ALUMINIUM, self.effects(), probes=probe)
-
-
-@dataclass(frozen=True)
-class Frame(Case):
-    """The frame of demos/spatial_frame.py instead."""
-
-    def scene(self, across: int) -> rf.Scene:
-        """The problem on a mesh whose plate is coarse or fine."""
-        mesh = spatial_frame(coarse=3 if across <= COARSE else 1)
-        material = rf.StVenantKirchhoff(E=7e10, nu=0.2, rho=2700.0)
-        return rf.Scene(mesh, material, self.effects(), probes={"tip": (6.0, 3.0, 4.5)})
+def scene(
+    mesh: rf.Domain,
+    *effects: rf.effects.Effect,
+    stalk: rf.Material = SOFT,
+    block: rf.Material = STIFF,
+    probe: str = "tip",
+) -> rf.Scene:
+    """The bar with a probe at its tip."""
+    materials = {"stalk": stalk, "block": block}
+    return rf.Scene(mesh, materials, effects, probes={probe: (8, 0.5, 0.5)})
 
 
-def struck() -> Effects:
-    """The plate damped, in soft springs, in which it swings, and two blows."""
+def halves(
+    *effects: rf.effects.Effect, block: rf.Material = STIFF, damping: float = 1.0, **times: Any
+) -> Built:
+    """The bar, its outer half a block, under effects and a drag α [1/s]."""
+    drag = [rf.MassDamping(damping)] if damping else []
+    build = lambda across: scene(bar(across, 4.0), *effects, *drag, block=block)  # noqa: E731
+    return Built(build, **({"t_end": 16.0} | times))
+
+
+def push(height: float, time: Time) -> rf.Traction:
+    """A push on the end, across [Pa]."""
+    return rf.Traction("x1", (0.0, 0.0, height), time=time)
+
+
+def swinging(period: float, reach: float) -> rf.PrescribedMotion:
+    """A base that swings sideways [m]."""
+    wave = sine(period)
+    return rf.PrescribedMotion("x0", displacement=lambda t: (0.0, 0.0, reach * float(wave(t))))
+
+
+def struck(across: int) -> rf.Scene:
+    """The plate of demos/gong.py, damped, in soft springs, in which it swings, and two blows."""
     pressure = (0.0, 0.0, -500.0 / MALLET**2)  # Pa
     blows = {"corner": pulse(0.1, 0.01), "side": pulse(0.4, 0.01)}
-    return [
+    effects = [
         rf.Spring("rim", 330.0),
         rf.StiffnessDamping(ratio=0.3, frequency=20.0),
         rf.InitialVelocity(linear=(0, 0, 0.05)),
         *(rf.Traction(name, pressure, time=time) for name, time in blows.items()),
     ]
+    mesh, materials = gong(16 * max(1, across // 2)), {"plate": POLYMER, "hub": STEEL}
+    return rf.Scene(mesh, materials, effects, element="enhanced", probes={"tip": (SIDE, SIDE, 0)})
 
 
-def motor() -> Effects:
-    """A torque on the bore of the arm, a sine for ever, against the stiffness of its servo."""
+def arm(across: int) -> rf.Scene:
+    """The arm of demos/robot_arm.py, of first-order cells, in a bearing that gives.
+
+    A torque on the bore, a sine for ever, acts against the stiffness of its servo.
+    """
 
     def round_the_axis(x: np.ndarray, t: float) -> np.ndarray:
         tangent = np.stack([-x[1], x[0], 0 * x[0]]) / np.hypot(x[0], x[1])
         return np.asarray(5e4 * sine(0.1)(t) * tangent)  # Pa
 
-    return [
+    effects = [
         rf.Spring("bore", 1e6),
         rf.Traction("bore", round_the_axis),
         rf.MassDamping(10.0),
         rf.StiffnessDamping(ratio=0.02, frequency=100.0),
     ]
+    size, leaf = (0.02, 0.012) if across <= COARSE else (0.008, 0.005)
+    probe = {"tip": (TIP, 0.0, HEIGHT / 2)}
+    return rf.Scene(robot_arm(size, leaf), ALUMINIUM, effects, probes=probe)
 
 
-def shocks() -> Effects:
-    """Two shocks on the side of the frame."""
+def frame(across: int) -> rf.Scene:
+    """The frame of demos/spatial_frame.py under two shocks on its side."""
     both = lambda t: pulse(0.0, 0.05)(t) + pulse(1.6, 0.05)(t)  # noqa: E731
-    return [
+    effects = [
         rf.Fixed("feet"),
         rf.Fixed("symmetry", "y"),
         rf.Traction("side", (4250.0, 0.0, 0.0), time=both),
         rf.NumericalDamping(0.35),
     ]
+    material = rf.StVenantKirchhoff(E=7e10, nu=0.2, rho=2700.0)
+    mesh = spatial_frame(coarse=3 if across <= COARSE else 1)
+    return rf.Scene(mesh, material, effects, probes={"tip": (6.0, 3.0, 4.5)})
 
 
-def push(where: str, force: tuple[float, float, float], time: Callable[[float], float]) -> Effects:
-    """The bar clamped and pushed [Pa]."""
-    return [BASE, rf.Traction(where, force, time=time)]
+def rotor(across: int) -> rf.Scene:
+    """A bar that turns steadily from its start on, pushed along its axis of rotation."""
+    turn = rf.PrescribedRotation(
+        "x0", axis=(0, 0, 1), through=(0, 0.5, 0.5), angle=lambda t: SPIN * t
+    )
+    spun = rf.Preload(spin=(0.0, 0.0, SPIN))
+    return scene(bar(across), turn, spun, push(100.0, sine(3.0)), DRAG, stalk=MIDDLE)
 
 
-def ground(path: Callable[[float], tuple[float, float, float]]) -> Effects:
-    """The bar on a ground that moves."""
-    return [rf.PrescribedMotion("x0", displacement=path)]
+def pendulum(across: int) -> rf.Scene:
+    """A bar on an edge, about which it falls by a small weight, damped."""
+    edge = bar(across).with_vertices("edge", lambda x: (x[0] <= 1e-9) & (x[2] >= 1 - 1e-9))
+    return scene(edge, rf.Fixed("edge"), WEIGHT, rf.MassDamping(0.1), DAMPING)
 
 
-def twisted(t: float) -> float:
-    """A torque's rise and end."""
-    return pulse(2.0, 6.0)(t)
+def preloaded(across: int) -> rf.Scene:
+    """A bar that sags by its weight, from its equilibrium on, pushed twice."""
+    twice = push(20.0, lambda t: pulse(1.0, 2.0)(t) + pulse(7.0, 2.0)(t))
+    return scene(bar(across), BASE, WEIGHT, rf.Preload([WEIGHT]), twice, DRAG)
 
 
-CASES: dict[str, Case] = {
-    "gong": Gong(struck, tol=0.03, dt=2e-3, t_end=0.6),
-    "sine on a block": Case(lambda: push("x1", (0, 0, 200.0), sine(4.0))),
-    "shaken base": Case(lambda: ground(swinging(3.0, 0.05))),
-    "slow sine": Case(lambda: push("x1", (0, 0, 200.0), sine(12.0))),
-    "accelerogram": Case(lambda: ground(shake)),
-    "turning gravity": Case(lambda: [BASE, rf.Gravity(turning)]),
-    "wave into a half": Case(
-        lambda: push("x1", (-3000.0, 0, 0), pulse(1.0, 0.2)), block=False, dt=0.01, t_end=4.0,
-        tol=0.005, damping=0.1,
+def on_a_floor(across: int) -> rf.Scene:
+    """A bar that lies on a floor, pressed on it by a force that swells."""
+    floor = rf.Contact("z0", against=rf.Plane((0, 0, 0), (0, 0, 1)))
+    swell = push(-300.0, lambda t: 1 + sine(3.0)(t) if t > 2 else t / 2)
+    return scene(bar(across, cut=4.0), BASE, floor, swell, DRAG, DAMPING)
+
+
+def beside_rigid(across: int) -> rf.Scene:
+    """A bar of which a part is named rigid, between what is soft and what is stiff."""
+    named = bar(across).with_cells("root", lambda x: (x[0] >= 2 - 1e-9) & (x[0] <= 4 + 1e-9))
+    return scene(named, BASE, rf.Rigid("root"), push(100.0, sine(3.0)), DRAG)
+
+
+def cad_part(across: int) -> rf.Scene:
+    """The lug of second-order tetrahedra with consistent mass, bent."""
+    steel_like = rf.StVenantKirchhoff(E=2e7, nu=0.3, rho=1000.0)
+    bend = rf.Traction("right", (0.0, 0.0, 100.0), time=sine(4.0))
+    effects, probes = [rf.Fixed("left"), bend, DRAG], {"tip": (10.0, 0.5, 0.5)}
+    mesh = lug(1.0 if across <= COARSE else 0.6)
+    return rf.Scene(mesh, steel_like, effects, order=2, mass="consistent", probes=probes)
+
+
+def rising(across: int) -> rf.Scene:
+    """A stiff bar struck once, and bent by a load that rises over fifty of its periods."""
+    both = push(40.0, lambda t: 4 * pulse(1.0, 0.5)(t) + t / (50 * PERIOD))
+    return scene(bar(across), BASE, both, DRAG, stalk=STIFF)
+
+
+def in_flight(across: int) -> rf.Scene:
+    """A stiff free bar that turns, struck at one end and, later, beside the other."""
+    mesh = bar(across).with_facets("near", lambda x: (x[1] <= 1e-9) & (x[0] <= 2 + 1e-9))
+    blow = rf.Traction("near", (0.0, 0.0, 300.0), time=pulse(4.0, 0.4))
+    thrown = rf.InitialVelocity(angular=(0.0, 0.0, 0.2))
+    return scene(mesh, push(400.0, pulse(1.0, 0.4)), blow, thrown, DAMPING, stalk=STIFF)
+
+
+def on_corners(across: int) -> rf.Scene:
+    """A plate that tumbles on a floor, and meets it with one corner after the other."""
+    plate = rf.box((0, 0, 0), (2, 2, 0.5), (4 * across, 4 * across, across))
+    thrown = rf.InitialVelocity(angular=(1.0, 0.7, 0.0))
+    floor = rf.Contact("z0", against=rf.Plane((0, 0, -0.3), (0, 0, 1)))
+    effects = [thrown, floor, rf.Gravity((0.0, 0.0, -2.0)), DAMPING]
+    return rf.Scene(plate, SOFT, effects, probes={"tip": (2, 2, 0)})
+
+
+def wave(across: int) -> rf.Scene:
+    """A bar of one material, into whose far half goes a wave of eight cells."""
+    length = 8 / across / SPEED_OF_SOUND
+    blow = rf.Traction("x1", (-3000.0, 0.0, 0.0), time=pulse(1.0, length))
+    drag, probes = rf.MassDamping(0.1), {"tip": (8, 0.5, 0.5)}
+    return rf.Scene(bar(across), SOFT, [BASE, blow, drag], probes=probes)
+
+
+def crank(across: int) -> rf.Scene:
+    """The machine of demos/mechanism.py, which meets a stop, of first-order cells."""
+    size = 0.04 if across <= COARSE else 0.03
+
+    def speed(t: float) -> float:
+        s = min(t / RAMP, 1.0)
+        return SPEED * s * s * (3 - 2 * s)
+
+    made = slider_crank(size, size / 2)
+    return rf.Scene(made, STEEL, driven(speed), probes={"tip": BLOCK})
+
+
+def large(across: int) -> Callable[[int], rf.Scene]:
+    """A bar whose outer half is a stiff block, pushed by a sine, on a mesh of its own."""
+    return lambda _: scene(bar(across, cut=4.0), BASE, push(200.0, sine(4.0)), DRAG)
+
+
+twist = pulse(2.0, 6.0)
+CASES: dict[str, Built] = {
+    "gong": Built(struck, tol=0.03, dt=2e-3, t_end=0.6),
+    "sine on a block": halves(BASE, push(200.0, sine(4.0))),
+    "shaken base": halves(swinging(3.0, 0.05)),
+    "slow sine": halves(BASE, push(200.0, sine(12.0))),
+    "accelerogram": halves(rf.PrescribedMotion("x0", displacement=shake)),
+    "turning gravity": halves(BASE, rf.Gravity(turning)),
+    "wave into a half": halves(
+        BASE, rf.Traction("x1", (-3000.0, 0, 0), time=pulse(1.0, 0.2)), block=SOFT, dt=0.01,
+        t_end=4.0, tol=0.005, damping=0.1,
     ),
-    "arm, sine of its motor": Arm(motor, tol=0.03, dt=5e-3, t_end=2.0),
-    "frame, two shocks": Frame(shocks, tol=0.02, dt=0.01, t_end=3.2),
-    "sine, resonance of the whole": Case(lambda: push("x1", (0, 0, 20.0), sine(9.6)), t_end=40.0),
-    "sine, resonance of the block": AtOnesOwn(lambda T: push("x1", (0, 0, 400.0), sine(T))),
-    "sine, near a higher one": Case(
-        lambda: push("x1", (0, 0, 400.0), sine(0.24)), dt=0.01, t_end=8.0
+    "arm, sine of its motor": Built(arm, tol=0.03, dt=5e-3, t_end=2.0),
+    "frame, two shocks": Built(frame, tol=0.02, dt=0.01, t_end=3.2),
+    "sine, resonance of the whole": halves(BASE, push(20.0, sine(9.6)), t_end=40.0),
+    "sine, resonance of the block": AtOnesOwn(bar),
+    "sine, near a higher one": halves(BASE, push(400.0, sine(0.24)), dt=0.01, t_end=8.0),
+    "local sine on a damped bar": halves(
+        BASE, rf.NodalForce("x1", (0, 0, 100.0), time=sine(2.0)), DAMPING, block=SOFT,
+        damping=3.0, tol=0.03,
     ),
-    "local sine on a damped bar": Case(
-        lambda: [BASE, rf.NodalForce("x1", (0, 0, 100.0), time=sine(2.0)), rf.KelvinVoigt(2e4)],
-        block=False, damping=3.0, tol=0.03,
+    "lateral pulse off centre": halves(
+        BASE, rf.Traction("y1", (0, 0, 400.0), time=pulse(3.0, 0.3)), damping=2.0
     ),
-    "lateral pulse off centre": Case(
-        lambda: push("y1", (0, 0, 400.0), pulse(3.0, 0.3)), damping=2.0
+    "spin-up": halves(
+        rf.Traction("y1", (-30.0, 0, 0), time=twist), rf.Traction("y0", (30.0, 0, 0), time=twist),
+        DAMPING, damping=0.0,
     ),
-    "spin-up": Case(
-        lambda: [
-            rf.Traction("y1", (-30.0, 0, 0), time=twisted),
-            rf.Traction("y0", (30.0, 0, 0), time=twisted),
-            rf.KelvinVoigt(2e4),
-        ],
-        damping=0.0,
-    ),
+    "rotor": Built(rotor),
+    "pendulum": Built(pendulum, tol=0.02),
+    "preloaded bar": Built(preloaded),
+    "bar on a floor": Built(on_a_floor),
+    "a named part beside": Built(beside_rigid),
+    "part of CAD, second order": Built(cad_part, t_end=16.0),
+    "a load that rises": Built(rising, dt=PERIOD / 20, t_end=50 * PERIOD),
+    "struck in flight": Built(in_flight, dt=0.01, t_end=8.0),
+    "bounces on corners": Built(on_corners, tol=0.02, dt=2e-3, t_end=1.6),
+    "wave of eight cells": Built(wave, tol=0.005, dt=5e-3, t_end=2.0),
+    "slider-crank with a stop": Built(crank, tol=0.05, dt=2e-4, t_end=0.06),
 }  # fmt: skip
+LARGE: dict[str, Built] = {  # of 1000 steps
+    "20 000 unknowns": Built(large(9), t_end=20.0),
+    "60 000 unknowns": Built(large(13), t_end=20.0),
+}

@@ -3,9 +3,8 @@
 from .calculix import calculix, calculix_static, calculix_there
 from .case import Case, Outcome, metal_bracket, nearest, soft_l
 from .exudyn import Found, exudyn, matrices, part_of
+from .here import plain_dolfinx, rigidfx
 from .kratos import kratos
-from .ours import rigidfx
-from .plain_dolfinx import plain_dolfinx
 
 __all__ = [
     "Case", "Found", "Outcome", "calculix", "calculix_static", "calculix_there", "exudyn", "kratos",

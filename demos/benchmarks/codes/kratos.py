@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .case import Case, Outcome
-from .energies import Energies
+from .here import Energies
 
 SCRIPT = Path(__file__).with_name("kratos_steps.py")
 SOLVERS = ("amgcl", "sparse_lu")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from common import boxes
 from petsc4py import PETSc
 
 import rigidfx as rf
 
 from .blocks import SOFT
-from .pairs import boxes
 
 
 def share_of_search(short: bool) -> dict[str, float]:

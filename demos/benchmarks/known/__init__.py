@@ -1,7 +1,7 @@
 """Problems that others publish: cases of the benchmark `known_problems.py`."""
 
 from .contacts import BARS, CAPSTAN
-from .machines import ANDREWS, BRICARD, FOUR_BARS, HEAVY_TOP, SLIDER_CRANK
+from .machines import ANDREWS, BRICARD, FOUR_BARS, HEAVY_TOP
 from .motions import EL_CENTRO, PENDULUM, TURNING_BAR
 from .nafems import BEND, DEEP_BEAM, PLATE, THICK_PLATE
 from .princeton import FIRST_ORDER, PRINCETON
@@ -20,7 +20,6 @@ PROBLEMS: dict[str, Problem] = {
     "four-bar linkages": FOUR_BARS,
     "Bricard": BRICARD,
     "Andrews' squeezer": ANDREWS,
-    "slider-crank": SLIDER_CRANK,
     "pendulum": PENDULUM,
     "NAFEMS FV52": PLATE,
     "NAFEMS 5T": DEEP_BEAM,

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from bench.graded import block_of
-from impacts.bars import two_bars
+from impacts.waves import two_bars
 
 import rigidfx as rf
 

@@ -3,7 +3,7 @@
 Its length is 10 m, EA 2.8e7 N, EI 1.4e4 N m², ρA 1.2 kg/m: a square solid of 77.5 mm. It is brought
 to 6 rad/s in 15 s, by a support, or by a motor on its face: a mean one, with both orders of sides,
 or a rigid one. The tip lags by 0.576 m, and afterwards the beam is stretched by
-ρA ω² L³/(3 EA) = 5.14e-4 m. A step of φ stretches it by φ²/6 more.
+ρA ω² L³/(3 EA) = 5.14e-4 m, and swings by 5 mm at most. A step of φ stretches it by φ²/6 more.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ __all__ = ["SPIN_UP"]
 LENGTH, SIDE = 10.0, 0.0775  # m
 PLASTIC = rf.StVenantKirchhoff(E=4.67e9, nu=0.0, rho=200.0)
 RATE, UP = 6.0, 15.0  # rad/s, s
-LAG, STRETCH = 0.576, 5.14e-4  # m
+LAG, STRETCH, SWING = 0.576, 5.14e-4, 0.005  # m
 END, DT = 17.0, 0.025  # s
 SHORT_END, SHORT_DT = 7.0, 0.07  # s: the largest lag is at 6.8 s
 WAYS = "support", "motor, mean face", "motor, mean face second side", "motor, rigid face"
@@ -58,15 +58,16 @@ def spun(way: str, short: bool) -> list[Found]:
     probes = {"tip": (LENGTH, 0, 0), "hub": (0, 0, 0)}
     scene = rf.Scene(domain, PLASTIC, driven(way), order=2, probes=probes)
     dt, end = (SHORT_DT, SHORT_END) if short else (DT, END)
-    lag, stretches = 0.0, []
+    lags, stretches = [], []
     for report in rf.simulate(scene, dt, end, progress=False):
         turned = angle(report.t)
         along = np.array([np.cos(turned), np.sin(turned), 0.0])
         tip = report.probes["tip"] + [LENGTH, 0, 0] - report.probes["hub"]
-        lag = max(lag, float(tip[0] * along[1] - tip[1] * along[0]))
+        lags.append(float(tip[0] * along[1] - tip[1] * along[0]))
         if report.t > UP:
+            assert abs(lags[-1]) <= SWING, way
             stretches.append(tip @ along - LENGTH)
-    rows = [Found(f"lag of the tip, {way} [m]", LAG, lag, 0.01, unknowns=report.unknowns)]
+    rows = [Found(f"lag of the tip, {way} [m]", LAG, max(lags), 0.01, unknowns=report.unknowns)]
     if not short:
         stretch = float(np.mean(stretches))
         title = f"stretch, {way} [m]"
@@ -76,7 +77,7 @@ def spun(way: str, short: bool) -> list[Found]:
 
 def spin_up(short: bool) -> Iterator[list[Found]]:
     """All ways, one after the other."""
-    for way in WAYS[1:2] if short else WAYS:
+    for way in WAYS[1:3] if short else WAYS:
         yield spun(way, short)
 
 

@@ -1,7 +1,9 @@
-"""Runs that take their steps in turn, so that a change of the machine's speed hits them alike."""
+"""A bar, runs in turn, parts of a benchmark, and processes that it starts."""
 
 from __future__ import annotations
 
+import os
+from argparse import Namespace
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from functools import partial
 from statistics import median
@@ -9,6 +11,26 @@ from time import perf_counter
 from typing import Any, Generic, TypeVar
 
 import numpy as np
+from common import chosen, conclude
+
+import rigidfx as rf
+
+MATERIAL = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)  # Pa, 1, kg/m³
+DT = 0.1  # s
+PUSH = rf.Traction("x1", (0.0, 2.0, 3.0))  # Pa; on the end, sideways
+
+
+def cells_of_bar(unknowns: int) -> tuple[int, int]:
+    """Cells along and across a bar ten times as long as thick with about so many unknowns."""
+    across = max(1, round((unknowns / 30) ** (1 / 3)))
+    return max(2, round(unknowns / (3 * (across + 1) ** 2)) - 1), across
+
+
+def bar(along: int, across: int) -> rf.Domain:
+    """A bar of so many cells, 1 m long each."""
+    size = (along, across, across)
+    return rf.box((0, 0, 0), size, size)
+
 
 Name = TypeVar("Name", bound=Hashable)
 
@@ -89,3 +111,21 @@ class Turns(Generic[Name]):
             for each in (name, to)
         )
         return float(np.median(one / np.repeat(other, one.size // other.size)))
+
+
+def run_parts(
+    options: Namespace, parts: Mapping[str, Callable[[Namespace], dict[str, Any]]]
+) -> None:
+    """Run them one after the other, and write their entries as one summary."""
+    summary: dict[str, Any] = {}
+    for name in chosen(options, parts):
+        summary |= parts[name](options)
+    conclude(options.out, summary)
+
+
+MINE = "OMPI_COMM", "OMPI_UNIVERSE", "PMIX_", "PMI_", "PRTE_", "HYDRA_"  # of this process in MPI
+
+
+def without_mpi() -> dict[str, str]:
+    """The variables that another program of MPI may see: mpirun knows of no other process here."""
+    return {name: value for name, value in os.environ.items() if not name.startswith(MINE)}

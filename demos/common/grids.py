@@ -1,0 +1,62 @@
+"""Meshes of hexahedra, by arrays that are alike on any ranks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+import rigidfx as rf
+
+from .start import comm
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+def on_first_rank(points: Array, cells: Ints, cell: str = "hexahedron") -> rf.Domain:
+    """A domain of all points and cells, which the first rank hands in. Collective."""
+    mine = slice(0 if comm.rank else None)
+    return rf.from_arrays(points[mine], cells[mine], cell)
+
+
+def hexahedra(*lines: npt.ArrayLike) -> tuple[Array, Ints]:
+    """Points, x slowest and z fastest, and cells of a grid of lines along x, y and z."""
+    points = np.stack(np.meshgrid(*map(np.asarray, lines), indexing="ij"), axis=-1).astype(float)
+    number = np.arange(points[..., 0].size).reshape(points.shape[:3])
+    nx, ny, nz = np.subtract(number.shape, 1)
+    corners = [
+        number[i : i + nx, j : j + ny, k : k + nz].reshape(-1)
+        for k in (0, 1)
+        for j in (0, 1)
+        for i in (0, 1)
+    ]
+    return points.reshape(-1, 3), np.stack(corners, axis=1)
+
+
+def arrays(*ends: Any) -> tuple[Array, Ints]:
+    """Points and cells of boxes that share no node, each from corner to corner in so many cells."""
+    every, first = [], 0
+    for low, high, count in ends:
+        lines = [np.linspace(*line) for line in zip(low, high, np.add(count, 1), strict=True)]
+        points, cells = hexahedra(*lines)
+        every.append((points, cells + first))
+        first += len(points)
+    points, cells = (np.concatenate(part) for part in zip(*every, strict=True))
+    return points, cells
+
+
+def boxes(*ends: Any, hollow: tuple[Array, Array] | None = None) -> rf.Domain:
+    """A domain of boxes, as in `arrays`. Collective.
+
+    The first of them has no cells within `hollow`, if there is one.
+    """
+    points, cells = arrays(*ends)
+    if hollow is not None:
+        middles = points[cells].mean(axis=1)
+        inside = ((middles > hollow[0]) & (middles < hollow[1])).all(axis=1)
+        inside[np.prod(ends[0][2]) :] = False
+        cells = cells[~inside]
+    used, cells = np.unique(cells.reshape(-1), return_inverse=True)
+    return on_first_rank(points[used], cells.reshape(-1, 8))
