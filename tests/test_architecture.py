@@ -217,7 +217,7 @@ CEILINGS = {
     "step/linear": 20,
     "step/newton": 41,
     "step/system": 3,
-    "step/watches": 30,
+    "step/watches": 29,
     "switch": 17,
     "vibration": 13,
 }

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
+from petsc4py import PETSc
 from scipy.sparse import csr_array, sparray, vstack
 
 from rigidfx.base.types import Array, Ints
@@ -74,3 +75,16 @@ class Pattern:
         which, columns, ends = self._compressed
         sums = np.bincount(which, values, columns.size)
         return csr_array((sums, columns, ends), shape=self._shape)
+
+
+def distributed(rows: csr_array, sizes: object, comm: object) -> PETSc.Mat:
+    """A matrix of PETSc's by this rank's rows, sorted; the caller destroys it. Collective.
+
+    Args:
+        rows: The rows.
+        sizes: Sizes of rows and columns, as PETSc takes them.
+        comm: The communicator.
+    """
+    kind = PETSc.IntType
+    csr = rows.indptr.astype(kind), rows.indices.astype(kind), rows.data
+    return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)

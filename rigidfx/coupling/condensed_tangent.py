@@ -43,6 +43,7 @@ from petsc4py import PETSc
 from scipy.sparse import bsr_array, csr_array, eye_array, kron
 
 from rigidfx.base.compat import assemble_unrolled
+from rigidfx.base.matrices import distributed
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.coupling.moved_nodes import MovedNodes, condensed_row_lengths, moved_nodes
 from rigidfx.coupling.prolongation import Prolongation
@@ -276,8 +277,7 @@ def _master_slave(nodes: MovedNodes, bodies: Ints) -> PETSc.Mat:
     shape = nodes.body.size, others.size + n * bodies.size
     A = kron(csr_array((values, (rows, columns)), shape=shape), eye_array(3), format="csr")
     A.sort_indices()
-    csr = A.indptr.astype(Int), A.indices.astype(Int), A.data
-    return PETSc.Mat().createAIJ(A.shape, csr=csr, comm=PETSc.COMM_SELF)
+    return distributed(A, A.shape, PETSc.COMM_SELF)
 
 
 def _product(K: PETSc.Mat, A: PETSc.Mat) -> PETSc.Mat:

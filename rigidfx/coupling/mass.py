@@ -15,8 +15,9 @@ import ufl
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_array, csr_matrix, hstack, vstack
+from scipy.sparse import csr_array, hstack, vstack
 
+from rigidfx.base.matrices import distributed
 from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.prolongation import Prolongation
@@ -118,15 +119,21 @@ class Mass:
 
     def matrix(self) -> PETSc.Mat:
         """M as a new AIJ matrix; the caller destroys it. Collective."""
-        M, comm, kind = self._matrix.copy(), self._rows.comm, PETSc.IntType
+        M, comm = self._matrix.copy(), self._rows.comm
         if self._faces.size:
             every = hstack(comm.allgather(self._slopes), format="csr")
             added = csr_array((self._slopes.T * self._faces) @ every)
-            csr = added.indptr.astype(kind), added.indices.astype(kind), added.data
-            more = PETSc.Mat().createAIJ(M.getSizes(), csr=csr, comm=comm)
+            more = distributed(added, M.getSizes(), comm)
             M.axpy(1.0, more, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
             more.destroy()
         return M
+
+    def reduced(self, p: Prolongation, blocks: Array) -> PETSc.Mat:
+        """Pᵀ M P with blocks of the bodies, as a new matrix; the caller destroys it. Collective."""
+        M = self.matrix()
+        out = p.condense(M, blocks)
+        M.destroy()
+        return out
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
@@ -188,8 +195,8 @@ def without_zeros(A: PETSc.Mat) -> PETSc.Mat:
     """
     rows, columns = A.getSizes()
     offsets, places, values = A.getValuesCSR()
-    csr = csr_matrix((values, places, offsets), shape=(rows[0], columns[1]))
+    csr = csr_array((values, places, offsets), shape=(rows[0], columns[1]))
     csr.eliminate_zeros()
-    B = PETSc.Mat().createAIJ([rows, columns], csr=(csr.indptr, csr.indices, csr.data), comm=A.comm)
+    B = distributed(csr, [rows, columns], A.comm)
     A.destroy()
     return B

@@ -32,6 +32,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
+from rigidfx.base.matrices import distributed
 from rigidfx.base.types import Array, Ints
 from rigidfx.coupling.dealt_rows import DealtRows
 from rigidfx.coupling.dof_layout import DofLayout
@@ -76,8 +77,7 @@ class AttachedRows:
         self._of_bodies, self._of_rows = (
             PETSc.Vec().createWithArray(values, comm=PETSc.COMM_SELF) for values in vectors
         )
-        csr = own.indptr.astype(Int), own.indices.astype(Int), own.data
-        self._N = PETSc.Mat().createAIJ(own.shape, csr=csr, comm=PETSc.COMM_SELF)
+        self._N = distributed(own, own.shape, PETSc.COMM_SELF)
 
     def __len__(self) -> int:
         """How many there are."""
@@ -400,21 +400,22 @@ class Prolongation:
         ones = np.ones(self.free.size), (self.free, self.numbers[self.free])
         P = csr_array(ones, shape=(self.numbers.size, self.size)) + self._held.entries @ turning
         P.sort_indices()
-        out = PETSc.Mat().createAIJ(
-            [(P.shape[0], None), (self.owned, None)],
-            csr=(P.indptr.astype(Int), P.indices.astype(Int), P.data),
-            comm=self.comm,
-        )
-        out.assemble()
-        return out
+        return distributed(P, [(P.shape[0], None), (self.owned, None)], self.comm)
 
-    def condense(self, K: PETSc.Mat) -> PETSc.Mat:
-        """Pᵀ K P of a matrix of all rows, as a new one, which the caller destroys. Collective."""
+    def condense(self, K: PETSc.Mat, blocks: Array | None = None) -> PETSc.Mat:
+        """Pᵀ K P of a matrix of all rows, as a new one, which the caller destroys. Collective.
+
+        Args:
+            K: The matrix.
+            blocks: Further ones of bodies: see `add_blocks`.
+        """
         P = self.trial()
         out = K.PtAP(P)
         P.destroy()
         # A body that no flexible cell touches has no entries yet.
         out.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        if blocks is not None:
+            self.add_blocks(out, blocks)
         return out
 
     def add_blocks(self, C: PETSc.Mat, blocks: Array) -> None:

@@ -43,12 +43,9 @@ class Linear:
         )
         cells = {i: np.setdiff1d(own, inside) for i, own in stiffness.cells.items()}
         mass = Mass(seen.scene, seen.rows, cells, seen.own)
-        M = mass.matrix()
         self._K = stiffness.matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
-        self._M = p.condense(M)
-        p.add_blocks(self._M, bodies.mass_blocks)
-        for item in (M, mass):
-            item.destroy()
+        self._M = mass.reduced(p, bodies.mass_blocks)
+        mass.destroy()
         self._step: tuple[float, PETSc.KSP] | None = None
 
     def modes(self, dt: float) -> tuple[Array, float]:

@@ -20,6 +20,7 @@ from typing import ClassVar
 
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.effects import Contact
+from rigidfx.effects.motion import Instant
 from rigidfx.step.stepper import Stepper
 
 SETTLED = 4  # steps that a contact has been open before its next touch is a first one
@@ -46,9 +47,10 @@ class FirstTouch:
         """
         if not self._any:
             return target
-        t = self._stepper.state.t
-        dt, first = target - t, target
-        for title, closes in self._stepper.closing(dt).items():
+        state, system = self._stepper.state, self._stepper.system
+        t, v = state.t, state.v.x.array[system.layout.rows.dofs]
+        dt, first, now = target - t, target, Instant(state.bodies, t=t)
+        for title, closes in system.actions.closing(v, dt, now).items():
             self._open[title] = self._open.get(title, SETTLED) + 1 if closes >= 0 else 0
             after = self._sharper(title, t, closes)
             if self._open[title] > SETTLED and LEAST * dt < after < dt:

@@ -10,10 +10,9 @@ import numpy as np
 
 from rigidfx.base.errors import StepError
 from rigidfx.base.remembered import PART, Remembered
-from rigidfx.base.types import Array, Bools
+from rigidfx.base.types import Bools
 from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.effects import Contact, Support, Touch, Windowed
-from rigidfx.effects.motion import Instant
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.inversion import Inversion, InvertedCells
 from rigidfx.flexible.strain_rate import Indicator
@@ -23,13 +22,12 @@ from rigidfx.step.equations.energies import Measures
 from rigidfx.step.length.time_control import TimeControl
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.rigid_motion import following_energy
-from rigidfx.step.system.supports import Impact, PrescribedDofs, impose_velocity
+from rigidfx.step.system.supports import Impact, impose_velocity
 from rigidfx.step.system.system import StepResult, System, Work
 from rigidfx.step.watches.alternation import Alternation, Unresolved
-from rigidfx.step.watches.compression import Compression
+from rigidfx.step.watches.cells import Compression, RotationPerStep
 from rigidfx.step.watches.judge import Attempt, Cuts, Judge, Measuring, Watch
 from rigidfx.step.watches.jumps import JumpingObstacles, Jumps
-from rigidfx.step.watches.rotation_per_step import RotationPerStep
 
 
 class Stepper:
@@ -128,19 +126,10 @@ class Stepper:
         for watch in self.watches:
             watch.bind(self._division.flexible)
 
-    def follow(self, acting: Sequence[Windowed]) -> bool:
-        """Let dead loads begin and end; False if other effects do, for which it is bound anew."""
-        return self.system.follow(acting)
-
     @property
     def unknowns(self) -> int:
         """Number of unknowns of the current division."""
         return self.system.equilibrium.prolongation.size
-
-    @property
-    def prescribed(self) -> PrescribedDofs:
-        """Dofs that supports hold, of the division it is bound to."""
-        return self.system.prescribed
 
     @property
     def flexible(self) -> Bools:
@@ -154,23 +143,9 @@ class Stepper:
         """Energies and momenta of the current state. Collective."""
         return self.system.energies.measure(self.state)
 
-    def held_momenta(self) -> Array:
-        """Linear and angular momentum of dofs which supports hold, shape (2, 3). Collective."""
-        return self.system.energies.held_momenta(self.state)
-
     def inverted(self) -> InvertedCells | None:
         """Cells that the last solution has turned inside out. Collective."""
         return self._inversion.find()
-
-    def closing(self, dt: float) -> Mapping[str, float]:
-        """Time until each contact closes at constant velocities, by titles [s]. Collective.
-
-        Args:
-            dt: Length of the next step [s].
-        """
-        state, system = self.state, self.system
-        v = state.v.x.array[system.layout.rows.dofs]
-        return system.actions.closing(v, dt, Instant(state.bodies, t=state.t))
 
     def touches(self) -> Mapping[str, Touch]:
         """Touches of contacts in the last attempt, by their titles. Collective."""
@@ -253,7 +228,7 @@ class Stepper:
         if not supports:
             return None
         self.state.forget_paths()  # the rate that an impact gives is the one just after it
-        velocities = self.prescribed.velocities(self.state.t, dt, self.state.u.x.array)
+        velocities = self.system.prescribed.velocities(self.state.t, dt, self.state.u.x.array)
         system = self.system
         jump = impose_velocity(self.scene, self.state, system.mass, system.layout, velocities)
         followed = system.lead_frames(self.state, dt)

@@ -73,9 +73,8 @@ class RigidFields:
         self._prescribed = np.flatnonzero(prescribed)
         self._y, self._r = self._prolongation.unknowns(), self._prolongation.unknowns()
         self._prolongation.pose(bodies)
-        self._reduced = self._prolongation.condense(mass)
         self._blocks = bodies.given_mass_blocks
-        self._prolongation.add_blocks(self._reduced, self._blocks)
+        self._reduced = self._prolongation.condense(mass, self._blocks)
         # Closing joints takes a solve for each of their rows.
         self._factors = solver_of(self._reduced.copy(), brief=True) if scene.named(Joint) else None
         self._full = mass.createVecRight()

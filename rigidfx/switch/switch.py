@@ -226,7 +226,7 @@ class Switch:
         measures = stepper.measure() if jumping or contacts or started else None
         for contact in contacts:
             state.notes.pop(id(contact), None)  # what it remembers ends with it
-        if not stepper.follow(self.acting):
+        if not stepper.system.follow(self.acting):
             state.rebuild()
             # A support may take named bodies over, and others do not outlast its start and end.
             same = supports_of(self.acting) == supports_of(before)
@@ -254,7 +254,7 @@ class Switch:
         if before.kinetic == 0.0 and not started:  # velocities that are zero keep joints closed
             return impact
         state.rebuild()
-        gained = self._joints.close(state, stepper.prescribed.mask)
+        gained = self._joints.close(state, stepper.system.prescribed.mask)
         if gained == 0.0:
             return impact
         after, titles = stepper.measure(), tuple(j.title for j in scene.named(Joint))
@@ -317,8 +317,8 @@ class Switch:
         if len(kept) == len(decision.bodies) == len(old):
             return None
         before, unknowns = stepper.measure(), stepper.unknowns
-        held_before = stepper.held_momenta()
-        prescribed = stepper.prescribed.mask
+        held_before = stepper.system.energies.held_momenta(stepper.state)
+        prescribed = stepper.system.prescribed.mask
         leaving = old.keys() - kept
         collapse(stepper.scene, stepper.forces, state, leaving, prescribed, self._exchange.scales)
         works = [self._exchange.release(state, leaving, prescribed)]
@@ -333,7 +333,7 @@ class Switch:
             return None
         after = stepper.measure()
         # Bodies and free nodes keep their momenta: what held dofs gain is what supports give.
-        impulse, angular_impulse = stepper.held_momenta() - held_before
+        impulse, angular_impulse = stepper.system.energies.held_momenta(stepper.state) - held_before
         linear = after.linear_momentum - before.linear_momentum - impulse
         angular = after.angular_momentum - before.angular_momentum - angular_impulse
         if self._grounded:  # the ground gives what is left, by impulses of joints

@@ -22,7 +22,7 @@ from petsc4py import PETSc
 from scipy.linalg import qr, solve_triangular
 from scipy.sparse import csr_array, dia_array
 
-from rigidfx.base.matrices import dense
+from rigidfx.base.matrices import dense, distributed
 from rigidfx.base.types import Array, Ints
 from rigidfx.coupling.ports import RANK, independent
 from rigidfx.coupling.prolongation import Prolongation
@@ -100,9 +100,7 @@ class HeldRows:
         C = csr_array(0.5 * (bent + bent.T) + along.T @ springs @ along)
         E = csr_array(csr_array(lead) @ self._everywhere)
         own = csr_array(csr_array(E.T @ C @ E)[slice(*K.getOwnershipRange())])
-        kind = PETSc.IntType
-        csr = own.indptr.astype(kind), own.indices.astype(kind), own.data
-        return PETSc.Mat().createAIJ(K.getSizes(), csr=csr, comm=K.comm)
+        return distributed(own, K.getSizes(), K.comm)
 
 
 def free_motions(held: csr_array, prolongation: Prolongation) -> tuple[PETSc.Mat, Ints]:
@@ -131,7 +129,5 @@ def free_motions(held: csr_array, prolongation: Prolongation) -> tuple[PETSc.Mat
     row, column = np.r_[kept, of_given[0]], np.r_[places[:owned][is_free], of_given[1]]
     values = np.r_[np.ones(kept.size), by[at].ravel()]
     Z = csr_array((values, (row, column)), shape=(owned, prolongation.size - count))
-    kind = PETSc.IntType
-    csr = Z.indptr.astype(kind), Z.indices.astype(kind), Z.data
     sizes = (owned, prolongation.size), (kept.size, prolongation.size - count)
-    return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm), kept
+    return distributed(Z, sizes, comm), kept

@@ -256,12 +256,11 @@ def _found(scene: Scene, about: Report | None, count: int, turns: bool = True) -
 def _modes(scene: Scene, problem: Problem, count: int) -> Modes:
     pairs = lowest(problem.K, problem.M, count, problem.motions, scale=problem.of_loads)
     squares = pairs.values
-    impulses = problem.impulses(scene.centre_of(1.0, problem.places))
-    gamma = np.array([y.mDot(impulses) for y in pairs.vectors]).reshape(-1, 6)
+    centre = scene.centre_of(1.0, problem.places)
+    gamma = np.array([problem.participation(y, centre) for y in pairs.vectors]).reshape(-1, 6)
     shapes = np.array([problem.at_nodes(y) for y in pairs.vectors])
     shapes = shapes.reshape(len(pairs.vectors), scene.nodal_mass.size, 3)
-    for item in (pairs, *impulses):
-        item.destroy()
+    pairs.destroy()
     turn = _aligned(scene, squares, shapes)
     shapes = np.einsum("ij,jnk->ink", turn, shapes)
     mass = scene.sum(inertial_masses(scene).sum())

@@ -14,7 +14,7 @@ whose derivative is the stiffness -M S (L. Meirovitch, Computational Methods in 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -22,8 +22,10 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.sparse import csr_array
 
 from rigidfx.base.errors import together
+from rigidfx.base.matrices import distributed
 from rigidfx.base.types import Array
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.ports import RANK
@@ -130,10 +132,10 @@ def softening(spin: Spin, mass: Mass, prolongation: Prolongation) -> PETSc.Mat:
     omega, M = spin.omega, mass.matrix()
     S = np.outer(omega, omega) - omega @ omega * np.eye(3)
     first, end = M.getOwnershipRange()
-    kind, own = PETSc.IntType, end - first
-    columns = (first + 3 * (np.arange(own) // 3)[:, None] + np.arange(3)).astype(kind)
-    csr = 3 * np.arange(own + 1, dtype=kind), columns.ravel(), np.tile(S, (own // 3, 1)).ravel()
-    turned = PETSc.Mat().createAIJ(M.getSizes(), csr=csr, comm=M.comm)
+    own = end - first
+    columns = first + 3 * (np.arange(own) // 3)[:, None] + np.arange(3)
+    csr = np.tile(S, (own // 3, 1)).ravel(), columns.ravel(), 3 * np.arange(own + 1)
+    turned = distributed(csr_array(csr, shape=(own, M.size[1])), M.getSizes(), M.comm)
     product = M.matMult(turned)
     out = prolongation.condense(product)
     for A in (M, turned, product):
@@ -182,13 +184,16 @@ class Problem:
         self._scene, self._layout, self._mass = scene, of.layout, of.mass
         self._prolongation = of.prolongation
         self._prolongation.pose(state.bodies)
-        masses, loose = self._masses(), bool(free_to_move(scene, of.prescribed, acting=acting))
+        self._blocks = state.bodies.led_mass_blocks
+        masses = self._mass.reduced(self._prolongation, self._blocks)
+        loose = bool(free_to_move(scene, of.prescribed, acting=acting))
         # A reference is without stresses, but a mechanism may be in balance there.
         loaded = about is not None or (loose and bool(scene.named(Joint)))
         if self._bind(acting, t, loaded, masses) > BALANCED and about is None:
             self._equations.unbind()
             self._bind(acting, t, False, masses)
         self._Z: Any = None  # the identity
+        self._kept: Any = slice(None)  # which of y are q
         if self._rows is not None and self._rows.held.shape[0]:
             self._Z, self._kept = free_motions(self._rows.held, self._prolongation)
         self.K, self.M = self._in_q(self._stiffness()), self._in_q(masses)
@@ -285,65 +290,24 @@ class Problem:
         A.destroy()
         return out
 
-    def _forces_in_q(self, r: PETSc.Vec) -> PETSc.Vec:
-        """The same of forces. Collective."""
-        if self._Z is None:
-            return r
-        out = self._Z.createVecRight()
-        self._Z.multTranspose(r, out)
-        r.destroy()
-        return out
-
-    def _masses(self) -> PETSc.Mat:
-        """PᵀMP with the bodies' own. Collective."""
-        M = self._mass.matrix()
-        out = self._prolongation.condense(M)
-        self._prolongation.add_blocks(out, self._state.bodies.led_mass_blocks)
-        M.destroy()
-        return out
-
-    def impulses(self, centre: Array) -> list[PETSc.Vec]:
-        """PᵀM r of the six rigid motions r of the whole, held nodes among it. Collective.
-
-        Args:
-            centre: Point that the rotations are about, shape (3,) [m].
-
-        Returns:
-            Three of translations [kg] and three of rotations [kg m]; the caller destroys them.
-        """
-        p = self._prolongation
-        d, f, out = self._layout.rows.vector(), self._layout.rows.vector(), []
-        blocks = self._state.bodies.led_mass_blocks
-        for moved, six in self._moved(centre):
-            d.array[:] = moved.reshape(-1)
-            self._mass.mult(d, f)
-            r = p.unknowns()
-            p.restrict(f, (blocks @ six[:, :, None])[:, :, 0], r)
-            out.append(self._forces_in_q(r))
-        d.destroy()
-        f.destroy()
-        return out
-
-    def _moved(self, centre: Array) -> Iterator[tuple[Array, Array]]:
+    def _moved(self, centre: Array) -> tuple[Array, Array]:
         """The six rigid motions of the whole about a point.
 
-        Yields:
-            Displacements of this rank's rows, shape (nodes, 3) [m], and the unknowns of the bodies,
-            shape (bodies, 6).
+        Returns:
+            Displacements of this rank's rows, shape (nodes, 3, 6) [m], and the unknowns of the
+            bodies, shape (bodies, 6 + m, 6).
         """
-        rows, bodies = self._layout.rows, self._state.bodies
+        rows, bodies, turns = self._layout.rows, self._state.bodies, np.arange(3, 6)
         x = rows.X + self._state.u.x.array[rows.dofs].reshape(-1, 3)
-        of_nodes, of_bodies = (rigid_motions(at - centre, 1.0) for at in (x, bodies.r))
-        for axis in range(6):
-            six = np.zeros_like(bodies.rates)
-            six[:, :3] = of_bodies[:, :, axis]
-            if axis >= 3:
-                six[:, axis] = bodies.of.length
-            yield of_nodes[:, :, axis], six
+        of_bodies = np.zeros((*bodies.rates.shape, 6))
+        of_bodies[:, :3] = rigid_motions(bodies.r - centre, 1.0)
+        of_bodies[:, turns, turns] = bodies.of.length[:, None]
+        return rigid_motions(x - centre, 1.0), of_bodies
 
     def _rigid_motions(self) -> list[PETSc.Vec]:
         """Six of each connected part, some of which joints may prevent."""
         scene, p, out = self._scene, self._prolongation, []
+        y = p.unknowns()
         of_node = parts_of_nodes(scene)
         of_row = of_node[self._layout.rows.nodes]
         own = np.full(len(self._state.bodies), scene.parts.count)
@@ -355,30 +319,50 @@ class Problem:
         of_body = np.empty_like(own)
         scene.comm.Allreduce(own, of_body, op=MPI.MIN)
         for k in range(scene.parts.count):
-            for moved, six in self._moved(0.5 * (scene.parts.lower + scene.parts.upper)[k]):
-                y = p.unknowns()
-                p.collapse(
-                    (moved * (of_row == k)[:, None]).reshape(-1), six * (of_body == k)[:, None], y
-                )
-                out.append(y)
-        return out if self._Z is None else [self._kept_of(y) for y in out]
-
-    def _kept_of(self, y: PETSc.Vec) -> PETSc.Vec:
-        """The unknowns of y that are in q, in place of y."""
-        q = self._Z.createVecRight()
-        q.array[:] = y.array_r[self._kept]
+            of_nodes, of_bodies = self._moved(0.5 * (scene.parts.lower + scene.parts.upper)[k])
+            of_nodes[of_row != k], of_bodies[of_body != k] = 0.0, 0.0
+            for axis in range(6):
+                p.collapse(of_nodes[:, :, axis].reshape(-1), of_bodies[:, :, axis], y)
+                q = y.duplicate() if self._Z is None else self._Z.createVecRight()
+                q.array[:] = y.array_r[self._kept]
+                out.append(q)
         y.destroy()
-        return q
+        return out
+
+    def _motion(self, q: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
+        """Displacements of the rows [m], a new vector, and the unknowns of bodies. Collective."""
+        p, d, y = self._prolongation, self._layout.rows.vector(), q
+        if self._Z is not None:
+            self._Z.mult(q, y := p.unknowns())
+        six = p.bodies_part(y)
+        p.apply(y, six, np.zeros(p.prescribed.size), d)
+        return d, six
+
+    def participation(self, q: PETSc.Vec, centre: Array) -> Array:
+        """qᵀM r of the six rigid motions r of the whole, held nodes among it. Collective.
+
+        Args:
+            q: A motion.
+            centre: Point that the rotations are about, shape (3,) [m].
+
+        Returns:
+            Three of translations [kg] and three of rotations [kg m].
+        """
+        d, six = self._motion(q)
+        f, own = d.duplicate(), (self._blocks @ six[:, :, None])[:, :, 0]
+        self._mass.mult(d, f)
+        momenta, once = f.array_r.copy(), float(self._scene.comm.rank == 0)
+        d.destroy()
+        f.destroy()
+        moved, r = self._moved(centre)
+        of_bodies = once * np.einsum("bi,bik->k", own, r)
+        return np.asarray(self._scene.sum(momenta @ moved.reshape(-1, 6) + of_bodies))
 
     def at_nodes(self, q: PETSc.Vec) -> Array:
         """Displacements of all local nodes by q, shape (nodes, 3) [m]. Collective."""
         p, rows, bodies = self._prolongation, self._layout.rows, self._state.bodies
-        out, d, y = self._state.u.copy(), rows.vector(), q
-        if self._Z is not None:
-            self._Z.mult(q, y := p.unknowns())
+        out, (d, six) = self._state.u.copy(), self._motion(q)
         out.x.array[:] = 0.0
-        six = p.bodies_part(y)
-        p.apply(y, six, np.zeros(p.prescribed.size), d)
         out.x.array[rows.dofs] = d.array_r
         d.destroy()
         u = out.x.array.reshape(-1, 3)

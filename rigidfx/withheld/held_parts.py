@@ -94,8 +94,8 @@ class HeldParts(Watch):
     def held(self) -> Bools:
         """For each owned node, which components are held as the parts would strain, too."""
         stepper = self._stepper
-        held = stepper.prescribed.mask.reshape(-1, 3).copy()
-        truly = PrescribedDofs(stepper.scene, stepper.prescribed.active).mask.reshape(-1, 3)
+        held = stepper.system.prescribed.mask.reshape(-1, 3).copy()
+        truly = PrescribedDofs(stepper.scene, stepper.system.prescribed.active).mask.reshape(-1, 3)
         for data in self._known.values():
             held[data.nodes] = truly[data.nodes]
         return held

@@ -182,7 +182,7 @@ class Recovery:
             known.destroy()
         if self._linear is None:
             self._linear = LinearForms(self._stepper.scene, self._stepper.forces)
-        mask = self._stepper.prescribed.mask.reshape(-1, 3)
+        mask = self._stepper.system.prescribed.mask.reshape(-1, 3)
         where = self._held.held() if held and self._held is not None else mask
         self._rest[held] = AtRest(self._stepper, self._linear, bodies, where)
         return self._rest[held]
@@ -256,7 +256,7 @@ class Recovery:
     def _more_bears(self, parts: Sequence[RigidBody]) -> bool:
         """Whether springs, contacts or supports elsewhere take loads as well. Collective."""
         stepper = self._stepper
-        active = PrescribedDofs(stepper.scene, stepper.prescribed.active).mask
+        active = PrescribedDofs(stepper.scene, stepper.system.prescribed.active).mask
         elsewhere: Bools = np.any(active.reshape(-1, 3), axis=1)
         for data in parts:
             elsewhere[data.nodes] = False

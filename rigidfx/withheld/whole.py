@@ -58,7 +58,7 @@ class Whole:
         flexible = forces.cells(np.flatnonzero(mask).astype(np.int32))
         cells, nodes = _driven(stepper, parts)
         division = Division(flexible, others, cells, nodes, {})
-        known = state, division, stepper.prescribed.active
+        known = state, division, stepper.system.prescribed.active
         notes = deepcopy(state.notes)  # they follow its iterates
         self._of = of = Equations("step", scene, forces, *known, notes=notes)
         of.bind(scene.effects, stepper.system.acting, joints=False)

@@ -89,7 +89,7 @@ class Observation:
     @property
     def held(self) -> Bools:
         """For each owned dof, whether a support prescribes it."""
-        return self.stepper.prescribed.mask
+        return self.stepper.system.prescribed.mask
 
     @property
     def indicator(self) -> Indicator:

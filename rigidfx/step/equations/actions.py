@@ -25,7 +25,9 @@ from rigidfx.effects import Action, Effect, Structure, Touch
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion, Tangent
 
 # Methods that a step calls.
-METHODS = ("load", "resist", "stiffen", "stored", "taken", "accept", "touch", "creep_for")
+METHODS = (
+    *("load", "resist", "stiffen", "stored", "taken", "accept", "touch", "creep_for", "outdated"),
+)
 STORES = ("taken", "stored")  # those whose results are of an action's kind
 NUMBERS = ("stored", "taken")  # methods that give a number
 
@@ -92,42 +94,6 @@ class OwnMethods:
             agree(self._comm, fault)
 
 
-class Jumping:
-    """The actions whose derivatives may jump."""
-
-    def __init__(self, contacts: Sequence[Action], own: OwnMethods, comm: MPI.Intracomm) -> None:
-        """Find them."""
-        self._comm = comm
-        self._outdated = own.calls(contacts, "outdated")
-        self._stiffen = own.calls(contacts, "stiffen")
-
-    def outdated(self) -> bool:
-        """Whether a derivative has jumped since `entries`, or a tangent, took it. Collective."""
-        if not self._outdated:
-            return False
-        here = any(outdated() for outdated in self._outdated)
-        return bool(self._comm.allreduce(here, op=MPI.LOR))
-
-    def entries(self, motion: Motion, prolongation: Prolongation) -> csr_array | None:
-        """Their part of the tangent at the last iterate; None if there are none. Collective.
-
-        Args:
-            motion: The iterate.
-            prolongation: Map between unknowns and dofs.
-
-        Returns:
-            Shape (unknowns, unknowns), equal on all ranks [N/m].
-        """
-        if not self._outdated:
-            return None
-        found = _Entries(prolongation)
-        tangent = Tangent(found, prolongation)
-        for stiffen in self._stiffen:
-            stiffen(motion, tangent)
-        found.add_bodies(tangent.blocks)
-        return found.on_all_ranks()
-
-
 class _Entries:
     """Takes entries in place of a `CondensedMatrix`."""
 
@@ -175,7 +141,6 @@ class Actions:
         elastic: Kinds of these that store energy, on which loads may rest.
         rounding: Size of a force that the machine precision is to be multiplied with [N].
         dead: Whether none depends on the motion.
-        jumping: Those whose derivatives may jump.
     """
 
     def __init__(
@@ -217,7 +182,6 @@ class Actions:
         )
         if not self._calls["load"]:
             self.loads.scale(0.0)
-        self.jumping = Jumping(self.contacts, self._own, self._comm)
         self.stiffens = bool(doing(every, "stiffen"))
         resting = doing(doing(every, "stiffen"), "stored")
         self.elastic = {action.kind for action in resting}
@@ -276,6 +240,30 @@ class Actions:
         """Add its derivative to an assembled tangent that is not finished yet. Collective."""
         for stiffen in self._calls["stiffen"]:
             stiffen(motion, tangent)
+
+    def outdated(self) -> bool:
+        """Whether the stiffness of contacts has jumped since it was taken last. Collective."""
+        here = any(outdated() for outdated in self._calls["outdated"])
+        return bool(self.contacts) and bool(self._comm.allreduce(here, op=MPI.LOR))
+
+    def jumping(self, motion: Motion, prolongation: Prolongation) -> csr_array | None:
+        """Stiffness of contacts at an iterate; None without any. Collective.
+
+        Args:
+            motion: The iterate.
+            prolongation: Map between unknowns and dofs.
+
+        Returns:
+            Its entries at all unknowns, equal on all ranks [N/m].
+        """
+        if not self.contacts:
+            return None
+        found = _Entries(prolongation)
+        tangent = Tangent(found, prolongation)
+        for stiffen in self._own.calls(self.contacts, "stiffen"):
+            stiffen(motion, tangent)
+        found.add_bodies(tangent.blocks)
+        return found.on_all_ranks()
 
     # After a step -------------------------------------------------------------------------------
 

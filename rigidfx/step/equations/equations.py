@@ -63,6 +63,7 @@ class Equilibrium:
     Attributes:
         prolongation: Map between unknowns and dofs.
         constraints: Rows of joints and their multipliers; None without any.
+        actions: Actions on nodes and bodies.
         inertial: Whether masses resist; not in statics.
         trial: The step that is being solved, frozen.
         d: Increments of the active nodes at the iterate of the last residual [m].
@@ -99,7 +100,7 @@ class Equilibrium:
         self.constraints = constraints
         self.inertial = mass is not None
         self._forces, self._mass = forces, mass
-        self._actions = actions
+        self.actions = actions
         self._rows = prolongation.layout.rows
         self._cells = CellForces(prolongation, bound.residual, forces)
         # DOLFINx makes a new array of a vector each time that it is asked for one.
@@ -268,7 +269,7 @@ class Equilibrium:
             joints.look(y.array_r)
         f = self.forces_out_of_balance
         self._cells.evaluate(f.array)
-        f.axpy(-1.0, self._actions.loads.vector)
+        f.axpy(-1.0, self.actions.loads.vector)
         if self._mass is not None:
             # M (v₁ - v₀)/Δt with v₁ = 2 d/Δt - v₀, rounded as the update of the velocity is.
             self.trial.v0.copy(self._work)
@@ -288,12 +289,12 @@ class Equilibrium:
     @property
     def _resists(self) -> bool:
         """Whether more than cells and inertia resists."""
-        return not self._actions.dead or self.constraints is not None
+        return not self.actions.dead or self.constraints is not None
 
     def _resistance(self, f: PETSc.Vec) -> Array:
         """Add the resistance of effects to forces on nodes; its moments on bodies. Collective."""
         forces = Forces.none(f, self._moments)
-        self._actions.resist(self.motion, forces)
+        self.actions.resist(self.motion, forces)
         if self.constraints is not None:
             self.constraints.resist(self.motion, forces)
         return forces.moments
@@ -305,7 +306,7 @@ class Equilibrium:
             f: Forces on nodes.
             more: Moments of those on nodes in bodies; none if None.
         """
-        increments, loads = self.prolongation.increments, self._actions.loads
+        increments, loads = self.prolongation.increments, self.actions.loads
         if not len(increments):  # without bodies nothing of them is computed
             return increments.unknowns
         self._moments = self.prolongation.moments(f, more) - loads.moments
@@ -319,31 +320,23 @@ class Equilibrium:
         if self._mass is not None:
             self._mass.add_to(K, 2 / self.dt**2, self.prolongation)
         tangent = None
-        if self._actions.stiffens:
+        if self.actions.stiffens:
             tangent = Tangent(K, self.prolongation)
-            self._actions.stiffen(self.motion, tangent)
+            self.actions.stiffen(self.motion, tangent)
         if self.constraints is not None and self.constraints.springs is not None:
             K.add_coupling(self.constraints.springs)
         K.finish(self._blocks(tangent) if self.prolongation.layout.bodies else None)
 
-    def outdated(self) -> bool:
-        """Whether the stiffness of contacts has jumped since it was taken last. Collective."""
-        return self._actions.jumping.outdated()
-
     def jumping(self) -> csr_array | None:
-        """Stiffness of contacts at the last iterate; None without any. Collective.
-
-        Returns:
-            Its entries at all unknowns, equal on all ranks [N/m].
-        """
-        return self._actions.jumping.entries(self.motion, self.prolongation)
+        """Stiffness of contacts at the last iterate: see `Actions.jumping`. Collective."""
+        return self.actions.jumping(self.motion, self.prolongation)
 
     def _blocks(self, tangent: Tangent | None) -> Array:
         """Derivative of the bodies' rows that the condensed tangent does not hold. Collective."""
         increments = self.prolongation.increments
         blocks = increments.blocks(self._moments)
         if tangent is not None:
-            self._actions.sum(tangent.moments)
+            self.actions.sum(tangent.moments)
             blocks += tangent.blocks
         return blocks
 
@@ -370,17 +363,17 @@ class Equilibrium:
     @property
     def calm(self) -> bool:
         """Whether masses and cells alone resist: no springs, drag or contact, which may jump."""
-        return self.inertial and not self._actions.stiffens
+        return self.inertial and not self.actions.stiffens
 
     @property
     def well_conditioned(self) -> bool:
         """Whether inertia is as large as any stiffness in the present step, but for some orders."""
-        smooth = self.inertial and not self._actions.contacts
+        smooth = self.inertial and not self.actions.contacts
         return smooth and self._rounding.fastest(self.dt) <= WELL_CONDITIONED
 
     def noise(self) -> float:
         """Size of the terms whose small difference the last residual is [N]. Collective."""
-        external = self._actions.loads.vector
+        external = self.actions.loads.vector
         momentum = None if self._mass is None else self._before
         found = self._rounding.in_residual(self.dt, momentum, external, self.trial.bodies.start)
         return found if self.constraints is None else found + self.constraints.noise
@@ -400,7 +393,7 @@ class Equilibrium:
         known = self.d, self.trial.v0, self._before, self._inertia
         d, v0, before, gained = (v.array_r for v in known)
         energy = 0.5 * (v0 @ before) + abs(gained @ d) / self.dt
-        energy += abs(self._actions.loads.vector.array_r @ d)
+        energy += abs(self.actions.loads.vector.array_r @ d)
         if not self._lost.of_momenta:
             return self._lost.of_energy(self._own(y), self._own(r), energy)
         momentum = np.abs(before).sum() + np.abs(gained).sum()

@@ -164,7 +164,7 @@ class Chord:
 
     def renew(self) -> None:
         """Assemble the tangent at the last iterate, if that is worth it. Collective."""
-        history, stop, jumped = self.stop.history, self.stop, self._equilibrium.outdated()
+        history, stop, jumped = self.stop.history, self.stop, self._equilibrium.actions.outdated()
         if jumped and not self._missing:
             entries = self._equilibrium.jumping()
             if entries is not None and self._kept.follow(entries):

@@ -14,12 +14,14 @@ the same with another product with A.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
+from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
+from rigidfx.base.matrices import distributed
 from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.rigid_motions import rigid_motions
@@ -28,7 +30,6 @@ from rigidfx.step.linear.linear_solver import configure
 from rigidfx.step.newton.factors import OF_INCOMPLETE, IncompleteFactors
 
 COARSE = OF_INCOMPLETE + "coarse_"  # prefix of the coarse solver's options
-Int = PETSc.IntType
 NODES = 260  # of an aggregate, at most
 EMPTY = 1e-12  # squared norm of a motion that nothing takes part in, relative to the largest
 
@@ -70,13 +71,9 @@ class Aggregates:
         values = np.r_[B[taken], np.ones(own)]
         comm = self._prolongation.comm
         columns += comm.exscan(count + own) or 0
-        out = PETSc.Mat().createAIJ(
-            [(self._prolongation.owned, None), (count + own, None)],
-            csr=(np.r_[0, np.cumsum(lengths)].astype(Int), columns.astype(Int), values),
-            comm=comm,
-        )
-        out.assemble()
-        return out
+        shape = self._prolongation.owned, int(columns.max(initial=-1)) + 1
+        rows = csr_array((values, columns, np.r_[0, np.cumsum(lengths)]), shape=shape)
+        return distributed(rows, [(shape[0], None), (count + own, None)], comm)
 
     def _orthonormal(self, x: Array) -> tuple[Array, Bools]:
         """Motions of each node with its aggregate, and which an aggregate has.
@@ -119,27 +116,14 @@ def _leaves(X: Array, size: int) -> Ints:
     return leaf
 
 
-class Tangent(Protocol):
-    """Equations as a coarse grid sees them."""
-
-    @property
-    def tangent_matrix(self) -> PETSc.Mat:
-        """Their matrix."""
-
-    @property
-    def prolongation(self) -> Prolongation:
-        """Map between its unknowns and nodes."""
-
-    @property
-    def positions(self) -> Array:
-        """Places of the nodes, shape (nodes, 3) [m]."""
-
-
 class CoarseGrid:
     """A preconditioner of PETSc's in Python: a coarse correction, then that of another one."""
 
-    def __init__(self, equilibrium: Tangent, fine: PETSc.PC) -> None:
-        """Divide the nodes into aggregates; `fine` is the other preconditioner. Collective."""
+    def __init__(self, equilibrium: Any, fine: PETSc.PC) -> None:
+        """Divide the nodes into aggregates; `fine` is the other preconditioner. Collective.
+
+        The equations have a `tangent_matrix`, a `prolongation`, and `positions` of nodes.
+        """
         self.fine = fine
         self._equilibrium = equilibrium
         self._aggregates = Aggregates(equilibrium.prolongation)

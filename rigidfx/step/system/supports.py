@@ -251,10 +251,7 @@ class ReducedMass:
         if self._matrix is None:
             now = self.p.increments
             self.p.pose(self._bodies)
-            M = self.mass.matrix()
-            self._matrix = self.p.condense(M)
-            M.destroy()
-            self.p.add_blocks(self._matrix, self._bodies.led_mass_blocks)
+            self._matrix = self.mass.reduced(self.p, self._bodies.led_mass_blocks)
             self.p.increments = now
         return self._matrix
 
