@@ -18,9 +18,9 @@ from rigidfx.base.errors import (
 from rigidfx.base.shared_cells import share_cells
 from rigidfx.base.uncaught import end_together
 from rigidfx.checkpoint.keeper import Checkpoint
-from rigidfx.decide.criteria.accuracy import Accuracy
-from rigidfx.decide.criteria.criterion import Relative, StrainRate
-from rigidfx.decide.criteria.release import Release
+from rigidfx.decide.accuracy import Accuracy
+from rigidfx.decide.rules import Relative
+from rigidfx.decide.settings import Release, StrainRate
 from rigidfx.domain.arrays import box, from_arrays
 from rigidfx.domain.cad import list_cad, read_cad
 from rigidfx.domain.domain import Domain

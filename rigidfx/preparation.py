@@ -10,8 +10,8 @@ from petsc4py import PETSc
 
 from rigidfx.base.errors import together
 from rigidfx.base.uncaught import on_all_ranks
-from rigidfx.decide.criteria.judging import Criterion
-from rigidfx.decide.policy import Policy
+from rigidfx.decide.policy import policy_of
+from rigidfx.decide.settings import Criterion
 from rigidfx.effects import Contact, Rigid
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.strain_rate import Indicator
@@ -84,8 +84,8 @@ def prepare(
             bring_back(state, switch)
         policy = recovery = growth = None
         if rigidify is not None:
-            policy = Policy(scene, rigidify, timeline)
-            if rigidify.wake == "local":
+            policy = policy_of(scene, rigidify, timeline)
+            if rigidify.grows:
                 pieces = policy.named.in_pieces
                 borne = BodyForces(stepper, pieces)
                 measure = _measure(scene, rigidify, forces)

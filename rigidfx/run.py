@@ -9,9 +9,9 @@ import numpy as np
 
 from rigidfx.base.remembered import PART, Remembered
 from rigidfx.base.uncaught import on_all_ranks
-from rigidfx.decide.criteria.judging import Observation
-from rigidfx.decide.decision import Decision
+from rigidfx.decide.bodies import Decision
 from rigidfx.decide.policy import Policy
+from rigidfx.decide.rules import Observation
 from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.of_step import report_of
@@ -87,7 +87,7 @@ class Run:
         if policy is None:
             return stepper.accept(attempt), []
         attempt, found = self._grown(attempt, policy)
-        seen = Observation(stepper, attempt.dt)
+        seen = Observation(stepper, attempt.dt, 0.0)
         decision = policy.struck(seen, stepper.touches)
         if decision is None and found.woken is not None:
             decision = policy.outgrown(seen, found.woken, found.reason)
@@ -122,7 +122,7 @@ class Run:
             report = report_of(number, stepper, self.probes, result, None, self.shortening)
             bodies = stepper.state.bodies.of.records
             _, cells = policy.releases.asked(report.t, report, bodies, before=True)
-        seen = Observation(stepper, attempt.dt)
+        seen = Observation(stepper, attempt.dt, 0.0)
         return self._switched(policy, policy.repeated(seen, cells), seen)
 
     def __enter__(self) -> Run:
@@ -149,7 +149,7 @@ class Run:
         state, policy = self.stepper.state, self.policy
         if policy is None:
             return []
-        seen = Observation(self.stepper, target - state.t)
+        seen = Observation(self.stepper, target - state.t, 0.0)
         return self._switched(policy, policy.ahead(seen, (state.t + target) / 2), seen)
 
     def after(self, report: Report) -> tuple[list[Event], float]:
@@ -157,7 +157,8 @@ class Run:
         policy = self.policy
         if policy is None:
             return [], np.nan
-        seen = Observation(self.stepper, report.dt, self.growth)
+        lacked = 0.0 if self.growth is None else self.growth.size()
+        seen = Observation(self.stepper, report.dt, lacked)
         policy.observe(seen)
         decision = policy.after(seen, report)
         if decision is not None and self.recovery is not None:

@@ -30,8 +30,8 @@ from rigidfx.base.progress import progress_bar
 from rigidfx.base.taken import check_same
 from rigidfx.base.warning import warn
 from rigidfx.checkpoint.keeper import Checkpoint, Keeper, Kept, read
-from rigidfx.decide.criteria.accuracy import Accuracy, controlled
-from rigidfx.decide.criteria.judging import Criterion
+from rigidfx.decide.accuracy import Accuracy, controlled
+from rigidfx.decide.settings import Criterion, without_effect
 from rigidfx.preparation import prepare
 from rigidfx.report.account import Account, beginning
 from rigidfx.report.blows import BriefContacts, BriefStops
@@ -124,7 +124,7 @@ def simulate(
     former = [] if corrected is None else ["simulate: corrected"]
     for own in (rigidify, accuracy):
         if isinstance(own, (Criterion, Accuracy)):
-            former += [f"{type(own).__name__}: {name}" for name in own.former]
+            former += [f"{type(own).__name__}: {name}" for name in without_effect(own)]
     for name in former:
         warn(scene.comm, f"{name} has no effect, as bodies get shapes. Leave it out.")
     call = {**given, "petsc_options": petsc_options}
@@ -261,10 +261,9 @@ def _begun(
     reports = _reports(run, impact, shown, solver, looks, writers, keeper, first)
     if accuracy is None or control is None:
         return reports
-    rule = None if run.policy is None else run.policy.rule
     finer = accuracy.finer(control)
     twin = partial(simulate, scene, finer, t_end, start=start, petsc_options=petsc_options)
-    return accuracy.followed(reports, scene, rule, twin)
+    return accuracy.followed(reports, scene, run.policy is not None, twin)
 
 
 def _timeline(scene: Scene, dt: Any, t_end: float) -> Timeline:

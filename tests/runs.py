@@ -7,8 +7,8 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from rigidfx.decide.bodies import Decision, plan_bodies
 from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
-from rigidfx.decide.decision import Decision, plan_bodies
 from rigidfx.preparation import prepare
 from rigidfx.run import Run
 from rigidfx.scene.timeline import Timeline

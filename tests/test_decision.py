@@ -10,9 +10,9 @@ from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.base.log import heard
+from rigidfx.decide.bodies import PlannedBody, plan_bodies, qualify
 from rigidfx.decide.clusters import Cluster
-from rigidfx.decide.decision import PlannedBody, plan_bodies, qualify
-from rigidfx.decide.memory.signals import CYCLES, EXCITED, longest_period
+from rigidfx.decide.memory import CYCLES, EXCITED, longest_period
 from rigidfx.report.account import Account, Pay
 
 SELF = MPI.COMM_SELF

@@ -13,8 +13,8 @@ from histories import column, drift, show
 from scipy.spatial import cKDTree
 
 import rigidfx as rf
-from rigidfx.decide.criteria.criterion import RateRule, Tolerances
-from rigidfx.decide.criteria.judging import Criterion
+from rigidfx.decide.rules import RateRule
+from rigidfx.decide.settings import Criterion
 from rigidfx.effects.action import Action
 from rigidfx.effects.base import Effect
 from rigidfx.effects.contacts.obstacles import Approach, Obstacle
@@ -61,7 +61,7 @@ class Patient(Criterion):
     window = 1.0
 
     def rule(self, scene, timeline, memory):
-        return RateRule(memory, Tolerances(scene, memory, 1e9, {}), self.window)
+        return RateRule(scene, memory, 1e9, self.window, {})
 
 
 def test_a_criterion_of_ones_own():

@@ -16,8 +16,8 @@ import refusals
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.decide.criteria.criterion import RateRule, Tolerances
-from rigidfx.decide.criteria.judging import Criterion
+from rigidfx.decide.rules import RateRule
+from rigidfx.decide.settings import Criterion
 from rigidfx.effects.action import Action
 from rigidfx.effects.base import Effect
 from rigidfx.effects.contacts.obstacles import Approach, Obstacle
@@ -108,8 +108,7 @@ class Asking(Criterion):
         return given
 
     def rule(self, scene, timeline, memory):
-        tolerances = Tolerances(scene, memory, 1e-3, {})
-        return self._failing("rule", RateRule(memory, tolerances, self.window))
+        return self._failing("rule", RateRule(scene, memory, 1e-3, self.window, {}))
 
     def indicator(self, scene, forces):
         return self._failing("indicator", StrainRates(scene, forces, "rms"))

@@ -253,7 +253,7 @@ def test_functions_have_to_be_given_again(tmp_path):
 @NO_WARNINGS
 def test_what_cannot_be_kept_is_refused_at_the_start(tmp_path, monkeypatch):
     make = SCENES["named"][0]
-    monkeypatch.delattr("rigidfx.decide.criteria.criterion.RateRule.remembered")
+    monkeypatch.delattr("rigidfx.decide.rules.RateRule.remembered")
     with pytest.raises(rf.SceneError, match="RateRule does not say what it remembers"):
         rf.simulate(make(), 0.1, 1.0, rigidify=QUIET, checkpoint=rf.Checkpoint(tmp_path))
 

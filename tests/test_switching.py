@@ -23,7 +23,7 @@ from runs import prepared, regroup, step
 
 import rigidfx as rf
 from rigidfx.base.errors import SceneError
-from rigidfx.decide.memory.signals import CYCLES
+from rigidfx.decide.memory import CYCLES
 from rigidfx.domain.domain import Domain
 
 COMM = MPI.COMM_WORLD

@@ -17,8 +17,8 @@ from mpi4py import MPI
 import rigidfx as rf
 from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.errors import StepError
+from rigidfx.decide.bodies import round_enclosed
 from rigidfx.decide.clusters import CellGraph
-from rigidfx.decide.paying import round_enclosed
 from rigidfx.flexible.nodal_stress import NodalStress
 from rigidfx.step.watches.judge import Judge
 from rigidfx.switch.growth import OUTGROWN

@@ -32,7 +32,7 @@ from rigidfx.base.warning import worded
 from rigidfx.command.largest import Largest
 from rigidfx.command.options import CAD, GEO, Example, RankParser, ask, say
 from rigidfx.command.pair import Pair, curve, energy_jump, events_of, freezes_of
-from rigidfx.decide.criteria.criterion import StrainRate
+from rigidfx.decide.settings import StrainRate
 from rigidfx.domain.cad import list_cad, read_cad
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_model import read_msh

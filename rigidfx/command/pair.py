@@ -20,7 +20,7 @@ from rigidfx.base.errors import SceneError, on_rank_0
 from rigidfx.checkpoint.files import dumped, loaded
 from rigidfx.checkpoint.keeper import Checkpoint
 from rigidfx.command.options import say
-from rigidfx.decide.criteria.criterion import StrainRate
+from rigidfx.decide.settings import StrainRate
 from rigidfx.plot import Curve
 from rigidfx.report.events import Event
 from rigidfx.report.report import Report, Source

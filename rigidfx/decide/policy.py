@@ -2,9 +2,10 @@
 
     steps of a window → qualify → find_clusters → plan_bodies → Decision
 
-Cells are released where forces would strain them (`wake="local"`), or all bodies by any change of a
-load or of a support (`wake="all"`), after which a new window begins. Changes of Δt, of numerical
-damping or of the output release nothing. A policy changes nothing but its own memory.
+Bodies without shapes are released by any change of a load or of a support, or by the user alone
+(`Policy`). Bodies that grow lose the cells that their shapes do not follow (`GrowingPolicy`). Then
+a new window begins. Changes of Δt, of numerical damping or of the output release nothing. A policy
+changes nothing but its own memory.
 """
 
 from __future__ import annotations
@@ -19,21 +20,14 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import together
 from rigidfx.base.remembered import PART, Remembered
-from rigidfx.base.types import Bools
-from rigidfx.decide.advice import Advice
+from rigidfx.base.types import Array, Bools
+from rigidfx.base.warning import warn
+from rigidfx.decide.bodies import Decision, NamedParts, Planner, paying, qualify
 from rigidfx.decide.clusters import NONE, CellGraph
-from rigidfx.decide.criteria.judging import (
-    CHANGE,
-    Criterion,
-    Observation,
-    judged_cells,
-)
-from rigidfx.decide.decision import Decision, qualify
-from rigidfx.decide.memory.memory import BackOff, ContactChanges, LoadChanges, Memory, Window
-from rigidfx.decide.memory.signals import Signals
-from rigidfx.decide.paying import Paying
-from rigidfx.decide.planner import NamedParts, Planner
+from rigidfx.decide.memory import BackOff, ContactChanges, LoadChanges, Memory, Signals, Window
 from rigidfx.decide.releases import PLANNED, Releases
+from rigidfx.decide.rules import Observation, judged_cells
+from rigidfx.decide.settings import Criterion
 from rigidfx.effects import Contact, Touch
 from rigidfx.report.ledger import Rigidity
 from rigidfx.report.report import Report
@@ -45,7 +39,7 @@ ASKED = "checked: a condition"
 
 
 class Policy:
-    """Decides, step by step, on rigid and flexible cells.
+    """Decides, step by step, on rigid cells, in bodies without shapes, and flexible ones.
 
     Attributes:
         named: Parts that are rigid always.
@@ -69,35 +63,29 @@ class Policy:
                 without ghost cells.
         """
         self._scene, self._criterion, self._timeline = scene, criterion, timeline
-        timeline.stop_at(criterion.breakpoints)
+        planned = {t for release in criterion.releases for t in release.times}
+        timeline.stop_at(tuple(sorted(planned)))
         self._graph = CellGraph(scene)
         self._every = np.ones(self._graph.owned, dtype=bool)
         self._never = ~self._every
         for name in criterion.never:
             self._never[judged_cells(scene, name, f"{criterion.owner} (never)")] = True
         self.releases = Releases(scene, criterion.releases, timeline)
-        self.named = NamedParts(scene, self._graph, alone=criterion.wake == "local")
+        self.named = NamedParts(scene, self._graph, alone=criterion.grows)
         self._planner = Planner(self._graph, self.named, criterion.least_cells(scene))
-        change = CHANGE if criterion.load_change is None else criterion.load_change
+        every = criterion.follows_loads
         self.memory = Memory(
             window=self._new_window(0.0),
             signals=Signals(scene),
             back_off=BackOff(self._graph.owned, criterion.patience),
-            loads=LoadChanges(scene, change, timeline),
+            loads=LoadChanges(scene, timeline, criterion.change, every),
             contacts=ContactChanges(criterion.contact_change),
             next_number=self.named.count + 1,
         )
-        self._groups, self._part = linked(scene), scene.parts.of_cell[: self._graph.owned]
         watched = scene.named(Contact) if self.memory.contacts.watched else []
         self._met = {contact.title: met(scene, contact) for contact in watched}
-        self._paying = Paying(self._graph, criterion, self.memory)
         rule = partial(criterion.rule, scene, timeline, self.memory)
         self.rule = together(scene.comm, f"{criterion.owner}: its rule", rule)
-
-    @property
-    def _advice(self) -> Advice:
-        """Warnings, of each thing once."""
-        return Advice(self._scene.comm, self._criterion, self.memory.said)
 
     def _new_window(self, t: float) -> Window:
         """A new window from t [s] on, or from when observation begins."""
@@ -117,7 +105,7 @@ class Policy:
             seen: The state before it.
             middle: Time at its midpoint [s].
         """
-        if self._criterion.wake != "all" or all(b.name in self.named.apart for b in seen.bodies):
+        if all(body.name in self.named.apart for body in seen.bodies):
             return None
         if not (changed := self.memory.loads.ahead(middle)):
             return None
@@ -140,20 +128,15 @@ class Policy:
             return None
         if not (changed := self.memory.contacts.changed(touches())):
             return None
-        cells: Bools = self._every
-        local = self._criterion.wake != "all"
-        if local:
-            where = np.any([self._met[title] for title in changed], axis=0)
-            cells = self._with_linked(where)
+        cells = self._struck(changed)
         if not self._any(self._planner.free(seen) & cells):
             return None
         decision = self._release(seen, f"the contact '{changed[0]}' changes", cells)
-        return decision if local else replace(decision, loads_changed=True)
+        return replace(decision, loads_changed=self._criterion.follows_loads)
 
-    def _with_linked(self, parts: Bools) -> Bools:
-        """Owned cells of connected parts, and of those that joints link with them."""
-        groups = np.isin(self._groups, self._groups[parts])
-        return np.asarray(groups[self._part])
+    def _struck(self, contacts: list[str]) -> Bools:
+        """Owned cells that contacts of these titles release: all."""
+        return self._every
 
     def repeated(self, seen: Observation, cells: Bools | None) -> Decision | None:
         """The release that conditions ask for before a step is solved again. Collective."""
@@ -168,17 +151,14 @@ class Policy:
             seen: The state after it.
             report: The argument of a user's condition.
         """
-        t = seen.t
         self.memory.contacts.follow(report.touches)
-        reasons, cells = self.releases.asked(t, report, seen.bodies)
-        if self._criterion.wake == "all" and self.memory.loads.declared(t):
-            decision = self._release(seen, "a load or a support changes", self._every)
-            return replace(decision, loads_changed=True)
-        if self._criterion.wake != "all" and self.memory.loads.support_changes(t):
-            return self._release(seen, "a support begins or ends", self._every)
+        reasons, cells = self.releases.asked(seen.t, report, seen.bodies)
+        if changed := self.memory.loads.declared(seen.t):
+            decision = self._release(seen, changed, self._every)
+            return replace(decision, loads_changed=self._criterion.follows_loads)
         if cells is not None:
             return self._release(seen, ", ".join(reasons), cells)
-        return self._window_decides(seen) if self.memory.window.over else None
+        return self._freeze(seen) if self.memory.window.over else None
 
     def outgrown(self, seen: Observation, cells: Bools, reason: str) -> Decision:
         """The release of cells of bodies that shapes do not follow, and their ring. Collective.
@@ -201,20 +181,11 @@ class Policy:
         over = t - self.memory.window.start + resolution >= self.rule.length()
         return bool(self._graph.comm.allreduce(bool(over), op=MPI.LAND))
 
-    def _window_decides(self, seen: Observation) -> Decision:
-        """The decision at the end of a window; bodies stay if it fails, alike on all ranks."""
-        try:
-            return self._freeze(seen)
-        except np.linalg.LinAlgError as error:
-            self._advice.of_failure(error)
-            reason = f"an estimate that failed at {seen.t:.6g} s"
-            return self._planner.unchanged(reason, seen, self.memory.next_number)
-
     def _freeze(self, seen: Observation) -> Decision:
         """Freeze the cells that have qualified in the window. Collective."""
         memory, t = self.memory, seen.t
         flexible, tol = seen.flexible & memory.window.whole, self.rule.tol
-        self._advice.of_window(memory.signals.period(), tol, seen.noise)
+        self._warn_of_window(tol, seen.noise)
         qualified, closeness = qualify(memory.window.worst, tol, flexible, self._graph.comm)
         able = memory.back_off.lasting(qualified)
         existing = self._planner.numbers(seen)
@@ -227,11 +198,19 @@ class Policy:
 
         if not self._any(able & (existing == NONE) & ~barred):
             decision = self._planner.unchanged(reason, seen, memory.next_number)
-        elif self._criterion.wake == "local":
-            decision = self._paying.bodies(plan, seen, tol, able, barred)
         else:
-            decision = plan(able, barred)
+            decision = self._worth(plan, seen, able, barred)
         return replace(decision, qualified=qualified, closeness=closeness, loads_at=t)
+
+    def _worth(
+        self,
+        plan: Callable[[Bools, Bools], Decision],
+        seen: Observation,
+        able: Bools,
+        barred: Bools,
+    ) -> Decision:
+        """The freeze of cells that are able and not barred. Collective."""
+        return plan(able, barred)
 
     def _release(self, seen: Observation, reason: str, cells: Bools) -> Decision:
         """Release owned cells from their bodies; the other cells stay rigid. Collective."""
@@ -248,9 +227,9 @@ class Policy:
         memory, t, cells = self.memory, seen.t, seen.indicator.cells
         if t <= self._criterion.since + self._timeline.resolution:
             return
-        memory.window.add(cells, seen.rates[cells])
+        memory.window.add(cells, seen.indicator.values[cells])
         self.rule.observe(seen)
-        memory.signals.add(seen.state, memory.loads.observe(t))
+        memory.signals.add(seen.stepper.state, memory.loads.observe(t))
         memory.signals.rest_since(memory.loads.resting_since)
         memory.window.over = self._window_ends(seen)
         if memory.window.over:
@@ -268,7 +247,11 @@ class Policy:
             memory.window.whole &= rigid | ~memory.back_off.rigid
             hasty = memory.back_off.switched(rigid, t, counts=decision.reason != PLANNED)
             if self._graph.comm.allreduce(hasty, op=MPI.LOR):
-                self._advice.of_haste()
+                self._say(
+                    "bodies are released again and again, sooner than they were observed: their "
+                    "cells have to qualify for longer and longer now (patience). "
+                    f"{self._criterion.remedy}"
+                )
         if decision.loads_at is not None and (changed or not freezes):
             memory.loads.remember(decision.loads_at)
         if decision.loads_at is not None and not changed and not freezes:
@@ -280,3 +263,61 @@ class Policy:
         if not freezes:
             memory.back_off.restart()
         memory.window = self._new_window(t)
+
+    # Warnings -----------------------------------------------------------------------------------
+
+    def _warn_of_window(self, tol: Array, noise: float) -> None:
+        """Warn of a window shorter than a period, and of a tolerance below noise. Collective."""
+        window, period = self._criterion.window, self.memory.signals.period()
+        # Where forces wake cells, those that have qualified at the turn of a vibration wake again.
+        if not isinstance(window, str) and window < period and not self._criterion.grows:
+            self._say(
+                f"the window of observation, {window:.3g} s, is shorter than the longest "
+                f"period seen, {period:.3g} s: cells may qualify at the turn of a vibration. Take "
+                f"window ≥ {period:.3g}, or 'auto'."
+            )
+        least = self._graph.comm.allreduce(tol[tol > 0].min(initial=np.inf), op=MPI.MIN)
+        if least < noise:
+            self._say(
+                f"the tolerance {least:.3g} 1/s is below what the end of Newton's "
+                f"iteration may leave in the strain rates, {noise:.3g} 1/s: decisions are at "
+                "random. Take a larger tolerance or a larger Δt."
+            )
+
+    def _say(self, message: str) -> None:
+        """Warn on rank 0, of each thing once: of that before the first comma."""
+        kind = message.split(",")[0]
+        if kind not in self.memory.said:
+            self.memory.said.add(kind)
+            warn(self._graph.comm, f"{self._criterion.owner}: {message}")
+
+
+class GrowingPolicy(Policy):
+    """Bodies get shapes, and lose the cells that these do not follow."""
+
+    remembered: ClassVar[Remembered] = Policy.remembered
+
+    def _struck(self, contacts: list[str]) -> Bools:
+        """Cells of connected parts that contacts meet, and of those that joints link with them."""
+        parts, groups = (
+            np.any([self._met[title] for title in contacts], axis=0),
+            linked(self._scene),
+        )
+        found = np.isin(groups, groups[parts])
+        return np.asarray(found[self._scene.parts.of_cell[: self._graph.owned]])
+
+    def _worth(
+        self,
+        plan: Callable[[Bools, Bools], Decision],
+        seen: Observation,
+        able: Bools,
+        barred: Bools,
+    ) -> Decision:
+        """The freeze of parts that have cost as much as their switches. Collective."""
+        known = self._graph, self._criterion, self.memory, seen, self.rule.tol
+        return paying(plan, *known, able, barred)
+
+
+def policy_of(scene: Scene, criterion: Criterion, timeline: Timeline) -> Policy:
+    """The policy of a criterion: see `Policy`. Collective."""
+    return (GrowingPolicy if criterion.grows else Policy)(scene, criterion, timeline)

@@ -10,7 +10,7 @@ import numpy as np
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import shown
 from rigidfx.base.types import Bools
-from rigidfx.decide.criteria.release import Release
+from rigidfx.decide.settings import Release
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene

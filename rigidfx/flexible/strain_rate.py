@@ -78,7 +78,7 @@ class StrainRates:
         Args:
             scene: The problem.
             forces: Internal forces, whose u₀ and u₁ hold the ends of a step.
-            measure: See `rigidfx.decide.criteria.criterion.StrainRate`.
+            measure: See `rigidfx.decide.settings.StrainRate`.
         """
         self._forces = forces
         space = scene.cell_space

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from rigidfx.base.types import Array, Bools
-from rigidfx.decide.decision import PlannedBody
+from rigidfx.decide.bodies import PlannedBody
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, Frozen

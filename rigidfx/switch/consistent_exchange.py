@@ -32,7 +32,7 @@ from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.dof_layout import nodes_of, split
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.rows import Rows
-from rigidfx.decide.decision import PlannedBody
+from rigidfx.decide.bodies import PlannedBody
 from rigidfx.effects import Motor
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies

@@ -24,7 +24,7 @@ import numpy as np
 from dolfinx import fem
 
 from rigidfx.base.types import Array, Bools, Indices
-from rigidfx.decide.decision import PlannedBody
+from rigidfx.decide.bodies import PlannedBody
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, BodyMotion, Frozen, RigidBody

@@ -12,7 +12,7 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.types import Bools, Indices
-from rigidfx.decide.decision import PlannedBody
+from rigidfx.decide.bodies import PlannedBody
 from rigidfx.effects import PointMass, Reduced, Rigid, RigidFace, rigid_faces
 from rigidfx.effects.joints.remote import body_of
 from rigidfx.flexible.internal_forces import InternalForces

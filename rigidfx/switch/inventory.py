@@ -13,7 +13,7 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.types import Array, Indices, Ints
-from rigidfx.decide.decision import PlannedBody
+from rigidfx.decide.bodies import PlannedBody
 from rigidfx.effects import Reduced, Resultant, Rigid, Support, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies

@@ -15,7 +15,7 @@ import numpy as np
 from rigidfx.base.errors import InversionError
 from rigidfx.base.remembered import OBJECTS, PART, Remembered, same
 from rigidfx.base.warning import warn
-from rigidfx.decide.decision import Decision
+from rigidfx.decide.bodies import Decision
 from rigidfx.effects import (
     Contact,
     InitialDisplacement,

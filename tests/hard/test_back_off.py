@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rigidfx.decide.memory.memory import BackOff
+from rigidfx.decide.memory import BackOff
 
 WINDOW = 1.0  # s
 YES, NO = np.array([True]), np.array([False])

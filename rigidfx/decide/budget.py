@@ -26,50 +26,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from rigidfx.base.remembered import ON_CELLS, PART, Remembered, same
-from rigidfx.base.types import Array, Bools, Indices
-from rigidfx.decide.criteria.judging import Observation
+from rigidfx.base.remembered import ON_CELLS, Remembered, same
+from rigidfx.base.types import Array, Bools
 from rigidfx.decide.limits import Limits
-from rigidfx.decide.memory.memory import Memory
+from rigidfx.decide.memory import Memory
+from rigidfx.decide.rules import FEWEST, MARGIN, Observation
 from rigidfx.report.ledger import Rigidity
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
 PER_OCTAVE, OCTAVES = 4, 400  # levels between which contributions are told apart
-
-
-class Swings:
-    """The least and the most strain of each cell since a window began.
-
-    Strains are magnitudes. So the swing of a vibration about zero is its amplitude, that of a
-    vibration about a larger strain twice its amplitude.
-    """
-
-    remembered: ClassVar[Remembered] = {"_least": ON_CELLS, "_most": ON_CELLS}
-
-    def __init__(self, cells: int) -> None:
-        """Nothing has been observed.
-
-        Args:
-            cells: Number of owned cells.
-        """
-        self._least, self._most = np.full(cells, np.inf), np.full(cells, -np.inf)
-
-    def add(self, cells: Indices, strains: Array) -> None:
-        """Observe the end of a step.
-
-        Args:
-            cells: Flexible owned cells.
-            strains: Of all owned cells.
-        """
-        self._least[cells] = np.minimum(self._least[cells], strains[cells])
-        self._most[cells] = np.maximum(self._most[cells], strains[cells])
-
-    def end(self) -> Array:
-        """The swing of each owned cell, zero where none was observed; another window begins."""
-        out = np.maximum(self._most - self._least, 0.0)
-        self._least[:], self._most[:] = np.inf, -np.inf
-        return out
 
 
 @dataclass(frozen=True)
@@ -81,16 +47,12 @@ class Spending:
         freezing: Part of the allowed value that freezes use. A part that vibrated on took two to
             seven times what (1) says; at 0.5 an arm of 20 073 unknowns was released repeatedly.
         amplified: Amplification of m by loads that change.
-        window: Length of a window in halves of a period.
-        fewest: Steps of a window, at least.
         at_rest: Steps in which loads have not changed where motions are free.
     """
 
     rigidity: float = 0.5
     freezing: float = 0.2
     amplified: float = 2.0
-    window: float = 1.25
-    fewest: int = 8
     at_rest: int = 2
 
 
@@ -101,48 +63,34 @@ class BudgetRule:
         tol: Strain rate up to which each owned cell was quiet at the end of the last window [1/s].
     """
 
-    remembered: ClassVar[Remembered] = (
-        same(
-            "_sums",
-            "_period",
-            "_energy",
-            "_free",
-            "_t",
-            "_budget",
-            "_size",
-            "_largest",
-            "_frozen",
-            "_begins",
-            "_from_rest",
-        )
-        | dict.fromkeys(("tol", "_strains", "_weights"), ON_CELLS)
-        | {"_swings": PART}
-    )
+    remembered: ClassVar[Remembered] = same(
+        "_sums",
+        "_period",
+        "_energy",
+        "_free",
+        "_t",
+        "_budget",
+        "_size",
+        "_largest",
+        "_frozen",
+        "_begins",
+        "_from_rest",
+    ) | dict.fromkeys(("tol", "_strains", "_weights", "_low", "_high"), ON_CELLS)
 
-    def __init__(
-        self,
-        scene: Scene,
-        timeline: Timeline,
-        memory: Memory,
-        budget: float,
-        spending: Spending | None = None,
-    ) -> None:
+    def __init__(self, scene: Scene, timeline: Timeline, memory: Memory, budget: float) -> None:
         """Nothing has strained. Collective.
 
-        Args:
-            scene: The problem.
-            timeline: Where steps end.
-            memory: Memory of the policy.
-            budget: Part of the largest displacement that rigidity and time integration may spend.
-            spending: The settings of the budget.
+        Rigidity and time integration may spend the budget, part of the largest displacement.
         """
         self._begins = True  # all cells are quiet at first
         self._scene, self._timeline, self._memory, self._whole = scene, timeline, memory, budget
-        self._spending = Spending() if spending is None else spending
+        self._spending = Spending()
         self._stiffness = stiffness(scene)
         cells = self._stiffness.size
-        self._swings = Swings(cells)
         self._strains: Array = np.zeros(cells)  # largest so far
+        # The least and the most of the window. Strains are magnitudes, so that the swing of a
+        # vibration about zero is its amplitude, about a larger strain twice its amplitude.
+        self._low, self._high = np.full(cells, inf), np.full(cells, -inf)
         self._sums: Array = np.zeros(2)  # Σ w ε² and Σ w ε̇², integrated over time [J s, J/s]
         self._weights: Array = np.zeros(cells)
         self._period, self._energy = nan, 0.0  # 2π τ [s]; Σ w S² [J]
@@ -170,12 +118,7 @@ class BudgetRule:
         """Error of the motion by bodies."""
         motion = self._size / self._largest if self._largest > 0 else 0.0
         kept = self._budget if self._frozen else min(motion, self._budget)
-        return Rigidity(
-            motion=motion,
-            allowed=kept,
-            rest=self._whole - kept,
-            withheld=self._lost,
-        )
+        return Rigidity(motion, kept, self._whole - kept, self._lost)
 
     def limits(self) -> Limits:
         """The displacement that bodies may lack."""
@@ -186,9 +129,7 @@ class BudgetRule:
         """How long a window is to be [s]; NaN while that is not known."""
         if self._begins:
             return 0.0
-        if self._memory.window.steps < self._spending.fewest:
-            return nan
-        return self._spending.window * self._period / 2
+        return nan if self._memory.window.steps < FEWEST else MARGIN * self._period / 2
 
     # What is seen -------------------------------------------------------------------------------
 
@@ -197,9 +138,10 @@ class BudgetRule:
         indicator, control = seen.indicator, seen.stepper.control
         assert control is not None  # an `Accuracy` has one
         self._weights = w = self._stiffness * indicator.weights
-        now = seen.strains
+        now, cells = indicator.strains(), indicator.cells
         np.maximum(self._strains, now, out=self._strains)
-        self._swings.add(indicator.cells, now)
+        self._low[cells] = np.minimum(self._low[cells], now[cells])
+        self._high[cells] = np.maximum(self._high[cells], now[cells])
         local = [w @ self._strains**2, w @ now**2, w @ indicator.values**2, w.sum()]
         self._energy, strain, rate, one = map(float, self._scene.sum(np.array(local)))
         self._sums += np.array([strain, rate]) * seen.dt * (rate > one * (10 * seen.noise) ** 2)
@@ -221,17 +163,14 @@ class BudgetRule:
             self._begins = False
             self.tol = np.full(flexible.size, inf)
             return
-        worst, swing = self._memory.window.worst, self._swings.end()
+        worst, swing = self._memory.window.worst, np.maximum(self._high - self._low, 0.0)
+        self._low[:], self._high[:] = inf, -inf
         s = swing if self._free else worst * self._period / (2 * pi)
         density = np.where(flexible, self._stiffness * np.maximum(self._strains, s) * s, 0.0)
         share = density * self._weights / self._stiffness
         most = level(density, share, self._lost * self._energy, self._scene)
         # Zero where strains are too small to be squared.
         self.tol = np.divide(worst * most, density, out=np.zeros_like(worst), where=density > 0)
-
-    def told(self) -> str:
-        """When cells were in bodies."""
-        return "all cells that may be in bodies were so from the second step on"
 
 
 def stiffness(scene: Scene) -> Array:
@@ -243,14 +182,7 @@ def stiffness(scene: Scene) -> Array:
 
 
 def level(density: Array, share: Array, room: float, scene: Scene) -> float:
-    """The density below which cells' shares add up to the room. Collective.
-
-    Args:
-        density: Of each owned cell, ≥ 0.
-        share: Of each owned cell.
-        room: In the unit of the shares.
-        scene: The problem.
-    """
+    """The density below which shares of owned cells add up to the room. Collective."""
     if room <= 0:
         return 0.0
     some = density > 0

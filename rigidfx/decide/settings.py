@@ -1,185 +1,172 @@
-"""When parts of a structure become rigid, and when they are released: what the user states.
-
-`StrainRate` judges cells by one tolerance; by others in named sets, or by a part of the largest
-rate so far. Cells are quiet up to a strain rate, their tolerance, and bodies may withhold as much.
-A window is as long as given, or a little longer than the longest period.
-"""
+"""When parts of a structure become rigid, and when they are released: what the user states."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import inf, nan
-from typing import ClassVar, Literal
-
-import numpy as np
-from mpi4py import MPI
+from math import inf
+from typing import Any, ClassVar, Literal
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import number, positive, shown, whole
-from rigidfx.base.remembered import Remembered, same
-from rigidfx.base.taken import take_fields
-from rigidfx.base.types import Array, Bools
-from rigidfx.decide.criteria.judging import (
-    Criterion,
-    Observation,
-    Rule,
-    judged_cells,
-    never_rigid,
-)
-from rigidfx.decide.criteria.release import Release
-from rigidfx.decide.limits import Limits
-from rigidfx.decide.memory.memory import Memory
+from rigidfx.base.inputs import names, number, positive, shown, whole
+from rigidfx.base.taken import take_fields, taken
+from rigidfx.decide.memory import Memory
+from rigidfx.decide.rules import RateRule, Relative, Rule
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.strain_rate import Indicator, StrainRates
 from rigidfx.scene.scene import Scene
-from rigidfx.scene.timeline import Timeline, fraction
+from rigidfx.scene.timeline import Timeline
 
+CHANGE = 0.1  # part of its largest value so far by which a load has changed, by default
+LEAST = 2  # cells of a body: one alone hardly saves anything
+WORTH = 0.05  # of all cells: what is less saves less than its switches cost
 ENCLOSED = 1.5  # tolerances, up to which a cell may strain that others enclose
-MARGIN = 1.25  # an automatic window in longest periods
-FEWEST = 8  # steps of an automatic window
 
 
 @dataclass(frozen=True)
-class Relative:
-    """A tolerance relative to the largest strain rate of any cell so far.
+class Release:
+    """Bodies become flexible again, at given times or on a condition.
 
-    It suits any structure, while strain rates in 1/s are rarely known in advance. Until a rate has
-    exceeded the noise of Newton's method, only cells without any strain qualify.
+    It is not needed for waking by forces, nor for changes of supports or (`wake="all"`) of loads.
 
     Attributes:
-        part: Between 0 and 1.
+        at: Times [s] at which steps end and bodies are released.
+        when: A function of the report of a step that says whether to release after it: True or
+            False, or the names of bodies.
+        repeat: If True, the step in which the condition becomes true is solved again with these
+            cells flexible (Fig. 2). If False, they are released after that step. With True the
+            condition is evaluated before and after each step is accepted; the report before it has
+            no events, ledger and recovered stresses.
+        where: Name of a set of cells to be released; the rest of their bodies stays rigid. All
+            cells if None.
     """
 
-    part: float
+    at: Sequence[float] | float = ()
+    when: Callable[[Any], bool | Iterable[str]] | None = None
+    where: str | None = None
+    repeat: bool = False
 
     def __post_init__(self) -> None:
-        """Check the number.
+        """Check the record.
 
         Raises:
-            SceneError: If it is none between 0 and 1.
+            SceneError: If there is neither a time nor a condition, or one cannot be used.
         """
-        fraction("Relative", "part", self.part)
-        take_fields(self)
+        at: Any = taken(self.at)
+        several = isinstance(at, Iterable) and not isinstance(at, (str, bytes, Mapping))
+        times = tuple(at) if several else (at,)
+        for t in times:
+            if not number("Release", "at", t) > 0:
+                raise SceneError(f"Release: at must be later than the start, got {shown(t)}.")
+        object.__setattr__(self, "at", tuple(number("Release", "at", t) for t in times))
+        if self.where is not None and not isinstance(self.where, str):
+            raise SceneError(f"Release: where must be the name of a set, got {shown(self.where)}.")
+        if self.when is not None and not callable(self.when):
+            raise SceneError(
+                f"Release: when must be a function of a report, got {shown(self.when)}."
+            )
+        if not isinstance(self.repeat, bool) or (self.repeat and self.when is None):
+            raise SceneError(
+                "Release: repeat must be True or False, and goes with a condition (when), got "
+                f"{shown(self.repeat)}."
+            )
+        if not self.times and self.when is None:
+            raise SceneError("Release: name a time (at) or a condition (when).")
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """The times [s]."""
+        return self.at  # type: ignore[return-value]
 
 
-class Tolerances:
-    """Strain rate up to which each owned cell is quiet.
+class Criterion:
+    """Base of the records of criteria.
 
-    Attributes:
-        comm: Communicator of the mesh.
+    `rigidfx.decide.settings.StrainRate` describes the attributes.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        memory: Memory,
-        tol: float | Relative,
-        of_sets: Mapping[str, float],
-    ) -> None:
-        """Find the cells that have a tolerance of their own. Collective.
+    wake: Literal["all", "local", "none"] | None = "local"
+    window: float | Literal["auto"] = "auto"
+    never: Sequence[str] = ()
+    min_cells: int | None = 2
+    load_change: float | None = inf
+    patience: float = 2.0
+    since: float = 0.0
+    until: float = inf
+    release: Sequence[Release] | Release = ()
+    enclosing: ClassVar[float] = inf  # tolerances, up to which enclosed cells may strain
+
+    @property
+    def owner(self) -> str:
+        """Its name in messages."""
+        return type(self).__name__
+
+    @property
+    def releases(self) -> tuple[Release, ...]:
+        """The releases that a user asks for, one or several."""
+        return (self.release,) if isinstance(self.release, Release) else tuple(self.release)
+
+    @property
+    def remedy(self) -> str:
+        """Advice against repeated releases of bodies."""
+        return "Take fewer releases."
+
+    @property
+    def grows(self) -> bool:
+        """Whether bodies get shapes, and forces wake single cells."""
+        return self.wake == "local"
+
+    @property
+    def follows_loads(self) -> bool:
+        """Whether changes of loads release all bodies, as in the paper."""
+        return self.wake == "all"
+
+    @property
+    def change(self) -> float:
+        """Change of a load, over its largest value so far, that releases bodies."""
+        if not self.follows_loads:
+            return inf
+        return CHANGE if self.load_change is None else self.load_change
+
+    @property
+    def contact_change(self) -> float:
+        """Change of a contact's force, over its largest so far, that releases bodies."""
+        return self.change
+
+    def least_cells(self, scene: Scene) -> int:
+        """Least number of cells of a new body. Collective."""
+        if self.min_cells is not None:
+            return int(self.min_cells)
+        every = scene.comm.allreduce(scene.owned_cells(None, "").size)
+        return max(LEAST, round(WORTH * every))
+
+    def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> Rule:
+        """The rule that judges cells. Collective.
 
         Args:
             scene: The problem.
+            timeline: Where steps end.
             memory: Memory of the policy.
-            tol: As of `rigidfx.decide.criteria.criterion.StrainRate`.
-            of_sets: Tolerances of named sets of cells [1/s].
 
         Raises:
-            SceneError: If a name is unknown, or a `Reduced` part has all cells of it.
+            SceneError: If a name of its own is unknown.
         """
-        self.comm, self._memory, self._tol = scene.comm, memory, tol
-        self._special = np.full(memory.window.worst.size, np.inf)
-        for name, own in of_sets.items():
-            cells = judged_cells(scene, name, "StrainRate (tolerances)")
-            self._special[cells] = np.minimum(self._special[cells], own)
+        raise NotImplementedError
 
-    def now(self) -> Array:
-        """Tolerance of each owned cell now [1/s]."""
-        tol = self._tol
-        of_all = tol.part * self._memory.largest if isinstance(tol, Relative) else float(tol)
-        return np.where(np.isfinite(self._special), self._special, of_all)
-
-    def observe(self, seen: Observation) -> None:
-        """Remember the largest strain rate, where tolerances are parts of it. Collective.
+    def indicator(self, scene: Scene, forces: InternalForces) -> Indicator:
+        """The indicator that measures the cells. Collective.
 
         Args:
-            seen: The run after a step.
+            scene: The problem.
+            forces: Internal forces, whose u₀ and u₁ hold the ends of a step.
         """
-        if not isinstance(self._tol, Relative):
-            return
-        memory, indicator = self._memory, seen.indicator
-        most = float(indicator.values[indicator.cells].max(initial=0.0))
-        most = self.comm.allreduce(most, op=MPI.MAX)
-        # What is at rest strains by noise, of which no part means anything.
-        if memory.largest > 0 or most > seen.noise:
-            memory.largest = max(memory.largest, most)
+        return StrainRates(scene, forces, "rms")
 
 
-def window_length(given: float | Literal["auto"], memory: Memory) -> float:
-    """How long a window is to be [s]; NaN while that is not known. Collective.
-
-    Args:
-        given: Length [s], or "auto".
-        memory: Memory of the policy.
-    """
-    if not isinstance(given, str):
-        return float(given)
-    if memory.window.steps < FEWEST:
-        return nan
-    return MARGIN * memory.signals.period()
-
-
-class RateRule:
-    """One tolerance for quiet cells, and for what bodies withhold."""
-
-    remembered: ClassVar[Remembered] = same("_noise")
-
-    def __init__(
-        self,
-        memory: Memory,
-        tolerances: Tolerances,
-        window: float | Literal["auto"],
-    ) -> None:
-        """Nothing has been observed.
-
-        Args:
-            memory: Memory of the policy.
-            tolerances: Of each owned cell.
-            window: Length of a window [s].
-        """
-        self._memory, self._tolerances, self._window = memory, tolerances, window
-        self._noise = 0.0  # strain rate that rounding may leave, in the last step [1/s]
-
-    @property
-    def tol(self) -> Array:
-        """Tolerance of each owned cell now [1/s]."""
-        return self._tolerances.now()
-
-    def limits(self) -> Limits:
-        """Strain rates that bodies may withhold."""
-        return Limits(np.maximum(self.tol, self._noise))
-
-    @property
-    def rigidity(self) -> None:
-        """Not estimated: tolerances are the user's."""
-        return None
-
-    def length(self) -> float:
-        """How long a window is to be [s]; NaN while that is not known. Collective."""
-        return window_length(self._window, self._memory)
-
-    def observe(self, seen: Observation) -> None:
-        """Remember the largest strain rate, where tolerances are parts of it. Collective."""
-        self._noise = seen.noise
-        self._tolerances.observe(seen)
-
-    def window_ends(self, seen: Observation, flexible: Bools) -> None:
-        """Nothing more is asked of a window than its rates."""
-
-    def told(self) -> str:
-        """Nothing that the user has not set."""
-        return ""
+def without_effect(record: object) -> list[str]:
+    """Fields of a user's record that are given and have no effect any more."""
+    fields = ("kappa", "easing", "grow")
+    return [name for name in fields if getattr(record, name, None) not in (None, name == "grow")]
 
 
 @dataclass(frozen=True)
@@ -245,6 +232,7 @@ class StrainRate(Criterion):
     grow: bool | None = field(default=None, kw_only=True)
     since: float = field(default=0.0, kw_only=True)
     until: float = field(default=inf, kw_only=True)
+    enclosing: ClassVar[float] = ENCLOSED
 
     def __post_init__(self) -> None:
         """Check all values, and take them.
@@ -276,7 +264,7 @@ class StrainRate(Criterion):
                 raise SceneError(
                     f"StrainRate: the tolerance of '{name}' must be ≥ 0, got {shown(tol)}."
                 )
-        object.__setattr__(self, "never", never_rigid(owner, self.never))
+        object.__setattr__(self, "never", names(owner, "never", self.never, "cell sets"))
         whole(owner, "min_cells", self.min_cells, least=1)
         listed = isinstance(self.release, (Release, Sequence))
         if not listed or not all(isinstance(release, Release) for release in self.releases):
@@ -291,7 +279,7 @@ class StrainRate(Criterion):
             )
         if self.load_change is not None:
             positive(owner, "load_change", self.load_change, infinite=True)
-            if self.wake != "all":
+            if not self.follows_loads:
                 raise SceneError(
                     "StrainRate: load_change says which changes of loads release all bodies, and "
                     f"with wake='{self.wake}' none does. Take wake='all', or leave it out."
@@ -308,37 +296,15 @@ class StrainRate(Criterion):
         take_fields(self)  # at last, so that messages show what was given
 
     @property
-    def releases(self) -> tuple[Release, ...]:
-        """The releases, one or several."""
-        return (self.release,) if isinstance(self.release, Release) else tuple(self.release)
-
-    @property
-    def relative(self) -> bool:
-        """Whether tolerances are relative to the largest rate so far."""
-        return isinstance(self.tol, Relative)
-
-    @property
     def remedy(self) -> str:
         """Advice against repeated releases of bodies."""
         helps = {"all": "a larger load_change", "local": "a larger tol"}
         helps_here = helps.get(self.wake or "", "fewer releases")
         return f"Take a longer window, {helps_here}, or look at the conditions of Release."
 
-    @property
-    def enclosing(self) -> float:
-        """As a multiple of tolerances, so that such a cell does not call for a shape at once."""
-        return ENCLOSED
-
-    @property
-    def former(self) -> tuple[str, ...]:
-        """Fields given that have no effect any more."""
-        names = ("kappa", "easing", "grow")
-        return tuple(k for k in names if getattr(self, k) not in (None, k == "grow"))
-
     def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> Rule:
         """One tolerance."""
-        tolerances = Tolerances(scene, memory, self.tol, self.tolerances)
-        return RateRule(memory, tolerances, self.window)
+        return RateRule(scene, memory, self.tol, self.window, self.tolerances)
 
     def indicator(self, scene: Scene, forces: InternalForces) -> Indicator:
         """Strain rates by `measure`."""

@@ -12,14 +12,15 @@ from typing import Any
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import positive, shown, whole
+from rigidfx.base.inputs import names, positive, shown, whole
 from rigidfx.base.log import tell
 from rigidfx.base.taken import take_fields
 from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
-from rigidfx.decide.criteria.budget_rule import BudgetRule
-from rigidfx.decide.criteria.judging import CHANGE, Criterion, Rule, judged_cells, never_rigid
-from rigidfx.decide.memory.memory import Memory
+from rigidfx.decide.budget import BudgetRule
+from rigidfx.decide.memory import Memory
+from rigidfx.decide.rules import judged_cells
+from rigidfx.decide.settings import CHANGE, Criterion
 from rigidfx.effects import NumericalDamping, Rigid
 from rigidfx.report.ledger import Entry, Ledger, Rigidity
 from rigidfx.report.report import Report
@@ -134,7 +135,7 @@ class Accuracy:
     what it withholds would move a node by more than its share of the budget, and loses cells where
     shapes do not suffice, or all of them where a contact's force changes. Bodies may use half of
     the budget that time integration (`rigidfx.scene.timeline.StepControl`) has left
-    (`rigidfx.decide.criteria.budget_rule`). The ledger of each report has the spent amounts of
+    (`rigidfx.decide.budget`). The ledger of each report has the spent amounts of
     both. Neither strains are bounded nor the error of the mesh is estimated.
 
     Attributes:
@@ -174,7 +175,7 @@ class Accuracy:
                 positive(owner, name, getattr(self, name))
         if not isinstance(self.check, (bool, np.bool_)):
             raise SceneError(f"Accuracy: check must be True or False, got {shown(self.check)}.")
-        object.__setattr__(self, "never", never_rigid(owner, self.never))
+        object.__setattr__(self, "never", names(owner, "never", self.never, "cell sets"))
         if self.min_cells is not None:
             whole(owner, "min_cells", self.min_cells, least=1)
         take_fields(self)
@@ -194,7 +195,7 @@ class Accuracy:
         self,
         reports: Iterator[Report],
         scene: Scene,
-        rule: Rule | None,
+        rigid: bool,
         twin: Callable[..., Iterator[Report]],
     ) -> Iterator[Report]:
         """The reports of a run; at its end it is said whether it has kept the budget. Collective.
@@ -202,7 +203,7 @@ class Accuracy:
         Args:
             reports: The reports.
             scene: The problem.
-            rule: The rule that judges cells; None if nothing is worth to be rigid.
+            rigid: Whether cells may become rigid.
             twin: Begins the twin.
         """
         if self.check:
@@ -217,8 +218,8 @@ class Accuracy:
             return
         ledger, budget = last.ledger, float(self.budget)
         tell(scene.comm, f"{budget:.3g} of the largest displacement was asked:\n{ledger}")
-        if rule is not None:
-            tell(scene.comm, rule.told())
+        if rigid:
+            tell(scene.comm, "all cells that may be in bodies were so from the second step on")
         if ledger.struck and not self.check:
             warn(
                 scene.comm,
@@ -245,11 +246,6 @@ class Accuracy:
                 "larger budget, a smaller `smallest`, or a smaller dt where loads are over in less "
                 "and are no time windows.",
             )
-
-    @property
-    def former(self) -> tuple[str, ...]:
-        """Fields given that have no effect any more."""
-        return () if self.grow in (None, True) else ("grow",)
 
     def criterion(self, scene: Scene) -> Budgeted | None:
         """What judges cells; None if nothing is worth to be rigid, or named so. Collective.

@@ -1,0 +1,394 @@
+"""Decisions on bodies: those to be made, kept and released, and whether that pays.
+
+Deciding changes nothing; `rigidfx.switch` applies the decisions. Shapes follow what forces do to a
+body, so only the cost decides whether quiet parts freeze where bodies get shapes: flexible steps
+that a switch costs, and those that a part has been quiet for. Enclosed cells freeze with a part
+unless they strain too fast.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import nan
+from typing import Literal
+
+import numpy as np
+from mpi4py import MPI
+
+from rigidfx.base.types import Array, Bools, Indices, Ints
+from rigidfx.decide.clusters import NONE, CellGraph, Cluster, find_clusters
+from rigidfx.decide.memory import Memory
+from rigidfx.decide.rules import Observation
+from rigidfx.decide.settings import Criterion
+from rigidfx.effects import PointMass, Resultant, Rigid, rigid_faces
+from rigidfx.scene.scene import Scene
+
+SWITCHES = 7.0  # flexible steps that a freeze and a release of a body take
+
+
+@dataclass(frozen=True)
+class PlannedBody:
+    """A body as it is to be.
+
+    Attributes:
+        cells: Owned cells, sorted.
+        nodes: All owned nodes of these cells, sorted.
+        name: Its name.
+        number: Its number.
+        named: Sets of cells in it that are rigid always.
+        kept: Whether there is such a body already, which stays as it is.
+    """
+
+    cells: Indices
+    nodes: Indices
+    name: str
+    number: int
+    named: tuple[str, ...] = ()
+    kept: bool = False
+
+
+@dataclass(frozen=True)
+class Decision:
+    """A freeze or a release that is to be applied.
+
+    Attributes:
+        kind: Reported as such.
+        reason: Reported as such.
+        bodies: The bodies from then on, but for those apart.
+        apart: Names of bodies that stay as they are in any case.
+        next_number: First number that no body has had, nor has one of these.
+        qualified: Owned cells that have qualified in the window that ends, if one does.
+        closeness: How close the nearest decision was: the least |ε/tol - 1| of any cell, ε its
+            strain rate; NaN if no window ends.
+        loads_changed: Whether a change of a load or a support is the reason.
+        woken: Owned cells that withheld forces strain; None if the reason is another one.
+        loads_at: Time of the loads with which later ones are compared [s]; None if it stays.
+    """
+
+    kind: Literal["freeze", "release"]
+    reason: str
+    bodies: tuple[PlannedBody, ...]
+    apart: frozenset[str]
+    next_number: int
+    qualified: Bools | None = None
+    closeness: float = nan
+    loads_changed: bool = False
+    woken: Indices | None = None
+    loads_at: float | None = None
+
+
+def qualify(worst: Array, tol: Array, observed: Bools, comm: MPI.Intracomm) -> tuple[Bools, float]:
+    """Cells whose largest strain rate in a window is at most the tolerance. Collective.
+
+    Args:
+        worst: Largest strain rate of each owned cell in the window.
+        tol: Tolerance of each owned cell, in the same unit.
+        observed: Owned cells that were flexible in the whole window.
+        comm: Ranks that share the cells.
+
+    Returns:
+        The cells that qualify, and how close the nearest decision was: the least |worst/tol - 1|,
+        infinity where nothing was compared.
+    """
+    compared = observed & (tol > 0)
+    closeness = np.abs(worst[compared] / tol[compared] - 1).min(initial=np.inf)
+    return observed & (worst <= tol), float(comm.allreduce(closeness, op=MPI.MIN))
+
+
+def plan_bodies(
+    clusters: Sequence[Cluster],
+    origin: Ints,
+    sizes: Mapping[int, int],
+    always: Mapping[str, Indices],
+    next_number: int,
+    comm: MPI.Intracomm,
+) -> tuple[tuple[PlannedBody, ...], int]:
+    """Give clusters the identity of the bodies they come from. Collective.
+
+    A cluster takes the number of the oldest body in it, unless another cluster that comes before
+    has taken it (the body has been divided); otherwise it gets a new one. It is called by the first
+    set in it that is rigid always, or by its number.
+
+    Args:
+        clusters: Bodies after the change, in a fixed order.
+        origin: For each owned cell the number of the body it was in, or -1.
+        sizes: Number of cells, over all ranks, of each body before the change, by its number.
+        always: Owned cells of each set that is rigid always, by name.
+        next_number: First number that no body has had.
+        comm: Ranks that share the cells.
+
+    Returns:
+        The bodies after the change by increasing number, and the next number that is free.
+    """
+    taken: set[int] = set()
+    bodies = []
+    for cluster in clusters:
+        mine = np.unique(origin[cluster.cells])
+        inside = [name for name, cells in always.items() if np.isin(cells, cluster.cells).any()]
+        gathered = comm.allgather((mine.tolist(), inside))
+        before = {number for numbers, _ in gathered for number in numbers}
+        named = tuple(name for name in always if any(name in names for _, names in gathered))
+        free = [number for number in sorted(before - {-1}) if number not in taken]
+        number = free[0] if free else next_number
+        next_number += not free
+        name = named[0] if named else f"part {number}"
+        taken.add(number)
+        kept = before == {number} and cluster.size == sizes[number]
+        bodies.append(PlannedBody(cluster.cells, cluster.nodes, name, number, named, kept))
+    return tuple(sorted(bodies, key=lambda body: body.number)), next_number
+
+
+class NamedParts:
+    """Parts that are rigid always.
+
+    Attributes:
+        names: Their names, as they are numbered from one on.
+        count: How many there are, rigid faces and carried masses among them.
+        apart: Names of those whose mass or inertia is given, or on which a `Resultant` acts: no
+            cell may join their bodies.
+        cells: Owned cells of the others, by name.
+        mask: For each owned cell, whether it is in one of these.
+        rings: Owned cells round each rigid face that is in none of the parts, and round the nodes
+            that move a `PointMass` at a face.
+    """
+
+    def __init__(self, scene: Scene, graph: CellGraph, alone: bool = False) -> None:
+        """Look their cells up. Collective.
+
+        Args:
+            scene: The problem.
+            graph: Its cells.
+            alone: Whether no cell may join any of their bodies.
+        """
+        self._graph = graph
+        loaded = {resultant.body for resultant in scene.named(Resultant)}
+        parts = scene.named(Rigid)
+        self.names = tuple(part.name for part in parts)
+        faces = rigid_faces(scene.effects)
+        carried = [effect for effect in scene.named(PointMass) if effect.is_carried]
+        self.count = len(parts) + len(faces) + len(carried)
+        self.apart = frozenset(
+            part.name
+            for part in parts
+            if alone or part.given or part.deforms or part.name in loaded
+        )
+        self.cells: dict[str, Indices] = {
+            part.name: scene.owned_cells(part.where, "Rigid")
+            for part in parts
+            if part.name not in self.apart
+        }
+        self.mask = np.zeros(graph.owned, dtype=bool)
+        for own in self.cells.values():
+            self.mask[own] = True
+        parted = np.zeros(len(scene.nodal_mass), dtype=bool)
+        for part in parts:
+            at = slice(None) if part.where is None else scene.nodes(part.where, part.kind, (3,))
+            parted[at] = True
+        self.rings: list[Bools] = []
+        masses = (e for e in scene.named(PointMass) if e.face is not None and not e.is_carried)
+        together = [scene.nodes(face.where, face.name, (2,)) for face in faces]
+        for nodes in (*together, *(mass.remote.place.nodes for mass in masses)):
+            marks = np.zeros(parted.size, dtype=bool)
+            marks[nodes] = True
+            if scene.sum(np.count_nonzero(parted[nodes])) == 0:
+                self.rings.append(
+                    graph.touching(graph.nodes_with_ghosts(marks[: scene.owned_nodes]))
+                )
+
+    def torn(self, clusters: Sequence[Cluster]) -> Bools:
+        """Owned cells round rigid faces that would be in several bodies, or in part. Collective."""
+        out = np.zeros(self._graph.owned, dtype=bool)
+        if not self.rings:
+            return out
+        labels = np.full(out.size, NONE)
+        for cluster in clusters:
+            labels[cluster.cells] = cluster.label
+        for ring in self.rings:
+            own = np.unique(labels[ring]).tolist()
+            if len({label for some in self._graph.comm.allgather(own) for label in some}) > 1:
+                out |= ring
+        return out
+
+    @cached_property
+    def in_pieces(self) -> frozenset[str]:
+        """Parts named rigid whose cells are not connected through facets. Collective."""
+        none = np.full(self._graph.owned, NONE)
+        found = set()
+        for name, own in self.cells.items():
+            cells = np.zeros(self._graph.owned, dtype=bool)
+            cells[own] = True
+            clusters = find_clusters(self._graph, cells, none, ~cells, 1)
+            every = self._graph.comm.allreduce(own.size)
+            if len(clusters) != 1 or clusters[0].size != every:
+                found.add(name)
+        return frozenset(found)
+
+
+class Planner:
+    """Makes decisions of cells; it remembers nothing."""
+
+    def __init__(self, graph: CellGraph, named: NamedParts, least: int) -> None:
+        """Keep the cells.
+
+        Args:
+            graph: Neighbours of the cells.
+            named: Parts that are rigid always.
+            least: Least number of cells of a new body.
+        """
+        self._graph, self._named, self._least = graph, named, least
+
+    def numbers(self, seen: Observation) -> Ints:
+        """For each owned cell the number of the body it is in and may leave or grow, or NONE."""
+        numbers = np.full(self._graph.owned, NONE, dtype=np.int64)
+        for body in seen.bodies:
+            if body.name not in self._named.apart:
+                numbers[body.cells] = body.number
+        return numbers
+
+    def free(self, seen: Observation) -> Bools:
+        """Owned cells of bodies that may leave them."""
+        return (self.numbers(seen) != NONE) & ~self._named.mask
+
+    def chained(self, seen: Observation) -> Bools:
+        """Owned cells at nodes that supports hold, or that bodies apart hold. Collective."""
+        nodes = seen.supported.copy()
+        for body in seen.bodies:
+            if body.name in self._named.apart:
+                nodes[body.nodes] = True
+        return self._graph.touching(self._graph.nodes_with_ghosts(nodes))
+
+    def unchanged(self, reason: str, seen: Observation, next_number: int) -> Decision:
+        """A freeze that adds nothing: all bodies stay as they are."""
+        stay = tuple(
+            PlannedBody(b.cells, b.nodes, b.name, b.number, kept=True)
+            for b in seen.bodies
+            if b.name not in self._named.apart
+        )
+        return Decision("freeze", reason, stay, self._named.apart, next_number)
+
+    def release(self, seen: Observation, reason: str, cells: Bools, next_number: int) -> Decision:
+        """Release owned cells from their bodies; the other cells stay rigid. Collective."""
+        numbers = self.numbers(seen)
+        leaving = cells & (numbers != NONE) & ~self._named.mask
+        mine = np.unique(numbers[leaving]).tolist()
+        concerned = sorted({k for part in self._graph.comm.allgather(mine) for k in part})
+        inside = np.isin(numbers, concerned)
+        # What is left of a body is a new find, but for cells that are rigid always.
+        able = inside & ~leaving
+        existing = np.where(inside, NONE, numbers)
+        first = max((body.number for body in seen.bodies), default=0) + 1
+        for k, own in enumerate(self._named.cells.values()):
+            existing[own[inside[own]]] = first + k
+        barred = ~able & (existing == NONE)
+        return self.plan("release", reason, seen, able, existing, barred, next_number)
+
+    def plan(
+        self,
+        kind: Literal["freeze", "release"],
+        reason: str,
+        seen: Observation,
+        able: Bools,
+        existing: Ints,
+        barred: Bools,
+        next_number: int,
+    ) -> Decision:
+        """Find the bodies. Collective.
+
+        Args:
+            kind: Its kind in the report.
+            reason: Why, in words.
+            seen: The state.
+            able: Owned cells that may be rigid.
+            existing: For each owned cell the number of the body that it stays in, or NONE.
+            barred: Owned cells that have to stay flexible if they are in no existing body.
+            next_number: First number that no body has had.
+        """
+        while True:
+            clusters = find_clusters(self._graph, able, existing, barred, self._least)
+            torn = self._named.torn(clusters) & (existing == NONE) & ~barred
+            if not self._graph.comm.allreduce(bool(torn.any()), op=MPI.LOR):
+                break
+            barred = barred | torn
+        sizes = {body.number: body.size for body in seen.bodies}
+        numbers, named = self.numbers(seen), self._named
+        bodies, following = plan_bodies(
+            clusters, numbers, sizes, named.cells, next_number, self._graph.comm
+        )
+        return Decision(kind, reason, bodies, named.apart, following)
+
+
+def too_dear(parts: Sequence[Indices], quiet: Array, flexible: Bools, comm: MPI.Intracomm) -> Bools:
+    """Owned cells of parts whose work while quiet is below the cost of switches. Collective.
+
+    Args:
+        parts: Owned flexible cells that are to freeze, of each body that is to be.
+        quiet: Steps in a row in which each owned cell has been quiet.
+        flexible: Cells that are flexible now.
+        comm: Ranks that share the cells.
+    """
+    out = np.zeros(quiet.size, dtype=bool)
+    sums = np.array([flexible.sum(), *(quiet[own].sum() for own in parts)])
+    comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+    for own, wasted in zip(parts, sums[1:], strict=True):
+        out[own] = wasted < SWITCHES * sums[0]
+    return out
+
+
+def round_enclosed(
+    graph: CellGraph, parts: Sequence[Indices], able: Bools, loud: Array, most: float
+) -> Bools:
+    """Enclosed cells that strain too fast, with the cells round them. Collective.
+
+    Such a cell would wake soon after the freeze. So it stays flexible, with a ring of cells.
+
+    Args:
+        graph: Neighbours of the cells.
+        parts: Owned flexible cells that are to freeze, of each body that is to be.
+        able: Owned cells that may freeze; others are in parts because these enclose them.
+        loud: Strain rate of each owned cell over its tolerance.
+        most: Permitted strain of an enclosed cell, over its tolerance.
+    """
+    inside = np.zeros(loud.size)
+    for own in parts:
+        inside[own] = (~able & (loud > most))[own]
+    return graph.touching(graph.largest_at_nodes(inside) > 0)
+
+
+def paying(
+    plan: Callable[[Bools, Bools], Decision],
+    graph: CellGraph,
+    criterion: Criterion,
+    memory: Memory,
+    seen: Observation,
+    tol: Array,
+    able: Bools,
+    barred: Bools,
+) -> Decision:
+    """The freeze of the parts that pay. Collective.
+
+    Args:
+        plan: Finds bodies of the cells that are able, without those that are barred.
+        graph: Neighbours of the cells.
+        criterion: The criterion of the user.
+        memory: Memory of the policy.
+        seen: The state at the end of a window.
+        tol: Strain rate up to which each owned cell is quiet [1/s].
+        able: Owned cells that may freeze.
+        barred: Owned cells that may not.
+    """
+    window, observed = memory.window, memory.back_off.observed
+    quiet = np.asarray(window.steps * (1 + observed / (seen.t - window.start)))
+    loud = np.zeros_like(tol)
+    np.divide(window.worst, tol, out=loud, where=tol > 0)
+    while True:
+        found = plan(able, barred)
+        new = (body.cells for body in found.bodies if not body.kept)
+        parts = [cells[seen.flexible[cells]] for cells in new]
+        out = round_enclosed(graph, parts, able, loud, criterion.enclosing)
+        if criterion.patience > 1:
+            out |= too_dear(parts, quiet, seen.flexible, graph.comm)
+        if not graph.comm.allreduce(bool(out.any()), op=MPI.LOR):
+            return found
+        able, barred = able & ~out, barred | out
