@@ -16,13 +16,7 @@ from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.expanded import Expanded
-from rigidfx.shapes.orthonormal import (
-    INDEPENDENT,
-    Basis,
-    slowest,
-    to_one,
-    whole_groups,
-)
+from rigidfx.shapes.orthonormal import INDEPENDENT, Basis, slowest, to_one, whole_groups
 from rigidfx.shapes.responses import Responses
 
 # Part of a static response, in the norm of the strain energy, that shapes may lack.
@@ -64,12 +58,6 @@ class Part(Expanded):
     ) -> None:
         """Assemble stiffness, mass and internal forces. Collective.
 
-        Args:
-            responses: Of the whole structure, about the same state.
-            cells: Its owned cells by subdomain id.
-            nodes: Its owned nodes, sorted.
-            name: Its name, for messages.
-
         Raises:
             SceneError: On every rank, if it is a single cell, or supports hold all of it.
         """
@@ -92,11 +80,7 @@ class Part(Expanded):
         return free
 
     def bears(self, F: Array) -> Bools:
-        """Which forces act on it, or on what it holds together with, shape (k,). Collective.
-
-        Args:
-            F: Forces on the whole in balance with inertia, shape (owned nodes, 3, k) [N].
-        """
+        """Which forces in balance act on it, or on what it holds together with. Collective."""
         scene, part = self._scene, self._responses.rigid.part
         own = np.concatenate(scene.comm.allgather(np.unique(part[self.nodes])))
         return np.asarray(scene.sum((F[np.isin(part, own)] ** 2).sum(axis=(0, 1)))) > 0.0
@@ -139,7 +123,7 @@ class Part(Expanded):
             )
         Y = Y @ turn
         Y, largest = to_one(scene.comm, Y)
-        force = np.asarray(scene.sum(np.einsum("nak,na->k", Y, self.internal)))
+        force = self.dot(Y, self.internal[:, :, None])[:, 0]
         return PartShapes(Y, np.diag(squares / largest**2), force)
 
     def extend(self, basis: Basis, vectors: Array, loads: int, room: int = 0) -> None:
@@ -159,21 +143,13 @@ class Part(Expanded):
         basis.grow(own, images, sizes, MOST + room)
 
     def projected(self, modes: Array) -> PartShapes:
-        """Shapes with Ω = ΦᵀKΦ and f₀ = Φᵀ f_int. Collective.
-
-        Args:
-            modes: At its nodes, shape (nodes, 3, m).
-        """
+        """Shapes Φ, shape (nodes, 3, m), with Ω = ΦᵀKΦ and f₀ = Φᵀ f_int. Collective."""
         K = self.dot(modes, self.times_stiffness(modes))
-        force = np.asarray(self._scene.sum(np.einsum("nak,na->k", modes, self.internal)))
+        force = self.dot(modes, self.internal[:, :, None])[:, 0]
         return PartShapes(modes, 0.5 * (K + K.T), force)
 
     def spun(self, modes: Array) -> Array:
-        """N of shapes, by which spin stiffens the part, shape (m, m, 3, 3) [kg]. Collective.
-
-        Args:
-            modes: At its nodes, shape (nodes, 3, m).
-        """
+        """N of shapes, by which spin stiffens the part, shape (m, m, 3, 3) [kg]. Collective."""
         responses, scene = self._responses, self._scene
         x = responses.stiffness.places
         x = x - np.asarray(scene.sum(np.r_[x.sum(axis=0), len(x)]))[:3] / scene.sum(len(x))
