@@ -18,7 +18,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array, hstack, vstack
 
 from rigidfx.base.matrices import distributed
-from rigidfx.base.types import Array, Bools
+from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.coupling.rows import Rows
@@ -84,10 +84,41 @@ class Mass:
     def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
         """Evaluate out = M v. Collective."""
         self._matrix.mult(v, out)
-        if self._faces.size:
-            moved = np.asarray(self._slopes @ v.array_r)
-            self._rows.comm.Allreduce(MPI.IN_PLACE, moved)
-            out.array[:] += self._slopes.T @ (self._faces * moved)
+        if self.at_points:
+            out.array[:] += self.of_points(v.array_r)
+
+    @property
+    def at_points(self) -> bool:
+        """Whether there are masses at points of faces."""
+        return self._faces.size > 0
+
+    def of_points(self, v: Array) -> Array:
+        """The part of M v by masses at points of faces, shape (rows,). Collective."""
+        moved = np.asarray(self._slopes @ v)
+        self._rows.comm.Allreduce(MPI.IN_PLACE, moved)
+        return np.asarray(self._slopes.T @ (self._faces * moved))
+
+    def of_directions(self, at: Ints, values: Array) -> Array:
+        """The rest of it, which is alike in all directions. Collective.
+
+        Args:
+            at: Places of some nodes among the rows.
+            values: Columns at these, zero at others, shape (nodes, k).
+
+        Returns:
+            At these, shape (nodes, k).
+        """
+        if self._kernel is None:
+            return np.asarray(self._diagonal.array_r[3 * at, None] * values)
+        out, a, b = np.empty_like(values), self._rows.vector(), self._rows.vector()
+        a.set(0.0)
+        for k, column in enumerate(values.T):
+            a.array[3 * at] = column
+            self._matrix.mult(a, b)
+            out[:, k] = b.array_r[3 * at]
+        a.destroy()
+        b.destroy()
+        return out
 
     def add_to(self, tangent: CondensedMatrix, factor: float, prolongation: Prolongation) -> None:
         """Add factor · M of flexible cells and nodes to a tangent that is not finished. Collective.

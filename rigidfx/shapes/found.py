@@ -51,20 +51,6 @@ class Found(Expanded):
         y = y[:, omega > above]
         return y.reshape(*self.motions.shape[:2], y.shape[1]), max(cut, above)
 
-    def outside(self, data: RigidBody, force: Array) -> Array:
-        """Forces without those that shapes follow, by the mass, shape (nodes, 3). Collective.
-
-        Args:
-            data: The body, with its shapes.
-            force: On its nodes, in its frame, shape (nodes, 3) [N].
-        """
-        if data.shapes is None:
-            return force
-        modes = data.shapes.modes.swapaxes(1, 2)
-        D = np.einsum("kkii->k", data.shapes.moments[1:, 1:])  # shapes are orthogonal by the mass
-        on = self.dot(modes, force[:, :, None])[:, 0]
-        return np.asarray(force - self.times_mass((modes @ (on / D))[:, :, None])[:, :, 0])
-
     def with_shapes(self, body: Body, vectors: Array, followers: int = 0) -> Body | None:
         """A body with more shapes, all of them orthogonal by the mass, at q = q̇ = 0. Collective.
 

@@ -172,7 +172,7 @@ def times(operator: Mass | PETSc.Mat, u: Array, vector: Callable[[], PETSc.Vec])
         u: The columns, shape (rows, k).
         vector: Makes vectors of the rows.
     """
-    if isinstance(operator, PETSc.Mat):
+    if isinstance(operator, PETSc.Mat) and u.shape[1] > 1:
         return product(operator.matMult, u, operator.comm)
     out, a, b = np.empty_like(u), vector(), vector()
     for k in range(u.shape[1]):

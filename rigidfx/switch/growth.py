@@ -22,7 +22,7 @@ its cells are to wake.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -50,6 +50,8 @@ from rigidfx.switch.inventory import about_start
 from rigidfx.switch.resonance import Resonance
 from rigidfx.switch.spun_joints import SpinLimits, off_by
 from rigidfx.withheld.body_forces import BodyForces
+from rigidfx.withheld.fields import Fields, Force
+from rigidfx.withheld.fields import size as size_of
 
 OUTGROWN = "forces strain them otherwise than their shapes can"
 # Part of a body's length below which ν of its motion is that of rounding.
@@ -119,7 +121,7 @@ class Growth(Watch):
         self._begun: dict[int, int] = {}  # modes that each has
         self._resonance, self._swing = Resonance(scene, self.control), np.inf
         self._vectors: Array = np.zeros((scene.owned_nodes, 3, 0))  # modes, and what has grown
-        self._withheld: Array = np.zeros((scene.owned_nodes, 3))  # ρ⊥ as last seen, at the start
+        self._withheld: list[tuple[Fields, Force]] = []  # ρ⊥ as last seen
         self._ratio, self._since = np.inf, 0
         self._asked = np.inf  # size of the forces of that ratio
         self._reached = 0.0  # largest displacement of bodies at the end of a step [m]
@@ -187,7 +189,9 @@ class Growth(Watch):
         vectors = np.einsum("ab,nbk->nak", Q, vectors)
         self._begun[number], self._lacking[number] = self._modes, self._cut
         stiff = self._scene.sum(np.count_nonzero(self._stiff[body.data.nodes])) > 0
-        if np.isfinite(self._cut) and not stiff:  # its own modes would bend rigid faces
+        whole = body.data.size == self._scene.mesh.topology.index_map(3).size_global
+        # Its own modes are those of the whole, or would bend rigid faces.
+        if np.isfinite(self._cut) and not (stiff or whole):
             own, self._lacking[number] = found.modes(self._forces.dt or self._dt, self._cut)
             self._begun[number] += own.shape[2]
             vectors = np.concatenate([vectors, own], axis=2)
@@ -204,25 +208,18 @@ class Growth(Watch):
             limits: Gives the strain rates that wake cells; None where nothing may change any more.
         """
         self._forces.bear(attempt.t, attempt.dt)
-        if self._forces.borne is None:
+        if not self._forces.borne:
             return Looked()
         for too_far in (self._spun, self._bent) if limits is not None else ():
             if (looked := too_far(attempt)) is not None:
                 return looked
-        parts, rho = self._forces.borne[0], self._forces.borne[1].copy()
-        F, bodies = np.zeros_like(self._withheld), self._growing()
-        for data, at in zip(parts.bodies, parts.at, strict=True):
-            if not self._grows(data):
-                rho[at] = 0.0
-                continue
-            found, Q = self._of(data)
-            rho[at] = found.outside(data, rho[at])
-            F[data.nodes] = rho[at] @ Q
-        size, known = parts.size(rho), self._since + 1 < self.control.every and not self._added
+        own = [each for each in self._forces.borne.values() if self._grows(each[0].data)]
+        self._withheld = [(fields, fields.outside(force)) for fields, force in own]
+        size = size_of(self._scene, self._withheld)
+        known = self._since + 1 < self.control.every and not self._added
         grown = max(1.0, size / self._asked)  # other forces: so may the ratio have
         quiet = known and size * self._ratio * grown < self.control.gate
-        self._withheld = F
-        if limits is None or not size > 0 or not bodies:
+        if limits is None or not size > 0:
             return Looked()
         if (woken := self._resonant(attempt.dt, limits)) is not None:
             return Looked(woken=woken, reason="motions that their shapes lack may be in resonance")
@@ -231,7 +228,15 @@ class Growth(Watch):
         now = limits()
         if now.rates is None:
             self._reached = self._reach(attempt)
-        return self._judged(attempt.dt, F, size, now)
+        return self._judged(attempt.dt, self._at_start(self._withheld), size, now)
+
+    def _at_start(self, forces: Sequence[tuple[Fields, Force]]) -> Array:
+        """Forces on bodies as they turn back to the start, shape (owned nodes, 3) [N]."""
+        F = np.zeros((self._scene.owned_nodes, 3))
+        for fields, force in forces:
+            _, Q = self._of(fields.data)
+            F[force.nodes] = fields.at_nodes(force) @ Q
+        return F
 
     def _reach(self, attempt: Attempt) -> float:
         """Largest displacement of bodies at the end of a step. Collective."""
@@ -243,24 +248,15 @@ class Growth(Watch):
 
     def _resonant(self, dt: float, limits: Callable[[], Limits]) -> Bools | None:
         """Cells of bodies that lack a mode which may be in resonance. Collective."""
-        assert self._forces.borne is not None
-        parts, control, G = self._forces.borne[0], self.control, np.zeros_like(self._withheld)
-        momenta = np.zeros_like(self._forces.borne[1])
-        lacking = [
-            (data, at)
-            for data, at in zip(parts.bodies, parts.at, strict=True)
-            if self._grows(data) and np.isfinite(self._lacking[data.number])
-        ]
-        for data, at in lacking:
-            momenta[at] = self._resonance.momenta[data.nodes]
-        size = parts.size(momenta) / dt if lacking else 0.0
+        control = self.control
+        known = [(fields, self._resonance.momenta(fields)) for fields, _ in self._lacks_modes()]
+        momenta = [(fields, s) for fields, s in known if s is not None]
+        size = size_of(self._scene, momenta) / dt if momenta else 0.0
         if not size * min(self._ratio, self._swing) > control.gate * control.wakes:
             return None
-        for data, _ in lacking:
-            found, Q = self._of(data)
-            G[data.nodes] = found.outside(data, self._resonance.momenta[data.nodes] @ Q.T) @ Q
-        cells = np.concatenate([data.cells for data, _ in lacking])
-        lowest = min(self._lacking[data.number] for data, _ in lacking)
+        G = self._at_start([(fields, fields.outside(s)) for fields, s in momenta])
+        cells = np.concatenate([fields.data.cells for fields, _ in momenta])
+        lowest = min(self._lacking[fields.data.number] for fields, _ in momenta)
         moved: Array = self._bound().step(np.asarray(G[:, :, None] / dt), dt)[:, :, 0]
         owned = self._scene.mesh.topology.index_map(3).size_local
         amplitude = np.asarray(moved * (2 / dt / lowest))
@@ -324,6 +320,11 @@ class Growth(Watch):
         out[cells] = self._at_cells(marks.astype(float), cells) > 0
         return out
 
+    def _lacks_modes(self) -> list[tuple[Fields, Force]]:
+        """ρ⊥ of the bodies that lack modes which Δt resolves."""
+        own = self._withheld
+        return [each for each in own if np.isfinite(self._lacking[each[0].data.number])]
+
     def _growing(self) -> list[Body]:
         return [body for body in self._stepper.state.bodies if self._grows(body.data)]
 
@@ -334,7 +335,7 @@ class Growth(Watch):
         cells = np.concatenate([data.cells for data in growing.values()])
         e = self._bound().responses.solve(F[:, :, None])
         omega = np.zeros(self._scene.mesh.topology.index_map(3).size_local)
-        for data in growing.values():
+        for data in growing.values() if limits.rates is not None else ():
             omega[data.cells] = min(self._frequency(data, e), 2 / dt)
         rates = self._part(e[:, :, 0], omega, cells, limits)
         most = comm.allreduce(float(rates.max(initial=0.0)), op=MPI.MAX)
@@ -456,20 +457,14 @@ class Growth(Watch):
 
     def accept(self, attempt: Attempt) -> None:
         """See `Watch`."""
-        nodes = {
-            body.data.number: body.data.nodes
-            for body in self._growing()
-            if np.isfinite(self._lacking[body.data.number])
-        }
-        self._resonance.keep(nodes)
-        if nodes:
-            self._resonance.advance(self._withheld, nodes, self._lacking, attempt.dt)
+        self._resonance.advance(self._lacks_modes(), self._lacking, attempt.dt)
         self._added = {}
         self._since += 1
 
     def bind(self, flexible: object) -> None:
         """See `Watch`; forgets bodies that are no more."""
         numbers = {body.number for body in self._stepper.state.bodies.of.records}
+        self._withheld = [own for own in self._withheld if own[0].data.number in numbers]
         for number in [k for k in self._found if k not in numbers]:
             self._found.pop(number)[1].destroy()
             self._energies.pop(number, None)

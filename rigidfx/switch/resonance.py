@@ -12,30 +12,89 @@ little in it; a force that goes on at Ω adds up.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
-from rigidfx.base.remembered import ON_NODES, Remembered, same
-from rigidfx.base.types import Array, Indices
+from rigidfx.base.remembered import SAME, Kind, MeshOrder, Record, Remembered
+from rigidfx.base.types import Array
 from rigidfx.scene.scene import Scene
 from rigidfx.switch.growth_control import GrowthControl
+from rigidfx.withheld.fields import Fields, Force, dots
 
 # ΩΔt that rounding may make of none.
 LEAST = float(np.sqrt(np.finfo(np.float64).eps))
 
 
-class Resonance:
-    """Momenta that withheld forces may have built up in modes which bodies lack.
+@dataclass(frozen=True)
+class Tuned:
+    """What a body may have built up, and what tells the frequency of its forces.
 
     Attributes:
-        momenta: s at the owned nodes, shape (nodes, 3) [kg m/s].
+        origin: The body's; if it loses cells it is another one.
+        momenta: s [kg m/s].
+        impulse: p [kg m].
+        last: ρ⊥ of the last step [N].
+        change: Its change in that step.
+        before: That in the step before.
+        square, product: Sums of products of changes.
+        steps: How many there were.
     """
 
-    remembered: ClassVar[Remembered] = same("_products") | dict.fromkeys(
-        ("momenta", "_impulse", "_last", "_change", "_before"), ON_NODES
-    )
+    origin: Array
+    momenta: Force
+    impulse: Force
+    last: Force
+    change: Force
+    before: Force
+    square: float
+    product: float
+    steps: int
+
+    @classmethod
+    def begun(cls, origin: Array, none: Force) -> Tuned:
+        """Nothing has built up."""
+        return cls(origin, none, none, none, none, none, 0.0, 0.0, 0)
+
+    def followed(self, fields: Fields) -> Tuned:
+        """The same with the fields that the body has now. Collective."""
+        return replace(
+            self,
+            momenta=fields.followed(self.momenta),
+            impulse=fields.followed(self.impulse),
+            last=fields.followed(self.last),
+            change=fields.followed(self.change),
+            before=fields.followed(self.before),
+        )
+
+
+class _ByBody(Kind):
+    """What bodies may have built up, by their numbers."""
+
+    _force = Record(Force, "beside")
+
+    def _kind(self, name: str) -> Kind:
+        return self._force if Tuned.__annotations__[name] == Force.__name__ else SAME
+
+    def part(self, value: Any, order: MeshOrder) -> Any:
+        return {
+            number: {name: self._kind(name).part(own, order) for name, own in vars(one).items()}
+            for number, one in value.items()
+        }
+
+    def own(self, whole: Any, order: MeshOrder) -> Any:
+        return {
+            number: Tuned(**{name: self._kind(name).own(own, order) for name, own in one.items()})
+            for number, one in whole.items()
+        }
+
+
+class Resonance:
+    """Momenta that withheld forces may have built up in modes which bodies lack."""
+
+    remembered: ClassVar[Remembered] = {"_of": _ByBody()}
 
     def __init__(self, scene: Scene, control: GrowthControl) -> None:
         """Nothing has built up.
@@ -46,54 +105,65 @@ class Resonance:
                 oscillators fall to 1/e.
         """
         self._scene, self._control = scene, control
-        self.momenta, self._impulse, self._last, self._change, self._before = np.zeros(
-            (5, scene.owned_nodes, 3)
-        )
-        # Sums of products of changes, and number of steps, by body:
-        self._products: dict[int, tuple[float, float, int]] = {}
+        self._of: dict[int, Tuned] = {}  # by number
 
-    def keep(self, nodes: Mapping[int, Indices]) -> None:
-        """Forget all but some bodies.
+    def momenta(self, fields: Fields) -> Force | None:
+        """s of a body; None before its first step. Collective."""
+        known = self._known(fields)
+        return None if known is None else fields.followed(known.momenta)
 
-        Args:
-            nodes: Owned nodes of these, by number.
-        """
-        self._products = {k: of for k, of in self._products.items() if k in nodes}
-        others = np.ones(len(self.momenta), dtype=bool)
-        for number in self._products:
-            others[nodes[number]] = False
-        for field in (self.momenta, self._impulse):
-            field[others] = 0.0
+    def _known(self, fields: Fields) -> Tuned | None:
+        known = self._of.get(fields.data.number)
+        same = known is not None and np.array_equal(known.origin, fields.data.origin)
+        return known if same else None
 
     def advance(
-        self, force: Array, nodes: Mapping[int, Indices], lacking: Mapping[int, float], dt: float
+        self, forces: Sequence[tuple[Fields, Force]], lacking: Mapping[int, float], dt: float
     ) -> None:
-        """Advance by a step. Collective.
+        """Advance by a step, and forget other bodies. Collective.
 
         Args:
-            force: ρ⊥ at the owned nodes, shape (nodes, 3) [N].
-            nodes: Owned nodes of the bodies, by number.
+            forces: ρ⊥ of bodies.
             lacking: The lowest ω that each lacks, by number [1/s].
             dt: Δt [s].
         """
-        change = force - self._last
-        m = self._scene.averaging_mass[: len(force), None]
-        light = np.divide(self._change, m, out=np.zeros_like(force), where=m > 0)
-        both = np.stack([2 * self._change * light, (change + self._before) * light])
-        self._last, self._change, self._before = force.copy(), change, self._change
-        local = [both[:, at].sum(axis=(1, 2)) for at in nodes.values()]
-        sums = self._scene.sum(np.reshape(local, (-1, 2)))
-        for (number, at), new in zip(nodes.items(), sums, strict=True):
-            *before, steps = self._products.get(number, (0.0, 0.0, 0))
-            square, product = np.array(before) * (1 - 1 / self._control.every) + new * (steps > 2)
-            self._products[number] = float(square), float(product), steps + 1
-            if not square > 0:
-                continue
-            angle = float(np.arccos(np.clip(product / square, -1.0, 1.0)))  # Ω Δt
-            angle = max(angle, LEAST)
-            p, s = self._impulse[at], self.momenta[at]
-            middle = force[at] * (dt / angle) ** 2 * (angle > lacking[number] * dt)
-            c, sine = np.cos(angle), np.sin(angle)
-            left = np.exp(-angle / 2 / np.pi / self._control.periods)
-            self._impulse[at] = left * (middle + c * (p - middle) + sine * dt / angle * s)
-            self.momenta[at] = left * (c * s - sine * angle / dt * (p - middle))
+        known, pairs, out = [], [], {}
+        for fields, force in forces:
+            before = self._known(fields) or Tuned.begun(fields.data.origin, 0.0 * force)
+            own = before.followed(fields)
+            change = force - own.last
+            known.append((fields.data.number, force, own, change))
+            pairs += [(fields, 2.0 * own.change, own.change)]
+            pairs += [(fields, change + own.before, own.change)]
+        products = dots(self._scene, pairs).reshape(-1, 2)
+        for (number, force, own, change), new in zip(known, products, strict=True):
+            sums = np.array([own.square, own.product]) * (1 - 1 / self._control.every)
+            square, product = sums + new * (own.steps > 2)
+            out[number] = replace(
+                self._built_up(own, force, square, product, lacking[number], dt),
+                last=force,
+                change=change,
+                before=own.change,
+                square=float(square),
+                product=float(product),
+                steps=own.steps + 1,
+            )
+        self._of = out
+
+    def _built_up(
+        self, own: Tuned, force: Force, square: float, product: float, lacking: float, dt: float
+    ) -> Tuned:
+        """Momenta of a body after a step with its force."""
+        if not square > 0:
+            return own
+        angle = float(np.arccos(np.clip(product / square, -1.0, 1.0)))  # Ω Δt
+        angle = max(angle, LEAST)
+        p, s = own.impulse, own.momenta
+        middle = (dt / angle) ** 2 * (angle > lacking * dt) * force
+        c, sine = np.cos(angle), np.sin(angle)
+        left = np.exp(-angle / 2 / np.pi / self._control.periods)
+        return replace(
+            own,
+            impulse=left * (middle + c * (p - middle) + sine * dt / angle * s),
+            momenta=left * (c * s - sine * angle / dt * (p - middle)),
+        )

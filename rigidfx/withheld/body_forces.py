@@ -14,7 +14,6 @@ steady spin by ωΔt per step.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -34,40 +33,28 @@ from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt, Watch
+from rigidfx.withheld.fields import Fields, Force
 from rigidfx.withheld.parts import Parts, watched
 
 # What PETSc's log calls this part of a run.
 _BEARING = PETSc.Log.Event("rigidfxBodyForces")
 
 
-@dataclass(frozen=True)
-class _Turning:
-    """How bodies turn in a step: numbers of each, by which forces of inertia are linear in places.
-
-    Attributes:
-        gained: Gain of `pose_rate` over Δt [m/s², 1/s²], shape (bodies, n, 3).
-        R: Rotations halfway, shape (bodies, 3, 3).
-        shorter: Of their means in these frames, likewise.
-    """
-
-    gained: Array
-    R: Array
-    shorter: Array
-
-
 class Withheld:
     """The force on the nodes of some bodies of a division; `destroy` frees its PETSc objects."""
 
-    def __init__(self, stepper: Stepper, parts: Parts, mass: Mass, linear: LinearForms) -> None:
+    def __init__(
+        self, stepper: Stepper, parts: Parts, mass: Mass, of_each: Sequence[Fields | None]
+    ) -> None:
         """Bind the effects to the bodies' nodes. Collective.
 
         Args:
             stepper: Solves the steps.
             parts: The bodies.
             mass: Mass operator of the rows.
-            linear: Forms, whose shape is that of the bodies.
+            of_each: The fields of each body; None of one whose forces nobody asks for.
         """
-        self._stepper, self._parts, self._mass = stepper, parts, mass
+        self._stepper, self._parts, self._mass, self._fields = stepper, parts, mass, of_each
         scene, forces = stepper.scene, stepper.forces
         self._forces = forces
         layout = stepper.system.layout
@@ -79,9 +66,6 @@ class Withheld:
             self._attached.append((at[nodes], layout.rows.positions(layout.bodies[k].nodes[nodes])))
         self._u0, self._u1 = fem.Function(scene.space), fem.Function(scene.space)
         self._b = fem.Function(scene.space)
-        fem.assemble_vector(self._b.x.array, linear.force(parts.cells))
-        self._b.x.scatter_reverse(la.InsertMode.add)
-        self._frozen = self._b.x.array[parts.rows.dofs].reshape(-1, 3)
         self._loads = forces.bind_loads(parts.cells, self._u0, self._u1)
         self._none = none = Bodies.of_each(())
         self._structure = Structure(
@@ -93,74 +77,76 @@ class Withheld:
             u=self._u0.x.array,
             surface=forces.surface,
         )
-        self._place(self._u0, stepper.state.bodies)
+        self._place(self._u0, parts.linear(stepper.state.bodies.pose[self._of]))
         self._acting: Sequence[Windowed] = stepper.system.acting
         self._actions = Actions(self._structure, scene.effects, self._acting)
-        self._d, self._f, self._a = (parts.rows.vector() for _ in range(3))
+        self._d, self._f = (parts.rows.vector() for _ in range(2))
         self._dead: Array | None = None  # the last ones that do not follow the bodies, and
         self._asked: tuple[float, float] | None = None  # the step that they are of
         touched = any(own.size for own, _ in self._attached)
         self._untouched = not scene.comm.allreduce(touched, op=MPI.LOR)
 
-    def _place(self, u: fem.Function, bodies: Bodies) -> None:
-        """Set the displacement of the rows where bodies are. Collective."""
-        x = self._parts.linear(bodies.pose[self._of])
-        x -= self._parts.rows.X
-        u.x.array[self._parts.rows.dofs] = x.reshape(-1)
+    def _place(self, u: fem.Function, x: Array) -> None:
+        """Set the displacement of the rows that are at places x. Collective."""
+        u.x.array[self._parts.rows.dofs] = (x - self._parts.rows.X).reshape(-1)
         u.x.scatter_forward()
 
-    def force(self, t: float, dt: float) -> Array:
-        """ρ of the step that has been solved last, in the bodies' frames. Collective.
+    def force(self, t: float, dt: float) -> dict[int, tuple[Fields, Force]]:
+        """ρ of the step that has been solved last, by numbers of bodies. Collective.
 
         Args:
             t: Time at its start [s].
             dt: Its length [s].
 
         Returns:
-            Forces on the nodes of the rows, without those that would move a body, shape (nodes, 3)
-            [N].
+            The fields of each, and ρ without forces that would move it.
         """
-        system = self._stepper.system
-        increments = system.equilibrium.prolongation.increments
+        increments = self._stepper.system.equilibrium.prolongation.increments
         start, end = increments.start, increments.end
-        if self._loads is not None or not system.dead:
-            self._place(self._u0, start)
-        if self._loads is not None:
-            self._place(self._u1, end)
-        given = self._loads_of(t, dt, system.acting)
         gained = np.asarray((end.pose_rate[self._of] - start.pose_rate[self._of]) / dt)
         W, shorter, Vt = np.linalg.svd(increments.R_av[self._of])
-        turning = _Turning(gained, W @ Vt, Vt.mT * shorter[:, None] @ Vt)
-        out = self._resisted(turning, increments.displacement[self._of], dt, given)
-        for k, (body, at) in enumerate(zip(self._parts.bodies, self._parts.at, strict=True)):
-            if body.shapes is not None and not body.shapes.images.size:
-                out[at] = 0.0  # a part named `Reduced`: see ν
-            elif body.shapes is not None:
-                half = 0.5 * (start.q + end.q)[self._of[k], : body.deforms_by]
-                out[at] -= np.einsum("nka,k->na", body.shapes.images, half)
-        self._parts.balance(out)
+        R, means = W @ Vt, Vt.mT * shorter[:, None] @ Vt
+        resisted = self._resisted(increments, gained, t, dt)
+        half, known, products = 0.5 * (start.q + end.q)[self._of], [], []
+        for k, (fields, at) in enumerate(zip(self._fields, self._parts.at, strict=True)):
+            if fields is not None:
+                beside = -resisted[at] @ R[k]
+                known.append((k, fields, beside))
+                products.append(fields.products(beside))
+        total = self._stepper.scene.sum(np.concatenate([np.empty((0, 3)), *products]))
+        out, first = {}, 0
+        for k, fields, beside in known:
+            h, n = total[first : first + fields.count], fields.data.deforms_by
+            first += fields.count
+            own = gained[k, : 4 + 3 * n] @ R[k], means[k], half[k, :n]
+            out[fields.data.number] = fields, fields.force(*own, beside, h)
         return out
 
-    def _resisted(self, turning: _Turning, moved: Array, dt: float, given: Array) -> Array:
-        """ρ of bodies that turn so, and are displaced by `moved` in a step. Collective."""
+    def _resisted(self, increments: Increments, gained: Array, t: float, dt: float) -> Array:
+        """What bodies resist by more than their fields in a step, in space, (nodes, 3) [N]."""
         system, parts, f = self._stepper.system, self._parts, self._f
+        if self._loads is not None or not system.dead:
+            numbers = np.concatenate([increments.start.pose, increments.displacement], axis=2)
+            x, moved = np.split(parts.linear(numbers[self._of]), 2, axis=1)
+            self._place(self._u0, x)
+            if self._loads is not None:
+                self._place(self._u1, x + moved)
+            self._d.array[:] = moved.reshape(-1)
         # The residual of the nodes if they were flexible, but for what their own cells do. They
         # move as a body does: what they do is linear in their places in it.
-        self._d.array[:] = parts.linear(moved).reshape(-1)
-        self._a.array[:] = parts.linear(turning.gained).reshape(-1)
-        self._mass.mult(self._a, f)
-        f.array[:] -= given
-        none = Increments(Step(self._none, dt), np.empty((0, 6)))
-        self._actions.resist(Motion(self._d, none, dt), Forces.none(f))
+        f.array[:] = -self._loads_of(t, dt, system.acting)
+        if self._mass.at_points:
+            f.array[:] += self._mass.of_points(parts.linear(gained).reshape(-1))
+        if not self._actions.dead:
+            none = Increments(Step(self._none, dt), np.empty((0, 6)))
+            self._actions.resist(Motion(self._d, none, dt), Forces.none(f))
         residual = f.array.reshape(-1, 3)
         system.resist_at_nodes(parts.rows.nodes, residual)
         if not self._untouched:
             of_flexible = system.equilibrium.forces_out_of_balance.array_r.reshape(-1, 3)
             for own, active in self._attached:
                 residual[own] += of_flexible[active]
-        out = parts.turned(residual, -turning.R)
-        out -= parts.turned(self._frozen, turning.shorter)
-        return out
+        return residual
 
     def _loads_of(self, t: float, dt: float, acting: Sequence[Windowed]) -> Array:
         """Dead and follower loads in a step on all dofs of the rows [N]. Collective.
@@ -195,7 +181,7 @@ class Withheld:
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
         self._actions.destroy()
-        for vector in (self._d, self._f, self._a):
+        for vector in (self._d, self._f):
             vector.destroy()
 
 
@@ -203,7 +189,7 @@ class BodyForces(Watch):
     """Knows ρ of the present bodies; `destroy` frees the PETSc objects.
 
     Attributes:
-        borne: Bodies in the step that was looked at last, and ρ in their frames [N]; None without.
+        borne: Fields of bodies and ρ in the step that was looked at last, by the bodies' numbers.
         dt: Length of the last step [s].
     """
 
@@ -219,9 +205,11 @@ class BodyForces(Watch):
         """
         self._stepper, self._in_pieces = stepper, in_pieces
         self._linear = LinearForms(stepper.scene, stepper.forces)
-        self.borne: tuple[Parts, Array] | None = None
+        self.borne: dict[int, tuple[Fields, Force]] = {}
         self.dt = 0.0
+        self._bearing: tuple[RigidBody, ...] = ()  # the bodies in that step
         self._parts: Parts | None = None
+        self._fields: list[Fields | None] = []
         self._mass: Mass | None = None
         self._force: Withheld | None = None
         self._system: object = None
@@ -235,9 +223,8 @@ class BodyForces(Watch):
         """
         with _BEARING:
             self._follow()
-            self.borne = None
-            if self._parts is not None and self._force is not None:
-                self.borne = self._parts, self._force.force(t, dt)
+            self.borne = {} if self._force is None else self._force.force(t, dt)
+            self._bearing = () if self._parts is None else self._parts.bodies
 
     def _follow(self) -> None:
         """Bind the present bodies. Collective."""
@@ -257,7 +244,7 @@ class BodyForces(Watch):
             self._force = None
         if self._parts is not None:
             assert self._mass is not None
-            self._force = Withheld(self._stepper, self._parts, self._mass, self._linear)
+            self._force = Withheld(self._stepper, self._parts, self._mass, self._fields)
 
     def _have(self, records: list[RigidBody]) -> None:
         self._parts = parts = Parts(self._stepper.scene, self._stepper.forces, records)
@@ -266,15 +253,30 @@ class BodyForces(Watch):
         shape.array[:] = 0.0
         shape.array[parts.rows.dofs] = parts.shape
         shape.scatter_forward()
+        b = fem.Function(self._stepper.scene.space)
+        fem.assemble_vector(b.x.array, self._linear.force(parts.cells))
+        b.x.scatter_reverse(la.InsertMode.add)
+        frozen = b.x.array[parts.rows.dofs].reshape(-1, 3)
+        self._fields = [
+            self._of(data, frozen[at], self._mass)
+            for data, at in zip(parts.bodies, parts.at, strict=True)
+        ]
+
+    def _of(self, data: RigidBody, frozen: Array, mass: Mass) -> Fields | None:
+        """The fields of a body; None of a part named `Reduced`: see ν. Collective."""
+        assert self._parts is not None
+        if data.shapes is not None and not data.shapes.images.shape[1]:
+            return None
+        return Fields(self._stepper.scene, self._parts.rows, data, mass, frozen)
 
     def forget(self) -> None:
         """Tell no forces of the present bodies any more. Collective."""
         self._drop()
-        self._system, self.borne = self._stepper.system, None
+        self._system, self.borne, self._bearing = self._stepper.system, {}, ()
 
     def refresh(self) -> None:
         """See `Watch`."""
-        self.borne = None
+        self.borne, self._bearing = {}, ()
 
     def accept(self, attempt: Attempt) -> None:
         """See `Watch`."""
@@ -282,10 +284,11 @@ class BodyForces(Watch):
 
     def named(self) -> list[tuple[RigidBody, Array]]:
         """Bodies with parts named rigid, and ρ in their frames, shape (nodes, 3) [N]."""
-        if self.borne is None:
-            return []
-        parts, force = self.borne
-        return [(b, force[at]) for b, at in zip(parts.bodies, parts.at, strict=True) if b.named]
+        out = []
+        for data in (own for own in self._bearing if own.named):
+            known = self.borne.get(data.number)
+            out.append((data, 0 * data.offsets if known is None else known[0].at_nodes(known[1])))
+        return out
 
     def _drop(self) -> None:
         for item in (self._force, self._mass):

@@ -58,8 +58,6 @@ class Parts:
             shape[at] = body.displacement
         self.shape: Array = shape.reshape(-1)
         self._weights = m = scene.averaging_mass[nodes]
-        light = np.divide(1.0, m, out=np.zeros_like(m), where=m > 0)
-        self._lightness: Array = np.repeat(light[:, None], 3, axis=1)
         most = max((body.deforms_by for body in bodies), default=0)
         self._places: Array = np.zeros((nodes.size, 4 + 3 * most))
         for body, at in zip(bodies, self.at, strict=True):
@@ -68,7 +66,6 @@ class Parts:
         self._spans = tuple(map(_span, self.at))
         self._lengths = np.array([body.length for body in bodies])[:, None]
         self._inertia = self._inertia_of_each()
-        self._inverse = [np.linalg.pinv(block) for block in self._inertia]
 
     def _inertia_of_each(self) -> Array:
         """Σ m modesᵀ modes of each body, shape (bodies, 6, 6) [kg]. Collective."""
@@ -82,12 +79,12 @@ class Parts:
         """What is linear in a node's place in its body: [1, V, Φ₁, ...] times numbers of that.
 
         Args:
-            numbers: Of each body, shape (bodies, n, 3); those that are missing are zero.
+            numbers: Of each body, shape (bodies, n, k); those that are missing are zero.
 
         Returns:
-            Vectors at the nodes of the rows, shape (nodes, 3).
+            At the nodes of the rows, shape (nodes, k).
         """
-        out = np.empty_like(self.V)
+        out = np.empty((len(self.V), numbers.shape[2]))
         n = min(numbers.shape[1], self._places.shape[1])
         for own, of_body in zip(self._spans, numbers[:, :n], strict=True):
             out[own] = self._places[own, :n] @ of_body
@@ -100,91 +97,35 @@ class Parts:
             out[own] = of_body
         return out
 
-    def turned(self, vectors: Array, R: Array) -> Array:
-        """Vectors in space as they are in the bodies' frames.
+    def rigid_motion(self, u: Array, free: Sequence[Array]) -> Array:
+        """Of the rigid motions that are free the one that fits displacements best, by masses.
 
-        Args:
-            vectors: At the nodes of the rows, shape (nodes, 3).
-            R: Rotation of each frame, shape (bodies, 3, 3).
-        """
-        out = np.empty_like(vectors)
-        for own, of_body in zip(self._spans, R, strict=True):
-            out[own] = vectors[own] @ of_body
-        return out
-
-    def balance(self, force: Array) -> None:
-        """Remove forces that move the bodies as a whole, in place: by masses. Collective.
-
-        Args:
-            force: On the nodes of the rows, in the bodies' frames, shape (nodes, 3) [N].
-        """
-        moving = self._rigid_motion(self._places[:, :4], force)
-        for own, of_body in zip(self._spans, moving, strict=True):
-            force[own] -= self._masses[own] @ of_body
-
-    def unmoved(self, u: Array) -> Array:
-        """Displacements without the rigid motion that fits them best, by masses. Collective.
+        Collective.
 
         Args:
             u: Of the nodes of the rows, in the bodies' frames, shape (nodes, 3) [m].
-        """
-        return np.asarray(u - self.linear(self._rigid_motion(self._masses, u)))
-
-    def rigid_motion(self, u: Array, free: Sequence[Array]) -> Array:
-        """Of the rigid motions that are free the one that fits displacements best. Collective.
-
-        Args:
-            u: As of `unmoved`.
             free: Of each body, those that are: see `free_motions`.
-
-        Returns:
-            Its value by `linear`, shape (bodies, 4, 3).
-        """
-        each = zip(self._inertia, free, strict=True)
-        inverses = [F @ np.linalg.pinv(F.T @ inertia @ F) @ F.T for inertia, F in each]
-        return self._rigid_motion(self._masses, u, inverses)
-
-    def _rigid_motion(
-        self, places: Array, vectors: Array, inverses: Sequence[Array] | None = None
-    ) -> Array:
-        """The rigid motion of each body that has given sums of momenta. Collective.
-
-        Args:
-            places: [1, V] of the nodes of the rows, or m times that, shape (nodes, 4).
-            vectors: Their momenta, or these over m, shape (nodes, 3).
-            inverses: Velocities that such sums are of, shape (6, 6) of each body; all if None.
 
         Returns:
             Its value by `linear`, shape (bodies, 4, 3).
         """
         local = np.zeros((len(self.bodies), 4, 3))
         for total, own in zip(local, self._spans, strict=True):
-            total[:] = places[own].T @ vectors[own]
+            total[:] = self._masses[own].T @ u[own]
         turning = axial(local[:, 1:]) / self._lengths
         sums = np.asarray(self._scene.sum(np.concatenate([local[:, 0], turning], axis=1)))
         out = np.empty_like(local)
-        each = zip(out, inverses or self._inverse, sums, strict=True)
-        for numbers, inverse, total in each:
-            motion = inverse @ total
+        for numbers, inertia, F, total in zip(out, self._inertia, free, sums, strict=True):
+            motion = F @ np.linalg.pinv(F.T @ inertia @ F) @ F.T @ total
             numbers[0] = motion[:3]
             numbers[1:] = skew(motion[3:]).T
         out[:, 1:] /= self._lengths[:, None]
         return out
 
-    def size(self, force: Array) -> float:
-        """Size of forces on the rows' nodes, by masses: sqrt(Σ f·f/m) [N/√kg]. Collective.
-
-        Where a node has no mass, its force is left out.
-
-        Args:
-            force: Shape (nodes, 3) [N].
-        """
-        square = float(np.vdot(force * force, self._lightness))
-        return float(np.sqrt(self._scene.sum(square)))
-
     def mass(self) -> Mass:
-        """Mass operator of the rows; the caller destroys it. Collective."""
-        return mass_of(self._scene, self.rows, self.cells)
+        """Mass operator of the rows, all lumped masses counted: a new one. Collective."""
+        counted = np.ones(self.rows.nodes.size, dtype=bool)
+        return Mass(self._scene, self.rows, self.cells, counted)
 
     def held(self, free: Sequence[Array]) -> Ints:
         """Numbers of rows on all ranks that keep each body from moving, six at most. Collective.
@@ -209,19 +150,6 @@ def _span(at: Ints) -> slice | Ints:
     first = int(at[0]) if at.size else 0
     whole = np.array_equal(at, np.arange(first, first + at.size))
     return slice(first, first + at.size) if whole else at
-
-
-def mass_of(scene: Scene, rows: Rows, cells: Cells, carried: bool = False) -> Mass:
-    """Mass operator of rows whose nodes' lumped masses all count, and of cells. Collective.
-
-    Args:
-        scene: The problem.
-        rows: The rows.
-        cells: Owned cells by subdomain id.
-        carried: See `Mass`.
-    """
-    counted = np.ones(rows.nodes.size, dtype=bool)
-    return Mass(scene, rows, cells, counted, carried=carried)
 
 
 def watched(bodies: Sequence[RigidBody], in_pieces: frozenset[str]) -> list[RigidBody]:

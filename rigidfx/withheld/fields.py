@@ -1,0 +1,227 @@
+"""Forces on the nodes of a body as combinations of few fields, and of what is beside them.
+
+Inertia, elastic forces of shapes and those of the frozen shape are linear in few numbers:
+
+    ρ = B c + f ,    B = [f⁰, m, m V, m Φ₁, K Φ₁, ..., m Φ_m, K Φ_m] ,
+
+with c of each field in each direction. Loads, springs, contacts and flexible cells are in f, which
+is zero at most nodes as a rule. With W the inverse masses of nodes, the products Γ = Bᵀ W B are
+known, and h = Bᵀ W f is all that f adds. So the size of ρ and its part that shapes follow take some
+products of small arrays in place of sums over all nodes:
+
+    ‖ρ‖² = ρ·W ρ = c·Γ c + 2 c·h + f·W f ,    [1, V, Φ]ᵀ ρ = the rows of Γ c + h of [m, m V, m Φ].
+
+Inertia by a consistent mass, and by lumped ones that are negative, has fields M [1, V, Φ] beside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigidfx.base.types import Array, Indices, Ints
+from rigidfx.coupling.mass import Mass
+from rigidfx.coupling.rows import Rows
+from rigidfx.mechanics.rigid_body import RigidBody
+from rigidfx.mechanics.rotation import IDENTITY, skew
+from rigidfx.scene.scene import Scene
+
+# Part of the terms of ‖ρ‖² below which rounding of these counts: ‖ρ‖ is that of its values then.
+CANCELS = float(np.sqrt(np.finfo(np.float64).eps))
+
+
+@dataclass(frozen=True)
+class Force:
+    """A force on the nodes of a body in its frame.
+
+    Attributes:
+        nodes: The body's owned nodes on this rank.
+        known: c, of each field in each direction, shape (fields, 3).
+        beside: f, shape (nodes, 3) [N].
+        products: h, shape (fields, 3).
+    """
+
+    nodes: Indices
+    known: Array
+    beside: Array
+    products: Array
+
+    def __add__(self, other: Force) -> Force:
+        """Their sum."""
+        return self._made(*(a + b for a, b in zip(self._parts, other._parts, strict=True)))
+
+    def __sub__(self, other: Force) -> Force:
+        """Their difference."""
+        return self + -1.0 * other
+
+    def __rmul__(self, factor: float) -> Force:
+        """A multiple."""
+        return self._made(*(factor * part for part in self._parts))
+
+    @property
+    def _parts(self) -> tuple[Array, Array, Array]:
+        return self.known, self.beside, self.products
+
+    def _made(self, *parts: Array) -> Force:
+        return Force(self.nodes, *parts)
+
+
+class Fields:
+    """The fields of a body.
+
+    Attributes:
+        data: The body's data.
+        count: How many fields there are.
+    """
+
+    def __init__(
+        self, scene: Scene, rows: Rows, data: RigidBody, mass: Mass, frozen: Array
+    ) -> None:
+        """Find the products of the fields. Collective.
+
+        Args:
+            scene: The problem.
+            rows: Those of the mass operator.
+            data: The body.
+            mass: Mass operator of rows.
+            frozen: f⁰, forces of the shape that it keeps, in its frame, shape (nodes, 3) [N].
+        """
+        self.data, self._scene = data, scene
+        self._m = m = scene.averaging_mass[data.nodes][:, None]
+        self._light: Array = np.divide(1.0, m, out=np.zeros_like(m), where=m > 0)
+        n, count = len(data.nodes), data.deforms_by
+        coordinates = data.coordinates()
+        places = coordinates[:, :4], coordinates[:, 4:]
+        inert = mass.of_directions(rows.positions(data.nodes), coordinates)
+        alike = scene.sum(float(np.count_nonzero(inert != m * coordinates))) == 0
+        # Those of a shape come after those of the one before: new ones are the last.
+        head, each = (7, 6) if alike else (11, 9)
+        of_shapes = head + each * np.arange(count)[:, None, None] + np.arange(each).reshape(-1, 3)
+        numbers = [of_shapes[:, k].reshape(-1) for k in range(each // 3)]
+        self._places = np.r_[3:7, numbers[0]]
+        self._inertia = self._places if alike else np.r_[head - 4 : head, numbers[2]]
+        given = np.zeros((n, 0, 3)) if data.shapes is None else data.shapes.images
+        images = given.reshape(n, 3 * count)
+        # Numbers of fields, these or those by W, and whether it is the latter.
+        self._parts: list[tuple[Ints, Array, bool]] = [
+            (np.arange(3), frozen, False),
+            (self._places[:4], places[0], True),
+            (numbers[0], places[1], True),
+            (numbers[1], images, False),
+        ]
+        if not alike:
+            self._parts.append((self._inertia, inert, False))
+        self.count, self._elastic = head + each * count, numbers[1]
+        B = np.empty((n, self.count))
+        for at, part, by_mass in self._parts:
+            B[:, at] = m * part if by_mass else part
+        self._gram = np.asarray(scene.sum(B.T @ (self._light * B)))
+        self._motions = _motions(data.length)
+        moments = self._gram[np.ix_(self._places[:4], self._places[:4])]
+        inertia = np.einsum("kjb,ji,lib->kl", self._motions, moments, self._motions)
+        self._inverse = np.linalg.pinv(inertia)
+        ends = self._places[4:], self._inertia[4:]
+        self._masses = self._gram[ends].reshape(-1, 3).sum(axis=1)  # of shapes, ΦᵀMΦ
+
+    def force(
+        self, gained: Array, shorter: Array, q: Array, beside: Array, products: Array
+    ) -> Force:
+        """ρ without what would move the body as a whole.
+
+        Args:
+            gained: Gain of the numbers of [1, V, Φ] in the body's frame in a second, shape (4 + 3
+                m, 3) [m/s², 1/s²].
+            shorter: Mean of the rotations in that frame, shape (3, 3).
+            q: Of the shapes in the middle of the step [m].
+            beside: f, shape (nodes, 3) [N].
+            products: h: see `products`.
+        """
+        known = np.zeros((self.count, 3))
+        known[:3] = -shorter
+        known[self._inertia] -= gained
+        known[self._elastic] -= (q[:, None, None] * IDENTITY).reshape(-1, 3)
+        out = Force(self.data.nodes, known, beside, products)
+        sums = np.einsum("kjb,jb->k", self._motions, self._on_places(out)[:4])
+        moving = np.tensordot(self._inverse @ sums, self._motions, 1)
+        known[self._places[:4]] -= moving
+        return out
+
+    def _on_places(self, force: Force) -> Array:
+        """[1, V, Φ]ᵀ F, shape (4 + 3 m, 3)."""
+        return np.asarray((self._gram[self._places] @ force.known) + force.products[self._places])
+
+    def outside(self, force: Force) -> Force:
+        """A force without those that shapes follow, by the mass."""
+        each = self._on_places(force)[4:].reshape(-1, 3, 3)
+        rates = np.trace(each, axis1=1, axis2=2) / self._masses
+        known = force.known.copy()
+        known[self._inertia[4:]] -= (rates[:, None, None] * IDENTITY).reshape(-1, 3)
+        return Force(force.nodes, known, force.beside, force.products)
+
+    def at_nodes(self, force: Force) -> Array:
+        """A force, shape (nodes, 3) [N]."""
+        out = force.beside.copy()
+        for at, part, by_mass in self._parts:
+            own = part @ force.known[at]
+            out += self._m * own if by_mass else own
+        return out
+
+    def products(self, beside: Array) -> Array:
+        """This rank's part of h, shape (fields, 3), of f at its nodes."""
+        out, some = np.zeros((self.count, 3)), np.flatnonzero(beside.any(axis=1))
+        if some.size:
+            f, light = beside[some], self._light[some]
+            for at, part, by_mass in self._parts:
+                out[at] = part[some].T @ (f * (light > 0) if by_mass else f * light)
+        return out
+
+    def followed(self, force: Force) -> Force:
+        """A force of the body when it had fewer shapes. Collective."""
+        more = self.count - len(force.known)
+        if not more:
+            return force
+        known = np.pad(force.known, ((0, more), (0, 0)))
+        products = np.asarray(self._scene.sum(self.products(force.beside)))
+        return Force(force.nodes, known, force.beside, products)
+
+    def dot_beside(self, a: Force, b: Force) -> float:
+        """This rank's part of f·W f of two forces."""
+        return float(np.vdot(self._light * a.beside, b.beside))
+
+    def dot_known(self, a: Force, b: Force) -> float:
+        """The rest of their product by W, on all ranks."""
+        both = np.vdot(a.known, self._gram @ b.known)
+        return float(both + np.vdot(a.known, b.products) + np.vdot(b.known, a.products))
+
+    def terms(self, force: Force) -> float:
+        """The part of ‖ρ‖² by known fields alone."""
+        return float(np.vdot(force.known, self._gram @ force.known))
+
+    def square(self, force: Force) -> float:
+        """This rank's part of ‖ρ‖² by its values [N²/kg]."""
+        values = self.at_nodes(force)
+        return float(np.vdot(self._light * values, values))
+
+
+def dots(scene: Scene, pairs: Sequence[tuple[Fields, Force, Force]]) -> Array:
+    """Products by W of two forces each, shape (pairs,) [N²/kg]. Collective."""
+    beside = scene.sum([fields.dot_beside(a, b) for fields, a, b in pairs])
+    return np.asarray(beside + [fields.dot_known(a, b) for fields, a, b in pairs])
+
+
+def size(scene: Scene, forces: Sequence[tuple[Fields, Force]]) -> float:
+    """Size of forces on some bodies, by masses: sqrt(Σ f·f/m) [N/√kg]. Collective."""
+    square = dots(scene, [(fields, force, force) for fields, force in forces]).sum()
+    if square < CANCELS * sum(fields.terms(force) for fields, force in forces):
+        square = scene.sum(sum(fields.square(force) for fields, force in forces))
+    return float(np.sqrt(square))
+
+
+def _motions(length: float) -> Array:
+    """Rigid motions of a body by numbers of [1, V], rotations as lengths, shape (6, 4, 3)."""
+    out = np.zeros((6, 4, 3))
+    out[:3, 0] = IDENTITY
+    out[3:, 1:] = skew(IDENTITY).swapaxes(1, 2) / length
+    return out
