@@ -25,10 +25,10 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import StepControl, Timeline
 from rigidfx.shapes.shortening import About, Shortening
 from rigidfx.state import State
+from rigidfx.step.equations.supports import Impact
 from rigidfx.step.first_touch import FirstTouch
 from rigidfx.step.length.time_control import TimeControl
 from rigidfx.step.stepper import Stepper
-from rigidfx.step.system.supports import Impact
 from rigidfx.switch.growth import Growth
 from rigidfx.switch.switch import Switch
 from rigidfx.withheld.body_forces import BodyForces

@@ -52,9 +52,9 @@ from rigidfx.run import Run
 from rigidfx.scene.doubts import warn_of_idle, warn_of_short_steps
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import StepControl, Timeline
+from rigidfx.step.equations.supports import Impact
 from rigidfx.step.linear.petsc_options import SolverOptions
 from rigidfx.step.stepper import Stepper
-from rigidfx.step.system.supports import Impact
 
 
 def simulate(

@@ -45,10 +45,10 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 from rigidfx.shapes.shortening import Shortening
 from rigidfx.state import State
+from rigidfx.step.equations.supports import PrescribedDofs, supports_of
 from rigidfx.step.linear.petsc_options import SolverOptions
 from rigidfx.step.load_path import LoadPath
 from rigidfx.step.system.rigid_motion import free_to_move
-from rigidfx.step.system.supports import PrescribedDofs, supports_of
 from rigidfx.switch.inventory import check_clamps, divide
 from rigidfx.switch.shaping import Shaping
 

@@ -10,19 +10,19 @@ import sys
 import pytest
 
 import rigidfx as rf
-from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.equations.equations import Equations
 from rigidfx.step.newton.stopping_test import StoppingTest
 
 RUN = """
 import os, signal, sys
 import rigidfx as rf
-from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.equations.equations import Equations
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
 material = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=1.0)
 pulled = [rf.Fixed("x0"), rf.Traction("x1", (1.0, 0.0, 2.0))]
 scene = rf.Scene(rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)), material, pulled)
-residual, calls = Equilibrium.residual, []
+residual, calls = Equations.residual, []
 
 def interrupted(self, y, r):
     calls.append(1)
@@ -30,7 +30,7 @@ def interrupted(self, y, r):
         os.kill(os.getpid(), signal.SIGINT)
     residual(self, y, r)
 
-Equilibrium.residual = interrupted
+Equations.residual = interrupted
 for report in rf.simulate(scene, 0.1, 100.0):
     pass
 """
@@ -45,7 +45,7 @@ def steps():
 
 @pytest.mark.parametrize(
     ("owner", "name"),
-    [(Equilibrium, "residual"), (Equilibrium, "tangent"), (StoppingTest, "__call__")],
+    [(Equations, "residual"), (Equations, "tangent"), (StoppingTest, "__call__")],
 )
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError, ZeroDivisionError])
 def test_what_a_callback_raises_is_raised(monkeypatch, owner, name, error):
@@ -61,7 +61,7 @@ def test_what_a_callback_raises_is_raised(monkeypatch, owner, name, error):
 
 @pytest.mark.usefixtures("hears")
 def test_a_signal_during_a_solve_is_a_keyboard_interrupt(monkeypatch):
-    residual = Equilibrium.residual
+    residual = Equations.residual
 
     def interrupted(self, y, r):
         os.kill(os.getpid(), signal.SIGINT)
@@ -69,7 +69,7 @@ def test_a_signal_during_a_solve_is_a_keyboard_interrupt(monkeypatch):
 
     run = steps()
     next(run)
-    monkeypatch.setattr(Equilibrium, "residual", interrupted)
+    monkeypatch.setattr(Equations, "residual", interrupted)
     with pytest.raises(KeyboardInterrupt):
         next(run)
 

@@ -28,7 +28,7 @@ from common import say
 
 import rigidfx as rf
 from meshes.tumbling_l import tumbling_l
-from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.equations.equations import Equations
 from rigidfx.step.newton import chord, kept_tangent, low_rank
 from rigidfx.step.newton.factors import entries_of, price
 from rigidfx.step.newton.stopping_test import ChordTest
@@ -111,7 +111,7 @@ RULES: dict[str, tuple[Any, str, Any]] = {  # where each is, and what stands the
     "contacts followed by low rank": (low_rank.LowRank, "follow", lambda *_: False),
     "rounding is remembered": (ChordTest, "_floor", property(lambda _: 0.0, lambda *_: None)),
 }
-assemble = Equilibrium.tangent
+assemble = Equations.tangent
 
 
 def cost(make: Callable[[], Run], rule: str | None, steps: int) -> dict[str, Any]:
@@ -119,14 +119,14 @@ def cost(make: Callable[[], Run], rule: str | None, steps: int) -> dict[str, Any
     options = {"snes_lag_jacobian": 1} if rule == KEPT else {}
     prices: list[float] = []
 
-    def tangent(equilibrium: Equilibrium) -> None:
-        assemble(equilibrium)
-        prices.append(price(equilibrium, FILLED * entries_of(equilibrium.tangent_matrix)))
+    def tangent(equations: Equations) -> None:
+        assemble(equations)
+        prices.append(price(equations, FILLED * entries_of(equations.tangent_matrix)))
 
     with ExitStack() as stack:
         stack.enter_context(warnings.catch_warnings())
         warnings.simplefilter("ignore", rf.RigidfxWarning)
-        stack.enter_context(patch.object(Equilibrium, "tangent", tangent))
+        stack.enter_context(patch.object(Equations, "tangent", tangent))
         if rule in RULES:
             stack.enter_context(patch.object(*RULES[rule], create=True))
         scene, dt, t_end = make()

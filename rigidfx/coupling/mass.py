@@ -57,7 +57,13 @@ class Mass:
         self._diagonal.array[:] = np.repeat(np.where(own, masses[rows.nodes], 0.0), 3)
         self._reduced: PETSc.Vec | None = None
         self._condensed: CondensedMatrix | None = None
-        self._kernel = None if lumped else _of_cells(scene, cells)
+        self._kernel: Kernel | None = None
+        if not lumped:
+            v, w = ufl.TrialFunction(scene.space), ufl.TestFunction(scene.space)
+            degree = {"quadrature_degree": 2 * scene.order + 2}
+            dx = ufl.Measure("dx", domain=scene.mesh, metadata=degree)
+            form = scene.density() * ufl.inner(v, w) * dx(tuple(cells))
+            self._kernel = Kernel(form, [scene.space] * 2, scene.mesh)
         self._matrix = self._assembled(cells, driven)
         self._faces, self._slopes = _at_faces(scene, rows, own, carried)
 
@@ -171,14 +177,6 @@ class Mass:
         for item in (self._matrix, self._diagonal, self._reduced, self._condensed):
             if item is not None:
                 item.destroy()
-
-
-def _of_cells(scene: Scene, cells: Cells) -> Kernel:
-    """∫ ρ0 Nᵢ Nⱼ dV. Collective."""
-    v, w = ufl.TrialFunction(scene.space), ufl.TestFunction(scene.space)
-    dx = ufl.Measure("dx", domain=scene.mesh, metadata={"quadrature_degree": 2 * scene.order + 2})
-    form = scene.density() * ufl.inner(v, w) * dx(tuple(cells))
-    return Kernel(form, [scene.space] * 2, scene.mesh)
 
 
 def _at_faces(scene: Scene, rows: Rows, own: Bools, carried: bool) -> tuple[Array, csr_array]:

@@ -41,7 +41,7 @@ from rigidfx.report.ledger import THIN
 from rigidfx.report.report import Look, Report
 from rigidfx.scene.damped import Damped
 from rigidfx.scene.scene import Scene
-from rigidfx.step.system.supports import Impact
+from rigidfx.step.equations.supports import Impact
 
 NEGLIGIBLE = ADVICE["a load does nothing, nothing acts"].bound
 OTHERS = Preload, SpringDamper, Reduced  # tensions, and shapes that have masses of their own

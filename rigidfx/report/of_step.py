@@ -17,10 +17,10 @@ from rigidfx.report.report import Report, Source
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.shortening import Shortening
 from rigidfx.state import State
+from rigidfx.step.equations.supports import Impact
 from rigidfx.step.load_path import LoadPath
 from rigidfx.step.newton.newton import Solution
 from rigidfx.step.stepper import Stepper
-from rigidfx.step.system.supports import Impact
 from rigidfx.step.system.system import StepResult
 from rigidfx.withheld.recovery import Recovery
 

@@ -29,7 +29,7 @@ from rigidfx.report.writers import Writers
 from rigidfx.shapes.shortening import Shortening
 from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures
-from rigidfx.step.system.supports import Impact
+from rigidfx.step.equations.supports import Impact
 from rigidfx.step.system.system import StepResult
 from rigidfx.withheld.recovery import Recovery
 

@@ -48,7 +48,7 @@ class SymmetricGrid(CoarseGrid):
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """PETSc's call: z of the module's text. Collective."""
         super().apply(pc, r, z)
-        self._equilibrium.tangent_matrix.mult(z, self._left)
+        self._equations.tangent_matrix.mult(z, self._left)
         self._left.aypx(-1.0, r)
         self._P.multTranspose(self._left, self._resultant)
         self._coarse.solve(self._resultant, self._motion)

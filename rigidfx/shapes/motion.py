@@ -19,7 +19,7 @@ from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.samples import compressed, instants
 from rigidfx.shapes.stiffness import times
 from rigidfx.state import State
-from rigidfx.step.system.division import Hold
+from rigidfx.step.equations.division import Hold
 
 # Kinetic energy of the rotation over that of a rigid motion, and square of a motion of supports
 # that is not rigid over that of all: below, a pattern is left out.

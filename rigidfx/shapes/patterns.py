@@ -28,7 +28,7 @@ from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.samples import compressed, instants, interleaved
 from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions
-from rigidfx.step.system.division import Hold
+from rigidfx.step.equations.division import Hold
 
 
 def patterns(responses: Responses, state: State, until: float, hold: Hold | None = None) -> Array:

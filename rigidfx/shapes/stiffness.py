@@ -24,7 +24,7 @@ from rigidfx.mechanics.rigid_motions import fitted_motion, rigid_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.orthonormal import columns
 from rigidfx.state import State
-from rigidfx.step.system.supports import PrescribedDofs, supports_of
+from rigidfx.step.equations.supports import PrescribedDofs, supports_of
 
 
 class Stiffness:

@@ -31,11 +31,11 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.inversion import Inversion
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
+from rigidfx.step.equations.division import Division
 from rigidfx.step.equations.energies import Measures
 from rigidfx.step.linear.linear_solver import PREFIX, default_options
 from rigidfx.step.newton.first_guess import Guess
 from rigidfx.step.newton.newton import Newton, Solution
-from rigidfx.step.system.division import Division
 from rigidfx.step.system.system import StepResult, System, Work
 from rigidfx.step.watches.alternation import NEGLIGIBLE
 from rigidfx.step.watches.judge import Cuts, course, inverted, overload
@@ -118,7 +118,7 @@ class Settling:
         unit = max(load / (self._mass * self._size), self._least)
         force = unit * self._mass * self._size
         last, pose = path.at_rest, path.state.bodies.pose
-        joints = path.system.equilibrium.constraints
+        joints = path.system.constraints
         forces.draw_to(last.increment, pose)
         first: Guess | None = None
         left = np.inf  # drag over loads
@@ -290,7 +290,7 @@ class LoadPath:
         dt, system = t1 - t0, self.system
         self._set_loads(t1, dt)
         motors = (t0, dt) if self._fixed is None else (self._fixed, 0.0)
-        system.begin(t0, t1, dt, motors, moves=self._fixed is None)
+        system.begin_step(t0, t1, dt, motors, moves=self._fixed is None)
         rest = self.at_rest
         guesses: tuple[Guess, ...] = (rest if first is None else first,)
         if self._last is not None and first is None:
@@ -302,7 +302,7 @@ class LoadPath:
             if not solution.converged:  # MUMPS may refuse to go on after a singular matrix
                 system.newton.destroy()
                 self._end_search()
-                system.newton = Newton(system.equilibrium)
+                system.newton = Newton(system)
         return solution
 
     def _set_loads(self, t: float, dt: float) -> None:
@@ -325,7 +325,7 @@ class LoadPath:
         """Newton's method with a line search, made when it is first needed. Collective."""
         if self._searching is None:
             with default_options(PREFIX, snes_linesearch_type="bt"):
-                self._searching = Newton(self.system.equilibrium)
+                self._searching = Newton(self.system)
         return self._searching
 
     def _end_search(self) -> None:
@@ -344,7 +344,7 @@ class LoadPath:
     @property
     def found(self) -> Guess:
         """Increments of the last solution."""
-        d = self.system.equilibrium.d.array_r.copy()
+        d = self.system.d.array_r.copy()
         return Guess(d, self.system.increments.unknowns)
 
     def distance(self, a: Guess, b: Guess) -> float:
@@ -400,9 +400,9 @@ class LoadPath:
         have done what energy has gained beside it, since `before` at the start t₀ of the load step.
         """
         system, increments, self.t = self.system, self.system.increments, t1
-        equations, held = system.equilibrium, system.prolongation.prescribed
-        d, own = equations.d.array_r, equations.body_rows
-        f = equations.forces_out_of_balance.array_r[held]
+        held = system.prolongation.prescribed
+        d, own = system.d.array_r, system.body_rows
+        f = system.forces_out_of_balance.array_r[held]
         of_supports = system.of_supports(f, 1.0)
         (work,), dissipated = system.taken(0.5 * (self._before + f) @ d[held])
         if len(system.held):
@@ -413,7 +413,7 @@ class LoadPath:
         self._before, self._rows = f, own
         system.move(t1 if self._fixed is None else self.state.t, np.zeros(d.size))
         system.actions.accept()
-        equations.accept()
+        system.accept()
         loads = self.measure().energy - before.energy + sum(dissipated.values()) - moving
         dissipated = {kind: energy for kind, energy in dissipated.items() if energy != 0.0}
         return Work(loads, moving, dissipated, *of_supports, np.zeros((2, 3)), touches, *links)

@@ -10,10 +10,10 @@ from rigidfx.effects import Contact, Effect, Motor, Preload, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
+from rigidfx.step.equations.division import Division
+from rigidfx.step.equations.supports import PrescribedDofs, supports_of
 from rigidfx.step.load_path import LoadPath
-from rigidfx.step.system.division import Division
 from rigidfx.step.system.rigid_motion import free_to_move
-from rigidfx.step.system.supports import PrescribedDofs, supports_of
 
 
 def apply_preload(

@@ -18,11 +18,11 @@ from rigidfx.flexible.inversion import Inversion, InvertedCells
 from rigidfx.flexible.strain_rate import Indicator
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
+from rigidfx.step.equations.division import Division
 from rigidfx.step.equations.energies import Measures
+from rigidfx.step.equations.supports import Impact, impose_velocity
 from rigidfx.step.length.time_control import TimeControl
-from rigidfx.step.system.division import Division
 from rigidfx.step.system.rigid_motion import following_energy
-from rigidfx.step.system.supports import Impact, impose_velocity
 from rigidfx.step.system.system import StepResult, System, Work
 from rigidfx.step.watches.alternation import Alternation, Unresolved
 from rigidfx.step.watches.cells import Compression, RotationPerStep
@@ -129,7 +129,7 @@ class Stepper:
     @property
     def unknowns(self) -> int:
         """Number of unknowns of the current division."""
-        return self.system.equilibrium.prolongation.size
+        return self.system.prolongation.size
 
     @property
     def flexible(self) -> Bools:
@@ -194,7 +194,7 @@ class Stepper:
         """Let the state, and all else that remembers, take an attempt over. Collective."""
         for watch in self.watches:  # before u₀ becomes u₁
             watch.accept(attempt)
-        return _result(attempt, self.system.accept(self.state, attempt.dt, attempt.end))
+        return _result(attempt, self.system.accept_step(self.state, attempt.dt, attempt.end))
 
     def end(self) -> None:
         """Judge the motion of a run that is over. Collective."""

@@ -39,7 +39,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, Frozen, RigidBody
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.step.system.division import Division
+from rigidfx.step.equations.division import Division
 from rigidfx.switch.exchange import Works, faces_within, freeze
 from rigidfx.switch.faces import with_faces
 from rigidfx.switch.projected_velocities import Field, RigidFields

@@ -30,7 +30,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, BodyMotion, Frozen, RigidBody
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.step.system.division import Division
+from rigidfx.step.equations.division import Division
 from rigidfx.switch.mass_properties import excess_of_lumping, mass_properties
 
 

@@ -23,8 +23,8 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 from rigidfx.shapes.responses import Responses
 from rigidfx.state import State
-from rigidfx.step.system.division import Division, Hold
-from rigidfx.step.system.supports import dofs_of, supports_of
+from rigidfx.step.equations.division import Division, Hold
+from rigidfx.step.equations.supports import dofs_of, supports_of
 from rigidfx.switch.exchange import freeze
 from rigidfx.switch.faces import face_bodies
 

@@ -35,7 +35,7 @@ from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz, shapes_of
 from rigidfx.shapes.shortening import About
 from rigidfx.state import State
-from rigidfx.step.system.division import Hold
+from rigidfx.step.equations.division import Hold
 from rigidfx.step.system.held_bodies import guided
 from rigidfx.switch.inventory import about_start
 from rigidfx.switch.spent import Spent, whole_modes

@@ -48,10 +48,10 @@ from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.weights import inertial_masses
 from rigidfx.state import State
-from rigidfx.step.system.division import Division
-from rigidfx.step.system.equations import Equations
+from rigidfx.step.equations.division import Division
+from rigidfx.step.equations.equations import Equations
+from rigidfx.step.equations.supports import supports_of
 from rigidfx.step.system.rigid_motion import free_to_move
-from rigidfx.step.system.supports import supports_of
 from rigidfx.switch.inventory import divide
 from rigidfx.switch.shaping import Shaping
 from rigidfx.vibration.joined import HeldRows, free_motions
@@ -238,7 +238,7 @@ class Problem:
         there = [e for e in acting if loaded or e.grows != "time"]
         self._equations.bind(effects, there)
         actions, linkage = self._equations.actions, self._equations.linkage
-        statics = self._equations.equilibrium
+        statics = self._equations
         rows = statics.constraints
         self._rows = None if rows is None else HeldRows(rows, bodies, p)
         actions.set_time(t, 1.0)
@@ -269,7 +269,7 @@ class Problem:
 
     def _stiffness(self) -> PETSc.Mat:
         """The tangent of statics at the state, by the unknowns, with joints. Collective."""
-        statics = self._equations.equilibrium
+        statics = self._equations
         statics.tangent()
         K = statics.tangent_matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
         more = []

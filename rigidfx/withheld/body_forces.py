@@ -101,7 +101,7 @@ class Withheld:
         Returns:
             The fields of each, and ρ without forces that would move it.
         """
-        increments = self._stepper.system.equilibrium.prolongation.increments
+        increments = self._stepper.system.prolongation.increments
         start, end = increments.start, increments.end
         gained = np.asarray((end.pose_rate[self._of] - start.pose_rate[self._of]) / dt)
         W, shorter, Vt = np.linalg.svd(increments.R_av[self._of])
@@ -143,7 +143,7 @@ class Withheld:
         residual = f.array.reshape(-1, 3)
         system.resist_at_nodes(parts.rows.nodes, residual)
         if not self._untouched:
-            of_flexible = system.equilibrium.forces_out_of_balance.array_r.reshape(-1, 3)
+            of_flexible = system.forces_out_of_balance.array_r.reshape(-1, 3)
             for own, active in self._attached:
                 residual[own] += of_flexible[active]
         return residual

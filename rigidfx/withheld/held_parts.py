@@ -16,8 +16,8 @@ from rigidfx.effects import Rigid
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, BodyMotion, RigidBody
 from rigidfx.mechanics.rigid_motions import best_motion, spanning
+from rigidfx.step.equations.supports import PrescribedDofs
 from rigidfx.step.stepper import Stepper
-from rigidfx.step.system.supports import PrescribedDofs
 from rigidfx.step.system.system import System
 from rigidfx.step.watches.judge import Attempt, Watch
 
@@ -107,11 +107,11 @@ class HeldParts(Watch):
             Forces in its frame, shape (nodes, 3) [N].
         """
         system = self._stepper.system
-        equilibrium, rows = system.equilibrium, self._rows_of(data, system)
-        u, d = (of.reshape(-1, 3) for of in (equilibrium.start, equilibrium.d.array_r))
+        rows = self._rows_of(data, system)
+        u, d = (of.reshape(-1, 3) for of in (system.start, system.d.array_r))
         own = rows[self._marks[data.number]]
         _, R = self._fitted(data, system.layout.rows.X[own] + u[own] + 0.5 * d[own])
-        f: Array = equilibrium.forces_out_of_balance.array_r.reshape(-1, 3)[rows]
+        f: Array = system.forces_out_of_balance.array_r.reshape(-1, 3)[rows]
         return -f @ R
 
     def _rows_of(self, data: RigidBody, system: System) -> Ints:

@@ -18,9 +18,9 @@ from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.mechanics.rigid_motions import free_motions
+from rigidfx.step.equations.supports import PrescribedDofs
 from rigidfx.step.linear.linear_solver import solver_of
 from rigidfx.step.stepper import Stepper
-from rigidfx.step.system.supports import PrescribedDofs
 from rigidfx.withheld.body_forces import BodyForces
 from rigidfx.withheld.held_parts import HeldParts
 from rigidfx.withheld.parts import Parts

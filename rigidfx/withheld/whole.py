@@ -23,10 +23,10 @@ from rigidfx.effects.motion import Instant
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import RigidBody
+from rigidfx.step.equations.division import Division
+from rigidfx.step.equations.equations import Equations
 from rigidfx.step.newton.factors import Factors
 from rigidfx.step.stepper import Stepper
-from rigidfx.step.system.division import Division
-from rigidfx.step.system.equations import Equations
 
 LONG = 1e4  # times the time so far: a step in which nothing but stiffness counts
 UP_TO = 100_000  # unknowns that are factored for that: their factors take 2 GB, and ten seconds
@@ -60,10 +60,9 @@ class Whole:
         division = Division(flexible, others, cells, nodes, {})
         known = state, division, stepper.system.prescribed.active
         notes = deepcopy(state.notes)  # they follow its iterates
-        self._of = of = Equations("step", scene, forces, *known, notes=notes)
+        self._equations = of = Equations("step", scene, forces, *known, notes=notes)
         of.bind(scene.effects, stepper.system.acting, joints=False)
         self._layout, self._prolongation, self._actions = of.layout, of.prolongation, of.actions
-        self._equations = of.equilibrium
         self._still = self._layout.rows.vector()
         self._y = of.prolongation.unknowns()
         self._rest = self._y.duplicate()  # what is out of balance as it is
@@ -194,7 +193,7 @@ class Whole:
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        for item in (self._factors, self._y, self._rest, self._still, self._of):
+        for item in (self._factors, self._y, self._rest, self._still, self._equations):
             if item is not None:
                 item.destroy()
 

@@ -14,6 +14,9 @@ residuals forces. The tangent of R stays the one that is condensed without joint
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from scipy.sparse import csr_array, dia_array
 
@@ -22,9 +25,12 @@ from rigidfx.base.matrices import Matrix, compact
 from rigidfx.base.types import Array
 from rigidfx.coupling.ports import Ports, independent
 from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.effects import Joint, JointSpring, Motor, PointMass, Stop, Structure, Windowed
 from rigidfx.effects.joints.linkage import Linkage
+from rigidfx.effects.joints.remote import Points
 from rigidfx.effects.motion import Forces, Motion
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.step.equations.actions import OwnMethods, bound
 
 # Of a joint's size, that a row without a force may be open by: rounding and poses make some 1e-9.
 OPEN = float(np.cbrt(np.finfo(np.float64).eps))
@@ -73,13 +79,7 @@ class Constraints:
             self.springs = csr_array((values, (unknowns, unknowns)), shape=(p.size, p.size))
 
     def _check_motors(self, rows: Array, terms: Array, compliance: Array) -> None:
-        """Refuse motors of given motion whose joint cannot move. Collective.
-
-        Args:
-            rows: Independent rows of joints at the start of a step: see `Ports.resisted`.
-            terms: Likewise.
-            compliance: Likewise.
-        """
+        """Refuse motors of given motion whose joint cannot move. Collective."""
         drives = self.linkage.drives
         if not drives.prescribing:
             return
@@ -173,3 +173,24 @@ class Constraints:
             )
         self.linkage.accept()
         self._known = self.linkage.multipliers
+
+
+def elements_of(scene: Any, acting: Sequence[Windowed]) -> tuple[Motor | JointSpring | Stop, ...]:
+    """Actions along free coordinates of joints: motors that act, springs and stops."""
+    here = {id(effect) for effect in acting}
+    motors = [motor for motor in scene.named(Motor) if id(motor) in here]
+    return (*motors, *scene.named(JointSpring), *scene.named(Stop))
+
+
+def linked(structure: Structure, acting: Sequence[Windowed]) -> Linkage | None:
+    """Joints, remote points and springs between points, bound; None without any. Collective."""
+    scene, here = structure.scene, {id(effect) for effect in acting}
+    joints = (*scene.named(Joint), *(e for e in scene.named(PointMass) if e.is_carried))
+    wanted = [e for e in scene.effects if not e.is_windowed or id(e) in here]
+    each = [(e.owner, bound(e, structure, "bind_points")) for e in wanted]
+    owners = {id(action): owner for owner, action in each}
+    actions = [action for _, action in each if action is not None]
+    if not joints and not actions:
+        return None
+    points = Points(actions, OwnMethods(owners, scene.comm).call)
+    return Linkage(joints, elements_of(scene, acting), structure, points)

@@ -7,16 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigidfx.base.types import Array
-from rigidfx.coupling.dof_layout import DofLayout
-from rigidfx.coupling.mass import Mass
-from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.motion import Instant
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.kernels import integral
 from rigidfx.mechanics.rotation import axial
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.step.equations.actions import Actions
+from rigidfx.step.equations.equations import Equations
 
 
 @dataclass(frozen=True)
@@ -52,18 +49,11 @@ class Measures:
 class Energies:
     """Measures states of a scene."""
 
-    def __init__(
-        self,
-        scene: Scene,
-        forces: InternalForces,
-        mass: Mass,
-        layout: DofLayout,
-        actions: Actions,
-        linkage: Linkage | None,
-    ) -> None:
+    def __init__(self, scene: Scene, forces: InternalForces, equations: Equations) -> None:
         """Bind the stored energy to the flexible cells. Collective."""
-        self._actions, self._linkage = actions, linkage
-        self._scene, self._mass, self._rows = scene, mass, layout.rows
+        layout = equations.layout
+        self._actions, self._linkage = equations.actions, equations.linkage
+        self._scene, self._mass, self._rows = scene, equations.mass, layout.rows
         self._energy = forces.bind_energy(layout.flexible)
         self._v, self._p = self._rows.vector(), self._rows.vector()
         self._held = layout.prescribed[self._rows.dofs]

@@ -1,4 +1,4 @@
-"""The equations of one step (or of statics): their residual and its tangent.
+"""The equations of one division, for steps, statics or vibrations: residual and tangent.
 
 The unknowns y are increments, of the free dofs and of the rigid bodies, so that a motion far from
 the origin loses no digits; with d = d(y) = u₁ - u₀ and v₁ = 2 d/Δt - v₀ the residual reads
@@ -12,8 +12,9 @@ joints come last in both, see `constraints`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from mpi4py import MPI
@@ -23,18 +24,27 @@ from scipy.sparse import csr_array
 from rigidfx.base.types import Array
 from rigidfx.coupling.cell_forces import CellForces
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
+from rigidfx.coupling.dealt_rows import Dealing
+from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.effects import Effect, Structure, Support, Windowed
+from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.motion import Forces, Instant, Motion, Tangent
 from rigidfx.flexible.internal_forces import BoundForces, InternalForces
+from rigidfx.flexible.linear_forms import static_forces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import StaticStep, Step
 from rigidfx.scene.scene import Scene
+from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions
-from rigidfx.step.equations.constraints import Constraints
+from rigidfx.step.equations.constraints import Constraints, linked
+from rigidfx.step.equations.division import Division
 from rigidfx.step.equations.round_off import Lost, Rounding
 from rigidfx.step.equations.shape_damping import ShapeDamping
+from rigidfx.step.equations.supports import PrescribedDofs
 
+Kind = Literal["step", "static", "linear"]
 WELL_CONDITIONED = 50.0  # cells that the fastest wave passes in a step; its square is the condition
 
 
@@ -57,14 +67,20 @@ class Trial:
     bodies: Step
 
 
-class Equilibrium:
-    """The balance of forces in the steps of one division; `destroy` frees its PETSc objects.
+class Equations:
+    """The equations of one division: unknowns, masses, effects, joints; `destroy` frees them.
 
     Attributes:
+        kind: Which equations they are.
+        inertial: Whether masses resist; in steps only.
+        prescribed: Dofs that supports hold.
+        layout: Division of cells and dofs.
+        mass: Mass operator of the flexible cells.
+        structure: The division as effects see it.
         prolongation: Map between unknowns and dofs.
-        constraints: Rows of joints and their multipliers; None without any.
         actions: Actions on nodes and bodies.
-        inertial: Whether masses resist; not in statics.
+        linkage: The joints; None if there are none.
+        constraints: Their rows and multipliers; None without any.
         trial: The step that is being solved, frozen.
         d: Increments of the active nodes at the iterate of the last residual [m].
         forces_out_of_balance: Residual at the active nodes there [N]; at held dofs it is the force
@@ -73,52 +89,112 @@ class Equilibrium:
             that is held are what its support exerts.
     """
 
+    actions: Actions
+    linkage: Linkage | None
+    constraints: Constraints | None
+
     def __init__(
         self,
+        kind: Kind,
         scene: Scene,
         forces: InternalForces,
-        bound: BoundForces,
-        mass: Mass | None,
-        prolongation: Prolongation,
-        actions: Actions,
-        damping: ShapeDamping | None = None,
-        constraints: Constraints | None = None,
+        state: State,
+        division: Division,
+        supports: tuple[Support, ...],
+        *,
+        jumps: Any = None,
+        notes: dict[int, Any] | None = None,
+        dealing: Dealing | None = None,
     ) -> None:
-        """Create matrices and vectors. Collective.
+        """Number the unknowns and assemble the mass. Collective.
 
         Args:
+            kind: Steps, statics, or small vibrations about a state.
             scene: The problem.
-            forces: Owner of the coefficient u₁ that the forms read, and of u₀.
-            bound: Forms over the flexible cells.
-            mass: Mass operator, or None for statics.
-            prolongation: Map between unknowns and dofs.
-            actions: Actions on nodes and bodies.
-            damping: That of the shapes of bodies; none if None.
-            constraints: Rows of joints; none if None.
+            forces: Compiled internal forces, which know the loads on facets that act.
+            state: Where the structure is.
+            division: Division of the cells.
+            supports: The supports that act.
+            jumps: Observer of the paths of supports, as `Jumps`, if any.
+            notes: Memory of effects; see `Structure`.
+            dealing: Deals flexible cells out among the ranks where that pays.
         """
-        self.prolongation, self._damping = prolongation, damping
-        self.constraints = constraints
-        self.inertial = mass is not None
-        self._forces, self._mass = forces, mass
-        self.actions = actions
-        self._rows = prolongation.layout.rows
-        self._cells = CellForces(prolongation, bound.residual, forces)
+        flexible, bodies, driven = division.flexible, division.bodies, division.driven_cells
+        self.kind, self._scene, self._forces, self._driven = kind, scene, forces, driven
+        self.inertial = kind == "step"
+        known = division.driven_nodes, jumps, division.nodes_of_held
+        self.prescribed = PrescribedDofs(scene, supports, *known)
+        self.layout = layout = dof_layout(scene, flexible, bodies.of, self.prescribed.mask, driven)
+        own = layout.massive[layout.rows.nodes]
+        self.mass = Mass(scene, layout.rows, flexible, own, driven)
+        self.structure = Structure(
+            scene=scene,
+            rows=layout.rows,
+            own=own,
+            bodies=bodies,
+            mass=self.mass,
+            u=state.u.x.array,
+            surface=forces.surface,
+            notes=notes,
+            static=not self.inertial,
+        )
+        self._dealt = (
+            None if dealing is None else dealing.rows(layout, forces.loaded(flexible, driven or {}))
+        )
+        self.prolongation = Prolongation(layout, scene.comm, self._dealt)
+        self._rows = layout.rows
         # DOLFINx makes a new array of a vector each time that it is asked for one.
         self._u0, self._u1 = forces.u0.x.array, forces.u1.x.array
-        self._tangent = CondensedMatrix(prolongation, bound.interior, bound.interface)
         self.d, self.forces_out_of_balance, self._work, self._inertia, self._before = (
             self._rows.vector() for _ in range(5)
         )
-        self._moments: Array = np.zeros_like(prolongation.increments.displacement)
-        self.body_rows: Array = prolongation.no_bodies
+        self._moments: Array = np.zeros_like(self.prolongation.increments.displacement)
+        self.body_rows: Array = self.prolongation.no_bodies
         self._last: Array = np.empty(0)  # unknowns that d and u₁ belong to
         none = np.empty(0)
-        self.trial = Trial(0.0, None, none, none, prolongation.increments.step)
+        self.trial = Trial(0.0, None, none, none, self.prolongation.increments.step)
         self._begun: Instant | None = None
-        self._lost = Lost(scene, prolongation)
-        self._rounding = Rounding(
-            scene, forces, bound.undeformed, self._tangent, prolongation, actions
-        )
+
+    def bind(
+        self,
+        effects: Sequence[Effect],
+        acting: Sequence[Windowed],
+        *,
+        joints: bool = True,
+        loose: bool = False,
+        damping: ShapeDamping | None = None,
+    ) -> None:
+        """Bind effects and joints. Collective.
+
+        Args:
+            effects: All effects that take part.
+            acting: Those with a time window that act.
+            joints: Whether joints take part.
+            loose: Whether a drag holds parts in statics, in place of springs that joints get.
+            damping: That of the shapes of bodies.
+        """
+        scene, forces, p = self._scene, self._forces, self.prolongation
+        self.actions, self._damping = Actions(self.structure, effects, acting), damping
+        self.linkage = linked(self.structure, acting) if joints else None
+        self.constraints = None
+        if self.linkage is not None:
+            anchored = self.kind == "static" and not loose
+            self.constraints = Constraints(self.linkage, self.structure.bodies, p, anchored)
+        of = self._forces_of_cells(acting)
+        self._cells = CellForces(p, of.residual, forces)
+        self._tangent = CondensedMatrix(p, of.interior, of.interface)
+        self._lost = Lost(scene, p)
+        self._rounding = Rounding(scene, forces, of.undeformed, self._tangent, p, self.actions)
+
+    def _forces_of_cells(self, acting: Sequence[Windowed]) -> BoundForces:
+        """The forces of flexible cells. Collective."""
+        layout = self.layout
+        parts = layout.flexible, layout.interior, layout.interface
+        if self.inertial:
+            dealt = None if self._dealt is None else self._dealt.cells
+            return self._forces.bind(*parts, self._driven, dealt)
+        loads = acting if self.kind == "static" else ()
+        return static_forces(self._scene, self._forces, *parts, self._driven, loads)
 
     def begin(
         self,
@@ -142,8 +218,8 @@ class Equilibrium:
         self.trial = Trial(dt, v0, imposed, self._u0[self._rows.dofs], bodies)
         self._begun = Instant(start)
         self._cells.begin(self.trial.start)
-        if self._mass is not None:
-            self._mass.mult(v0, self._before)
+        if self.inertial:
+            self.mass.mult(v0, self._before)
         if self.constraints is not None:
             self.constraints.begin(dt, start)
         return self.trial
@@ -270,13 +346,13 @@ class Equilibrium:
         f = self.forces_out_of_balance
         self._cells.evaluate(f.array)
         f.axpy(-1.0, self.actions.loads.vector)
-        if self._mass is not None:
+        if self.inertial:
             # M (v₁ - v₀)/Δt with v₁ = 2 d/Δt - v₀, rounded as the update of the velocity is.
             self.trial.v0.copy(self._work)
             self._work.axpby(2 / self.dt, -2.0, self.d)
-            self._mass.mult(self._work, self._inertia)
+            self.mass.mult(self._work, self._inertia)
             f.axpy(1 / self.dt, self._inertia)
-        more = self._resistance(f) if self._resists else None
+        more = None if self.actions.dead and joints is None else self._resistance(f)
         self.prolongation.collapse(f.array_r, self._body_forces(f, more), r)
         if joints is not None:
             joints.fill(joints.linkage.residual(), r.array)
@@ -285,11 +361,6 @@ class Equilibrium:
     def motion(self) -> Motion:
         """The iterate of the last residual, as effects see it."""
         return Motion(self.d, self.prolongation.increments, self.dt, self._begun)
-
-    @property
-    def _resists(self) -> bool:
-        """Whether more than cells and inertia resists."""
-        return not self.actions.dead or self.constraints is not None
 
     def _resistance(self, f: PETSc.Vec) -> Array:
         """Add the resistance of effects to forces on nodes; its moments on bodies. Collective."""
@@ -317,8 +388,8 @@ class Equilibrium:
         """Assemble and condense the tangent at the last iterate. Collective."""
         K = self._tangent
         K.assemble()
-        if self._mass is not None:
-            self._mass.add_to(K, 2 / self.dt**2, self.prolongation)
+        if self.inertial:
+            self.mass.add_to(K, 2 / self.dt**2, self.prolongation)
         tangent = None
         if self.actions.stiffens:
             tangent = Tangent(K, self.prolongation)
@@ -346,11 +417,6 @@ class Equilibrium:
         return self._tangent.matrix
 
     @property
-    def displacement(self) -> Array:
-        """Displacement of all local nodes at the start of the step, ghosts included [m]."""
-        return self._u0
-
-    @property
     def positions(self) -> Array:
         """Where the active nodes are at the iterate of the last residual, shape (nodes, 3) [m]."""
         u = self._u1[self._rows.dofs]
@@ -374,7 +440,7 @@ class Equilibrium:
     def noise(self) -> float:
         """Size of the terms whose small difference the last residual is [N]. Collective."""
         external = self.actions.loads.vector
-        momentum = None if self._mass is None else self._before
+        momentum = None if not self.inertial else self._before
         found = self._rounding.in_residual(self.dt, momentum, external, self.trial.bodies.start)
         return found if self.constraints is None else found + self.constraints.noise
 
@@ -388,7 +454,7 @@ class Equilibrium:
         Returns:
             See `Lost.of_all`; energy alone where supports hold something, nothing in statics.
         """
-        if self._mass is None:
+        if not self.inertial:
             return np.empty(0)
         known = self.d, self.trial.v0, self._before, self._inertia
         d, v0, before, gained = (v.array_r for v in known)
@@ -417,8 +483,15 @@ class Equilibrium:
         best: tuple[float, Any] = (float(size[k]), self._rows.X[k]) if k >= 0 else (-1.0, None)
         return max(self.prolongation.comm.allgather(best), key=lambda item: item[0])[1]
 
+    def unbind(self) -> None:
+        """Free what `bind` has made. Collective."""
+        self._tangent.destroy()
+        self.actions.destroy()
+
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
+        self.unbind()
         own = self.d, self.forces_out_of_balance, self._work, self._inertia, self._before
-        for item in (self._tangent, *own):
-            item.destroy()
+        for item in (self.mass, self._dealt, *own):
+            if item is not None:
+                item.destroy()

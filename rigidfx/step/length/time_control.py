@@ -99,12 +99,12 @@ class Tracked:
         v0, v1, moved = local[:, :3], local[:, 3:6], local[:, 6:]
         v0[:] = v1[:] = state.v.x.array[self._dofs]
         moved[:] = state.u.x.array[self._dofs]
-        d = system.equilibrium.d.array_r[self._rows]
+        d = system.d.array_r[self._rows]
         v1[free] = 2 / dt * d - v0[free]
         moved[free] += d
         v0[self._held] = v1[self._held] = (v0[self._held] + v1[self._held]) / 2
         if inside.any():
-            increments, k = system.equilibrium.prolongation.increments, self._body[inside]
+            increments, k = system.prolongation.increments, self._body[inside]
             a, end = self._a[inside, None], increments.end
             for v, bodies in ((v0, increments.start), (v1, end)):
                 v[inside] = (a @ bodies.pose_rate[k])[:, 0]
@@ -255,7 +255,7 @@ class TimeControl(WarnsOnce):
         self._blows.accept()
         if attempt.cuts:
             self.length.wanted = attempt.dt
-        unknowns = self._system.equilibrium.prolongation.size
+        unknowns = self._system.prolongation.size
         self.length.accept(self._found, attempt.end, attempt.dt, self._end, young, unknowns)
         self.rejected, self._objections = self.rejected + self._objections, 0
         self._fresh = self._breakpoints.meets(attempt.end)

@@ -38,7 +38,7 @@ from rigidfx.base.errors import StepError
 from rigidfx.base.matrices import Matrix, Pattern, compact, dense, is_small
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.mechanics.rotation import AXES, nearest_rotations
-from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.equations.equations import Equations
 from rigidfx.step.newton.factors import entries_of
 
 Solve = Callable[[PETSc.Vec, PETSc.Vec], None]
@@ -109,17 +109,17 @@ class Border:
         ports: Number of ports.
     """
 
-    def __init__(self, equilibrium: Equilibrium) -> None:
+    def __init__(self, equations: Equations) -> None:
         """Keep the equations."""
-        self._equilibrium, self._rows = equilibrium, equilibrium.constraints
+        self._equations, self._rows = equations, equations.constraints
         self.ports = 0
         if self._rows is None:
             return
         ports = self._rows.ports
         self.ports = ports.count
         self._E, self._ET = ports.entries, compact(csr_array(ports.entries.T))
-        self._owned = equilibrium.prolongation.owned
-        self._r, self._z = (equilibrium.prolongation.unknowns() for _ in range(2))
+        self._owned = equations.prolongation.owned
+        self._r, self._z = (equations.prolongation.unknowns() for _ in range(2))
         self._Y: Matrix = csr_array((self._owned, self.ports))
         self._C: Matrix = np.zeros((0, 0))
         self._shared: Shared | None = None
@@ -135,7 +135,7 @@ class Border:
         self._factors: Factors | None = None  # of the small system
 
     def _sum(self, values: Array) -> Array:
-        comm = self._equilibrium.prolongation.comm
+        comm = self._equations.prolongation.comm
         if comm.size > 1:
             comm.Allreduce(MPI.IN_PLACE, values)
         return values
@@ -156,7 +156,7 @@ class Border:
 
     def _parted(self) -> Shared:
         """Ports that share solves, found anew where the tangent's pattern has grown. Collective."""
-        A = self._equilibrium.tangent_matrix
+        A = self._equations.tangent_matrix
         entries = entries_of(A)
         if self._shared is None or entries != self._entries:
             self._shared, self._entries = parted(A, self._E), entries
@@ -164,7 +164,7 @@ class Border:
 
     def _compliance(self, Y: Matrix) -> Matrix:
         own = self._ET @ Y
-        if self._equilibrium.prolongation.comm.size == 1:
+        if self._equations.prolongation.comm.size == 1:
             return own
         return self._sum(np.ascontiguousarray(dense(own)))
 
@@ -233,10 +233,10 @@ class BorderedFactors:
         inner: Solves without joints.
     """
 
-    def __init__(self, equilibrium: Equilibrium) -> None:
+    def __init__(self, equations: Equations) -> None:
         """Create the solver within. Collective."""
-        self.inner = PETSc.KSP().create(equilibrium.prolongation.comm)
-        self._equilibrium, self._border = equilibrium, Border(equilibrium)
+        self.inner = PETSc.KSP().create(equations.prolongation.comm)
+        self._equations, self._border = equations, Border(equations)
 
     def within(self, ksp: PETSc.KSP) -> PETSc.KSP:
         """Make a solver of SNES's solve by this; the one within, which is to be configured."""
@@ -248,7 +248,7 @@ class BorderedFactors:
     @property
     def operator(self) -> PETSc.Mat:
         """A matrix of the right size for SNES, without entries. Collective."""
-        y = self._equilibrium.unknowns()
+        y = self._equations.unknowns()
         empty = PETSc.Mat().createAIJ([y.sizes] * 2, nnz=0, comm=y.comm)
         empty.assemble()
         y.destroy()
@@ -256,7 +256,7 @@ class BorderedFactors:
 
     def renew(self, A: PETSc.Mat | None = None) -> None:
         """Follow a new tangent, or another matrix. Collective."""
-        self.inner.setOperators(self._equilibrium.tangent_matrix if A is None else A)
+        self.inner.setOperators(self._equations.tangent_matrix if A is None else A)
         self._border.renew(self.inner.solve, self.inner)
 
     def apply(self, pc: PETSc.PC | None, r: PETSc.Vec, z: PETSc.Vec) -> None:

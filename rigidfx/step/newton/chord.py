@@ -18,12 +18,10 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.equations.equations import Equations
 from rigidfx.step.linear.linear_solver import PREFIX
-from rigidfx.step.newton.border import Border
 from rigidfx.step.newton.factors import Factors, IncompleteFactors, entries_of, price
-from rigidfx.step.newton.kept_tangent import Frames, KeptTangent
-from rigidfx.step.newton.low_rank import LowRank
+from rigidfx.step.newton.kept_tangent import KeptTangent
 from rigidfx.step.newton.stopping_test import ChordTest
 from rigidfx.step.newton.two_levels import TwoLevels
 
@@ -96,19 +94,14 @@ class Chord:
         tangents: How many have been made in the last solve.
     """
 
-    def __init__(self, equilibrium: Equilibrium, stop: ChordTest) -> None:
+    def __init__(self, equations: Equations, stop: ChordTest) -> None:
         """Create the solver. Collective."""
-        self.stop = stop
-        self.tangents = 0
-        self._equilibrium, p = equilibrium, equilibrium.prolongation
+        self.stop, self.tangents = stop, 0
+        self._equations = equations
         self._missing, self._since = True, 0  # whether none serves; iterate that it is of
         self._once_stiff = False  # whether waves have got so far in a step
-        like = equilibrium.unknowns()
-        frames = Frames(p)
-        contacts, inverse = LowRank(p, frames.starts), self._suited(0.0)(equilibrium)
-        self._kept = KeptTangent(inverse, frames, contacts, like, Border(equilibrium))
-        like.destroy()
-        self.ksp = PETSc.KSP().create(p.comm)
+        self._kept = KeptTangent(equations, self._suited(0.0)(equations))
+        self.ksp = PETSc.KSP().create(equations.prolongation.comm)
         self.ksp.setType(PETSc.KSP.Type.PREONLY)
         self.ksp.getPC().setType(PETSc.PC.Type.PYTHON)
         self.ksp.getPC().setPythonContext(self._kept)
@@ -129,12 +122,12 @@ class Chord:
         Once waves get far in a step, a structure counts as stiff, also in shorter steps and after
         parts have become rigid.
         """
-        size = self._equilibrium.prolongation.size
-        self._once_stiff |= self._equilibrium.waves(dt) >= STIFF_FROM
+        size = self._equations.prolongation.size
+        self._once_stiff |= self._equations.waves(dt) >= STIFF_FROM
         if self._once_stiff:
             full = size <= FACTORS_UP_TO or (size <= SLENDER_UP_TO and self._fill <= SLENDER)
         else:
-            few = size <= FEW_UP_TO and self._equilibrium.calm and self._fill <= FEW
+            few = size <= FEW_UP_TO and self._equations.calm and self._fill <= FEW
             full = size < FULL_UP_TO or few
         if full:
             return Factors
@@ -147,15 +140,15 @@ class Chord:
     @cached_property
     def _fill(self) -> float:
         """Entries of full factors relative to those of a tangent, at most."""
-        return fill(self._equilibrium.tangent_matrix)
+        return fill(self._equations.tangent_matrix)
 
     def begin(self, dt: float) -> None:
         """Begin a step, or an attempt at it. Collective."""
         suited = self._suited(dt)
         if type(self._kept.inverse) is not suited:
-            self._kept.replace(suited(self._equilibrium))
+            self._kept.replace(suited(self._equations))
         self._missing |= not self._kept.fits(dt)
-        self._kept.begin(self._equilibrium.displacement, dt)
+        self._kept.begin(self._equations.structure.u, dt)
         self._since = self.tangents = 0
 
     def look(self) -> None:
@@ -164,9 +157,9 @@ class Chord:
 
     def renew(self) -> None:
         """Assemble the tangent at the last iterate, if that is worth it. Collective."""
-        history, stop, jumped = self.stop.history, self.stop, self._equilibrium.actions.outdated()
+        history, stop, jumped = self.stop.history, self.stop, self._equations.actions.outdated()
         if jumped and not self._missing:
-            entries = self._equilibrium.jumping()
+            entries = self._equations.jumping()
             if entries is not None and self._kept.follow(entries):
                 self._since = len(history) - 1
                 return
@@ -175,8 +168,8 @@ class Chord:
 
     def make(self) -> None:
         """Assemble the tangent at the last iterate. Collective."""
-        self._equilibrium.tangent()
-        self._kept.renewed(self._equilibrium.jumping())
+        self._equations.tangent()
+        self._kept.renewed(self._equations.jumping())
         self.stop.renewed()
         self._missing, self._since = False, len(self.stop.history) - 1
         self.tangents += 1
@@ -192,17 +185,16 @@ class Chord:
 
     def serves(self, dt: float) -> bool:
         """Whether tangents are worth keeping in steps of Δt [s]."""
-        return self._equilibrium.waves(dt) <= STIFF_UP_TO
+        return self._equations.waves(dt) <= STIFF_UP_TO
 
     def destroy(self) -> None:
         """Free the solvers. Collective."""
         self.ksp.destroy()  # and with it what has been kept
 
 
-def pays(equilibrium: Equilibrium) -> bool:
+def pays(equations: Equations) -> bool:
     """Whether tangents are worth keeping, and PETSc's options leave it so. Collective."""
     given = PETSc.Options(PREFIX).getAll()
-    told = any(name.startswith(OF_SOLVERS) for name in given)
-    if not equilibrium.inertial or told:
+    if not equations.inertial or any(name.startswith(OF_SOLVERS) for name in given):
         return False
-    return price(equilibrium, entries_of(equilibrium.tangent_matrix)) >= DEAR
+    return price(equations, entries_of(equations.tangent_matrix)) >= DEAR

@@ -15,7 +15,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.equations.equations import Equations
 from rigidfx.step.linear.linear_solver import (
     PREFIX,
     QUICK_UP_TO,
@@ -61,9 +61,9 @@ class Prices:
     calls: float = 65e3
 
 
-def price(equilibrium: Equilibrium, filled: float, prices: Prices = Prices()) -> float:
+def price(equations: Equations, filled: float, prices: Prices = Prices()) -> float:
     """Cost of a new tangent whose factors have `filled` entries, in iterations. Collective."""
-    own, p = entries_of(equilibrium.tangent_matrix), equilibrium.prolongation
+    own, p = entries_of(equations.tangent_matrix), equations.prolongation
     layout = p.layout
     parts = layout.interior, layout.interface
     counts = np.array([sum(map(len, cells_of.values())) for cells_of in parts])
@@ -145,21 +145,21 @@ class Factors:
 
     iterations = 1
 
-    def __init__(self, equilibrium: Equilibrium) -> None:
+    def __init__(self, equations: Equations) -> None:
         """Create the solver for the tangent of some equations. Collective."""
         self.renewal = 0.0
-        self._equilibrium, comm = equilibrium, equilibrium.prolongation.comm
+        self._equations, comm = equations, equations.prolongation.comm
         self._quick = False
         self._ksp = PETSc.KSP().create(comm)
         one = comm.size == 1 and has_cholmod()
-        self._cholesky = Cholesky(equilibrium.tangent_matrix) if one else None
+        self._cholesky = Cholesky(equations.tangent_matrix) if one else None
         self._take_pivots(True)
 
     def _take_pivots(self, pivots: bool) -> None:
-        self._pivots, p = pivots, self._equilibrium.prolongation
+        self._pivots, p = pivots, self._equations.prolongation
         self._quick = not pivots and p.size <= QUICK_UP_TO
         configure(self._ksp, True, p.size, len(p.layout.bodies) > 0, self._quick)
-        self._ksp.setOperators(self._equilibrium.tangent_matrix)
+        self._ksp.setOperators(self._equations.tangent_matrix)
 
     @property
     def _present(self) -> PETSc.KSP:
@@ -173,9 +173,9 @@ class Factors:
 
     def renew(self) -> None:
         """Factor a new tangent, and choose the solver. Collective."""
-        if self._pivots == self._equilibrium.well_conditioned:
+        if self._pivots == self._equations.well_conditioned:
             self._take_pivots(not self._pivots)
-        self.renewal = price(self._equilibrium, entries_of(self._made()))
+        self.renewal = price(self._equations, entries_of(self._made()))
 
     def _made(self) -> PETSc.Mat:
         """Make the factors. Collective."""
@@ -210,9 +210,9 @@ class IncompleteFactors:
     # 3 at 700 unknowns, 7 at 4000, 4 at 27 000; 8 to 12 with a coarse grid, beyond 100 000
     renewal = 5.0
 
-    def __init__(self, equilibrium: Equilibrium) -> None:
+    def __init__(self, equations: Equations) -> None:
         """Create the solver for the tangent of some equations. Collective."""
-        p = equilibrium.prolongation
+        p = equations.prolongation
         bodies = len(p.layout.bodies) > 0
         self._ksp = PETSc.KSP().create(p.comm)
         self._ksp.setOptionsPrefix(OF_INCOMPLETE)
@@ -227,7 +227,7 @@ class IncompleteFactors:
             self._ksp.setType(PETSc.KSP.Type.FGMRES)
             self._ksp.setTolerances(rtol=REDUCTION, atol=0.0, max_it=MAX_ITERATIONS)
             self._ksp.setFromOptions()
-        self._ksp.setOperators(equilibrium.tangent_matrix)
+        self._ksp.setOperators(equations.tangent_matrix)
 
     @property
     def name(self) -> str:

@@ -23,6 +23,7 @@ from rigidfx.base.types import Array
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.local_rotations import LocalRotations, turn_vectors
 from rigidfx.mechanics.rotation import IDENTITY
+from rigidfx.step.equations.equations import Equations
 from rigidfx.step.newton.border import Border
 from rigidfx.step.newton.factors import Factors, IncompleteFactors
 from rigidfx.step.newton.low_rank import LowRank
@@ -154,19 +155,13 @@ class KeptTangent:
         learning: Whether the next correction tells something of the tangent.
     """
 
-    def __init__(
-        self,
-        inverse: Inverse,
-        frames: Frames,
-        contacts: LowRank,
-        y: PETSc.Vec,
-        border: Border,
-    ) -> None:
-        """Keep the solver of a matrix that others fill; y is of the kind of the unknowns."""
-        self.inverse, self._frames, self._border = inverse, frames, border
-        self._contacts = contacts
-        self._right = y.duplicate()
-        self._secants = Secants(y.comm.tompi4py(), y.getLocalSize())
+    def __init__(self, equations: Equations, inverse: Inverse) -> None:
+        """Keep the solver of the tangent, which others fill. Collective."""
+        self.inverse, self._border = inverse, Border(equations)
+        self._frames = Frames(equations.prolongation)
+        self._contacts = LowRank(equations.prolongation, self._frames.starts)
+        self._right = equations.unknowns()
+        self._secants = Secants(equations.prolongation.comm, self._right.getLocalSize())
         self._now: Array = np.empty((0, 3, 3))
         self._then: Array | None = None  # nothing is known, also on a rank without vectors
         self._Q: Array | None = None

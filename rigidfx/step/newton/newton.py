@@ -13,7 +13,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from rigidfx.base.types import Array
-from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.equations.equations import Equations
 from rigidfx.step.linear.linear_solver import (
     DIRECT_BELOW,
     PREFIX,
@@ -91,21 +91,21 @@ class Newton:
     """Newton's method for the equations of one division; `destroy` frees its PETSc objects.
 
     Attributes:
-        equilibrium: The equations.
+        equations: The equations.
         stop: The stopping test, with the history of the last solve.
         conserving: Whether the last iterate is enough for energy and momenta.
     """
 
-    def __init__(self, equilibrium: Equilibrium) -> None:
+    def __init__(self, equations: Equations) -> None:
         """Create the SNES. Collective."""
-        self.equilibrium = equilibrium
-        self._y = equilibrium.unknowns()
+        self.equations = equations
+        self._y = equations.unknowns()
         self._r, self._saved = self._y.duplicate(), self._y.duplicate()
         self._bordered: BorderedFactors | None = None
-        if equilibrium.constraints is not None:
-            self._bordered = BorderedFactors(equilibrium)
-        direct = equilibrium.prolongation.size < DIRECT_BELOW or self._bordered is not None
-        self._krylov = equilibrium.inertial and not direct
+        if equations.constraints is not None:
+            self._bordered = BorderedFactors(equations)
+        direct = equations.prolongation.size < DIRECT_BELOW or self._bordered is not None
+        self._krylov = equations.inertial and not direct
         self._pivots = True  # whether factors need them
         self._snes = self._create_snes()
         self._configure()
@@ -113,8 +113,8 @@ class Newton:
         self.stop = StoppingTest(rtol, max_it)
         self.conserving = Conserving(CONSERVED * rtol)
         self._chord: Chord | None = None
-        if pays(equilibrium):
-            self._chord = Chord(equilibrium, ChordTest(rtol, max_it))
+        if pays(equations):
+            self._chord = Chord(equations, ChordTest(rtol, max_it))
         # What keeps tangents, here or in the last division that was large enough for it.
         self._experience = self._chord
         self._keeping = False  # whether the present solve is by the chord method
@@ -134,11 +134,11 @@ class Newton:
 
     def _create_snes(self) -> PETSc.SNES:
         joined = self._bordered
-        snes = PETSc.SNES().create(self.equilibrium.prolongation.comm)
+        snes = PETSc.SNES().create(self.equations.prolongation.comm)
         snes.setOptionsPrefix(PREFIX)
         snes.setType(PETSc.SNES.Type.NEWTONLS)
         snes.setFunction(self._evaluate, self._r)
-        A = self.equilibrium.tangent_matrix
+        A = self.equations.tangent_matrix
         snes.setJacobian(self._renew_tangent, A if joined is None else joined.operator)
         snes.setConvergenceTest(self._ended)
         snes.setTolerances(rtol=RELATIVE_TOLERANCE, max_it=MAX_ITERATIONS)
@@ -149,7 +149,7 @@ class Newton:
 
     def _configure(self) -> None:
         """Set the linear solver of new tangents up. Collective."""
-        p, ksp = self.equilibrium.prolongation, self._snes.getKSP()
+        p, ksp = self.equations.prolongation, self._snes.getKSP()
         if self._bordered is not None:
             ksp = self._bordered.within(ksp)
         quick = not self._pivots and p.size <= QUICK_UP_TO
@@ -164,7 +164,7 @@ class Newton:
         """
         failed = None
         if self._chord is not None:
-            if self._chord.serves(self.equilibrium.dt):
+            if self._chord.serves(self.equations.dt):
                 failed = self._solve_by_chord(self._chord, guesses)
                 if failed.converged:
                     return failed
@@ -176,7 +176,7 @@ class Newton:
         own = self._snes.getKSP(), self.stop
         if len(guesses) == self._offered and chord.serving:  # the better one costs two residuals
             guesses = [guesses[self._best]]
-        chord.begin(self.equilibrium.dt)
+        chord.begin(self.equations.dt)
         self._snes.setKSP(chord.ksp)
         self.stop, self._keeping = chord.stop, True
         reason = self._iterate(guesses)
@@ -187,7 +187,7 @@ class Newton:
 
     def _solve_by_newton(self, guesses: Sequence[Guess]) -> Solution:
         """Solve with a new tangent in each iteration."""
-        if not self._krylov and self._pivots == self.equilibrium.well_conditioned:
+        if not self._krylov and self._pivots == self.equations.well_conditioned:
             self._pivots = not self._pivots
             self._configure()
         self._tangents = 0
@@ -205,7 +205,7 @@ class Newton:
 
     def _solution(self, reason: int, tangents: int, linear: int, solver: str) -> Solution:
         """The findings. Collective."""
-        self.equilibrium.return_to(self._y, self._r)
+        self.equations.return_to(self._y, self._r)
         return Solution(
             reason > 0,
             reason_name(reason),
@@ -213,9 +213,9 @@ class Newton:
             tangents,
             linear,
             solver,
-            None if reason > 0 else self.equilibrium.worst_place(),
-            self.equilibrium.largest(self._y),
-            self.equilibrium.left(self._r) if self.stop.at_rounding(reason) else 0.0,
+            None if reason > 0 else self.equations.worst_place(),
+            self.equations.largest(self._y),
+            self.equations.left(self._r) if self.stop.at_rounding(reason) else 0.0,
             self.stop.rounding,
         )
 
@@ -226,7 +226,7 @@ class Newton:
         self.stop.restart()
         self.conserving.restart()
         self._choose(guesses)
-        self.stop.expect_rounding(self.equilibrium.noise())
+        self.stop.expect_rounding(self.equations.noise())
         try:
             self._snes.solve(None, self._y)
         except PETSc.Error as error:
@@ -255,14 +255,14 @@ class Newton:
         self._known = True
 
     def _norm_at(self, guess: Guess) -> float:
-        self.equilibrium.guess(guess.increment, guess.bodies, self._y)
-        self.equilibrium.residual(self._y, self._r)
+        self.equations.guess(guess.increment, guess.bodies, self._y)
+        self.equations.residual(self._y, self._r)
         return float(self._r.norm())
 
     def _evaluate(self, snes: PETSc.SNES, y: PETSc.Vec, r: PETSc.Vec) -> None:
         """SNES's call: R(y), unless the choice of a first guess has left it there."""
         if not self._known:
-            self.equilibrium.residual(y, r)
+            self.equations.residual(y, r)
         self._known = False
 
     def _renew_tangent(self, snes: PETSc.SNES, y: PETSc.Vec, A: PETSc.Mat, B: PETSc.Mat) -> None:
@@ -274,7 +274,7 @@ class Newton:
             elif self.conserving.doubtful:
                 self._chord.make()
         else:
-            self.equilibrium.tangent()
+            self.equations.tangent()
             if self._bordered is not None:
                 self._bordered.renew()
             self._tangents += 1
@@ -290,7 +290,7 @@ class Newton:
             return reason
         else:
             self._ending = reason
-        lost = self.equilibrium.lost(self._y, self._r)
+        lost = self.equations.lost(self._y, self._r)
         enough = conserving.enough(norm, lost, self._keeping)
         if enough or iteration == self.stop.max_it:
             return self._ending
@@ -307,7 +307,7 @@ class Newton:
     @property
     def strain_error(self) -> float:
         """Strain that the last solve and rounding may leave in a cell. Collective."""
-        return self.equilibrium.strain_error(self._left)
+        return self.equations.strain_error(self._left)
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""

@@ -25,7 +25,7 @@ from rigidfx.base.matrices import distributed
 from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.rigid_motions import rigid_motions
-from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.equations.equations import Equations
 from rigidfx.step.linear.linear_solver import configure
 from rigidfx.step.newton.factors import OF_INCOMPLETE, IncompleteFactors
 
@@ -119,24 +119,24 @@ def _leaves(X: Array, size: int) -> Ints:
 class CoarseGrid:
     """A preconditioner of PETSc's in Python: a coarse correction, then that of another one."""
 
-    def __init__(self, equilibrium: Any, fine: PETSc.PC) -> None:
+    def __init__(self, equations: Any, fine: PETSc.PC) -> None:
         """Divide the nodes into aggregates; `fine` is the other preconditioner. Collective.
 
         The equations have a `tangent_matrix`, a `prolongation`, and `positions` of nodes.
         """
         self.fine = fine
-        self._equilibrium = equilibrium
-        self._aggregates = Aggregates(equilibrium.prolongation)
-        self._left = equilibrium.prolongation.unknowns()
+        self._equations = equations
+        self._aggregates = Aggregates(equations.prolongation)
+        self._left = equations.prolongation.unknowns()
         self._grid: list[PETSc.Object] = []  # all that belongs to one tangent
 
     def setUp(self, pc: PETSc.PC) -> None:
         """PETSc's call: make both of a new tangent. Collective."""
-        A = self._equilibrium.tangent_matrix
+        A = self._equations.tangent_matrix
         self.fine.setOperators(A)
         self.fine.setUp()
         self._free()
-        self._P = self._aggregates.motions(self._equilibrium.positions)
+        self._P = self._aggregates.motions(self._equations.positions)
         # In the only format in which products can be made.
         rows = A.convert(PETSc.Mat.Type.AIJ, out=PETSc.Mat())
         self._image = rows.matMult(self._P)
@@ -174,15 +174,15 @@ class CoarseGrid:
 class TwoLevels(IncompleteFactors):
     """As `IncompleteFactors`, with a coarse grid; `destroy` frees it."""
 
-    def __init__(self, equilibrium: Equilibrium) -> None:
+    def __init__(self, equations: Equations) -> None:
         """Create the solver for the tangent of some equations. Collective."""
-        super().__init__(equilibrium)
+        super().__init__(equations)
         # The factors stay as they are, and as PETSc's options would have them.
-        self._grid = CoarseGrid(equilibrium, self._ksp.getPC())
+        self._grid = CoarseGrid(equations, self._ksp.getPC())
         both = PETSc.PC().create(self._ksp.comm)
         both.setType(PETSc.PC.Type.PYTHON)
         both.setPythonContext(self._grid)
-        both.setOperators(equilibrium.tangent_matrix)
+        both.setOperators(equations.tangent_matrix)
         self._ksp.setPC(both)
         both.destroy()  # the solver has it
 

@@ -24,8 +24,6 @@ from mpi4py import MPI
 
 from rigidfx.base.matrices import dense
 from rigidfx.base.types import Array
-from rigidfx.coupling.mass import Mass
-from rigidfx.coupling.ports import Ports
 from rigidfx.effects.joints.elements import end_rates
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.motion import Forces
@@ -33,9 +31,10 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.rotation import orthonormalized
 from rigidfx.state import State
-from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.equations.constraints import Constraints
+from rigidfx.step.equations.equations import Equations
+from rigidfx.step.equations.supports import ReducedMass
 from rigidfx.step.newton.border import parted
-from rigidfx.step.system.supports import PrescribedDofs, ReducedMass
 
 # Finds additions to multipliers of joints [N], and forces of these on vectors, shape (vectors, 3).
 Added = Callable[[], tuple[Array, Array]]
@@ -48,17 +47,9 @@ class JointForces:
         on_supports: Whether joints take hold of nodes that supports hold.
     """
 
-    def __init__(
-        self, linkage: Linkage, ports: Ports, reduced: ReducedMass, bodies: Bodies
-    ) -> None:
-        """Find the inverse mass at the ports. Collective.
-
-        Args:
-            linkage: The joints.
-            ports: Where they take hold of the unknowns.
-            reduced: The mass.
-            bodies: The bodies that it is of.
-        """
+    def __init__(self, joints: Constraints, reduced: ReducedMass, bodies: Bodies) -> None:
+        """Find the inverse of the reduced mass, which is that of these bodies. Collective."""
+        linkage, ports = joints.linkage, joints.ports
         self._linkage, self._ports, self._R = linkage, ports, bodies.R[ports.bodies]
         Y = parted(reduced.matrix, ports.entries).responses(reduced.solve)
         self._C = np.ascontiguousarray((ports.entries.T @ Y).toarray())
@@ -112,9 +103,9 @@ class JointForces:
 class AddedForces(ABC):
     """λ* - λ of the supports and joints of a division; `destroy` frees its vectors."""
 
-    def __init__(self, equations: Equilibrium, prescribed: PrescribedDofs) -> None:
+    def __init__(self, equations: Equations) -> None:
         """Keep the equations of steps. Collective."""
-        self._equations, self._prescribed = equations, prescribed
+        self._equations, self._prescribed = equations, equations.prescribed
         joints, p = equations.constraints, equations.prolongation
         self._linkage, rows = None if joints is None else joints.linkage, p.layout.rows
         self._held = rows.dofs[p.prescribed]
@@ -169,22 +160,12 @@ class AddedForces(ABC):
 class MeanConstraints(AddedForces):
     """λ* - λ by the mass alone; `destroy` frees it."""
 
-    def __init__(
-        self, equations: Equilibrium, mass: Mass, prescribed: PrescribedDofs, bodies: Bodies
-    ) -> None:
-        """Reduce the mass. Collective.
-
-        Args:
-            equations: The equations.
-            mass: The mass of nodes.
-            prescribed: Dofs that supports hold.
-            bodies: The bodies as they are now.
-        """
-        super().__init__(equations, prescribed)
-        self._reduced = ReducedMass(equations.prolongation, mass, bodies)
-        self._joints: JointForces | None = None
-        if (joints := equations.constraints) is not None:
-            self._joints = JointForces(joints.linkage, joints.ports, self._reduced, bodies)
+    def __init__(self, equations: Equations) -> None:
+        """Reduce the mass. Collective."""
+        super().__init__(equations)
+        bodies, joints = equations.structure.bodies, equations.constraints
+        self._reduced = ReducedMass(equations.prolongation, equations.mass, bodies)
+        self._joints = None if joints is None else JointForces(joints, self._reduced, bodies)
 
     def find(self, state: State) -> tuple[Array, Added | None]:
         """See `AddedForces`."""

@@ -22,8 +22,8 @@ from rigidfx.mechanics.rigid_motions import RIGID, independent, rigid_motions
 from rigidfx.mechanics.rotation import IDENTITY, axial, skew
 from rigidfx.mechanics.shaped_step import ShapedIncrements
 from rigidfx.scene.scene import Scene
-from rigidfx.step.system.division import Hold
-from rigidfx.step.system.supports import dofs_of
+from rigidfx.step.equations.division import Hold
+from rigidfx.step.equations.supports import dofs_of
 
 
 @dataclass(frozen=True)

@@ -28,15 +28,13 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.types import Array
-from rigidfx.coupling.mass import Mass
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.equations.equations import Equations
 from rigidfx.step.linear.linear_solver import configure
 from rigidfx.step.newton.border import BorderedFactors
 from rigidfx.step.newton.factors import entries_of
 from rigidfx.step.system.constraint_forces import Added, AddedForces, gained_across
-from rigidfx.step.system.supports import PrescribedDofs
 
 # Strain by which forces are differentiated: rounding, and products of velocities, leave as much of
 # K v as this is of the strain of one cell that moves alone.
@@ -50,19 +48,19 @@ class PresentTangent:
     another matter on other numbers of ranks, and in resumed runs.
     """
 
-    def __init__(self, equilibrium: Equilibrium) -> None:
+    def __init__(self, equations: Equations) -> None:
         """Create the solver. Collective."""
-        self._equilibrium, p = equilibrium, equilibrium.prolongation
-        self._factors = BorderedFactors(equilibrium)
+        self._equations, p = equations, equations.prolongation
+        self._factors = BorderedFactors(equations)
         configure(self._factors.inner, True, p.size, len(p.layout.bodies) > 0)
         self._A: PETSc.Mat | None = None
 
     def renew(self) -> None:
         """Renew the tangent at the last iterate; other solvers keep theirs. Collective."""
-        matrix = self._equilibrium.tangent_matrix
+        matrix = self._equations.tangent_matrix
         others = matrix.copy() if matrix.assembled else None
         entries = entries_of(matrix)
-        self._equilibrium.tangent()
+        self._equations.tangent()
         grown = entries_of(matrix) != entries
         if self._A is None or grown:
             self._free()
@@ -92,13 +90,11 @@ class PresentTangent:
 class ResolvedConstraints(AddedForces):
     """λ* - λ by the tangent of a step."""
 
-    def __init__(
-        self, equations: Equilibrium, mass: Mass, prescribed: PrescribedDofs, scene: Scene
-    ) -> None:
+    def __init__(self, equations: Equations, scene: Scene) -> None:
         """Make a solver. Collective."""
-        super().__init__(equations, prescribed)
+        super().__init__(equations)
         self._tangent, p = PresentTangent(equations), equations.prolongation
-        self._mass, self._cell, self._comm = mass, scene.mean_cell_size, p.comm
+        self._mass, self._cell, self._comm = equations.mass, scene.mean_cell_size, p.comm
         self._strains = self._any(sum(own.size for own in p.layout.flexible.values()))
         self._holds = self._any(p.prescribed.size)
         self._r, self._z = equations.unknowns(), equations.unknowns()

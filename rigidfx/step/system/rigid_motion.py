@@ -26,8 +26,8 @@ from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.weights import inertial_masses
-from rigidfx.step.system.equations import elements_of
-from rigidfx.step.system.supports import PrescribedDofs
+from rigidfx.step.equations.constraints import elements_of
+from rigidfx.step.equations.supports import PrescribedDofs
 
 FREE = 1e-10  # of the largest eigenvalue of BᵀB: motions that B does not see
 NOTHING = float(np.sqrt(np.finfo(np.float64).eps))  # of a motion: what asks less asks nothing

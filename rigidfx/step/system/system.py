@@ -27,21 +27,19 @@ from rigidfx.effects import (
 from rigidfx.effects.motion import ForcesOfNodes
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.kernels import integral
-from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
+from rigidfx.step.equations.division import Division
 from rigidfx.step.equations.energies import Energies
-from rigidfx.step.equations.equations import Trial
+from rigidfx.step.equations.equations import Equations, Kind, Trial
 from rigidfx.step.equations.shape_damping import ShapeDamping
+from rigidfx.step.equations.supports import supports_of
 from rigidfx.step.newton.first_guess import predict
 from rigidfx.step.newton.newton import Newton, Solution
 from rigidfx.step.system.constraint_forces import Added, AddedForces, MeanConstraints
-from rigidfx.step.system.division import Division
-from rigidfx.step.system.equations import Equations, Kind
 from rigidfx.step.system.held_bodies import HeldBodies
 from rigidfx.step.system.resolved_forces import ResolvedConstraints
-from rigidfx.step.system.supports import supports_of
 from rigidfx.step.watches.jumps import Jumps
 
 Links = tuple[JointReports, Mapping[str, SpringDamperReport]]
@@ -141,23 +139,19 @@ class System(Equations):
         state.rebuild()  # effects may look at the displacement inside bodies
         self._damping = ShapeDamping(scene, forces, state.bodies) if steps else None
         self.bind(effects, acting, loose=loose, damping=self._damping)
-        self.energies = Energies(scene, forces, self.mass, self.layout, self.actions, self.linkage)
+        self.energies = Energies(scene, forces, self)
         cells = division.flexible, division.driven_cells
         self._taken = forces.bind_taken(*cells) if steps else None
-        self.newton = Newton(self.equilibrium)
+        self.newton = Newton(self)
         self.held = HeldBodies(scene, division.held, state.bodies)
         self._v0: Any = self.layout.rows.vector() if steps else None  # of statics there is none
-        self._mean = self._mean_constraints(state.bodies) if steps else None
-
-    def _mean_constraints(self, bodies: Bodies) -> AddedForces | None:
-        """Bind what takes the alternating part out of forces of constraints. Collective."""
-        known = self.equilibrium, self.mass, self.prescribed
-        constrained = self.prescribed.active or self.linkage is not None
-        if constrained and self._scene.named(ResolvedForces):
-            return ResolvedConstraints(*known, self._scene)
-        if self.prescribed.moves or self.linkage is not None:
-            return MeanConstraints(*known, bodies)
-        return None
+        # Takes the alternating part out of forces of constraints.
+        self._mean: AddedForces | None = None
+        joined = self.linkage is not None
+        if steps and (self.prescribed.active or joined) and scene.named(ResolvedForces):
+            self._mean = ResolvedConstraints(self, scene)
+        elif steps and (self.prescribed.moves or joined):
+            self._mean = MeanConstraints(self)
 
     def follow(self, acting: Sequence[Windowed]) -> bool:
         """Let dead loads begin and end; False if other effects do, which takes a new system.
@@ -171,7 +165,7 @@ class System(Equations):
         self.actions.select(acting)
         return True
 
-    def begin(
+    def begin_step(
         self, t0: float, t1: float, dt: float, motors: tuple[float, float], moves: bool = True
     ) -> Trial:
         """Begin a step with the loads that are set. Collective.
@@ -193,7 +187,7 @@ class System(Equations):
         if moves:
             imposed = self.prescribed.increments(t0, t1, self._state.u.x.array)
             given = self.held.given(t0, t1, bodies) if len(self.held) else None
-        return self.equilibrium.begin(dt, self._v0, imposed, bodies, given)
+        return self.begin(dt, self._v0, imposed, bodies, given)
 
     def solve(self, state: State, dt: float) -> Solution:
         """Find the increment of a step of length dt [s]; the state is not changed. Collective."""
@@ -201,7 +195,7 @@ class System(Equations):
         self._forces.set_time(middle, dt)
         self.actions.set_time(middle, dt)
         self._v0.array[:] = state.v.x.array[self.layout.rows.dofs]
-        trial = self.begin(state.t, state.t + dt, dt, (state.t, dt))
+        trial = self.begin_step(state.t, state.t + dt, dt, (state.t, dt))
         v, bodies = trial.v0.array_r, state.bodies
         return self.newton.solve(predict(self._scene, self.layout, trial.start, v, bodies, dt))
 
@@ -212,7 +206,7 @@ class System(Equations):
             SceneError: On every rank, if one has given forces that are no numbers on any.
         """
         if not (solution.residuals and np.isfinite(solution.residuals).all()):
-            self.actions.explain(self.equilibrium.motion)
+            self.actions.explain(self.motion)
 
     @property
     def dead(self) -> bool:
@@ -227,7 +221,7 @@ class System(Equations):
             forces: Shape (nodes, 3) [N], added to.
         """
         every = ForcesOfNodes(np.zeros((self._scene.owned_nodes, 3)))
-        self.actions.resist_at_nodes(self.equilibrium.motion, every)
+        self.actions.resist_at_nodes(self.motion, every)
         if self.linkage is not None:
             self.linkage.resist_at_nodes(every)
         forces += every.nodes[nodes]
@@ -235,12 +229,12 @@ class System(Equations):
     @property
     def increments(self) -> Increments:
         """Increment of the rigid bodies in the last solution."""
-        return self.equilibrium.prolongation.increments
+        return self.prolongation.increments
 
-    def accept(self, state: State, dt: float, t: float) -> Work:
+    def accept_step(self, state: State, dt: float, t: float) -> Work:
         """Add the found increment to the state, which then is at time t. Collective."""
         work = self.foresee(state, dt, t)
-        self.equilibrium.accept()
+        self.accept()
         self.actions.accept()
         if self._mean is not None:
             self._mean.accept(state)
@@ -248,8 +242,8 @@ class System(Equations):
 
     def foresee(self, state: State, dt: float, t: float) -> Work:
         """Put the state where the found increment leads, and nothing else. Collective."""
-        work = self._work(state, dt)
-        self.move(t, 2 / dt * self.equilibrium.d.array_r - self._v0.array_r)
+        work = self._effect(state, dt)
+        self.move(t, 2 / dt * self.d.array_r - self._v0.array_r)
         return work
 
     def move(self, t: float, v: Array) -> None:
@@ -260,7 +254,7 @@ class System(Equations):
             v: Velocities of the active nodes then [m/s].
         """
         p, dofs, bodies = self.prolongation, self.layout.rows.dofs, self.increments.end
-        d, moved = self.equilibrium.d.array_r, p.displacement(bodies)
+        d, moved = self.d.array_r, p.displacement(bodies)
         self._state.advance(t, dofs, d, v, bodies, dofs[p.attached], moved)
 
     def told(self, added: Added | None = None) -> Links:
@@ -273,7 +267,7 @@ class System(Equations):
         """Sums of numbers over ranks, and the energy that each kind of damping takes [J]."""
         cells = {} if self._taken is None else self._taken.dissipated
         kinds = [(kind, integral(form)) for kind, form in cells.items()]
-        kinds += self.actions.dissipated(self.equilibrium.motion)
+        kinds += self.actions.dissipated(self.motion)
         sums = [*map(float, self._scene.sum([*local, *(energy for _, energy in kinds)]))]
         dissipated: dict[str, float] = {}
         for (kind, _), energy in zip(kinds, sums[len(local) :], strict=True):
@@ -290,21 +284,21 @@ class System(Equations):
         """
         found: OfSupports = {}, {}
         if self.prescribed.active:
-            rows, d = self.layout.rows, self.equilibrium.d.array_r
+            rows, d = self.layout.rows, self.d.array_r
             at = self.prolongation.prescribed // 3
-            x = rows.X[at] + (self.equilibrium.start + part * d).reshape(-1, 3)[at]
+            x = rows.X[at] + (self.start + part * d).reshape(-1, 3)[at]
             found = self.prescribed.reactions(forces, x)
         if frames and len(self.held):
             increments: Any = self.increments
-            for where, *both in self.held.reactions(increments, self.equilibrium.body_rows):
+            for where, *both in self.held.reactions(increments, self.body_rows):
                 for out, more in zip(found, both, strict=True):
                     out[where] = out.get(where, 0.0) + more
         return found
 
-    def _work(self, state: State, dt: float) -> Work:
+    def _effect(self, state: State, dt: float) -> Work:
         """Effect of forces in the step that has been solved. Collective."""
         prolongation, actions = self.prolongation, self.actions
-        d, forces = self.equilibrium.d.array_r, self.equilibrium.forces_out_of_balance.array_r
+        d, forces = self.d.array_r, self.forces_out_of_balance.array_r
         prescribed = prolongation.prescribed
         held, added = forces[prescribed], None
         if self._mean is not None:
@@ -318,7 +312,7 @@ class System(Equations):
         touches = actions.touches()
         assert self._taken is not None
         (dead, supports, followed), dissipated = self.taken(
-            actions.work(self.equilibrium.motion),
+            actions.work(self.motion),
             forces[prescribed] @ d[prescribed],
             -sum(map(integral, self._taken.against_loads)),
         )
@@ -326,7 +320,7 @@ class System(Equations):
         if self._damping is not None:
             further.append(self._damping.taken(self.increments, dt))
         if len(self.held):
-            supports += self.increments.work_of_supports(self.equilibrium.body_rows)
+            supports += self.increments.work_of_supports(self.body_rows)
         supports += sum(touch.work for touch in touches.values())
         if self.linkage is not None:
             driven, damped = self.linkage.work()

@@ -25,7 +25,6 @@ from rigidfx.mechanics.rotation import axial
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.linear.linear_solver import conjugate_gradients
-from rigidfx.step.watches.jumps import Jumps
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,7 @@ class PrescribedDofs:
         scene: Scene,
         active: tuple[Support, ...],
         driven: Mapping[int, Indices] | None = None,
-        jumps: Jumps | None = None,
+        jumps: Any = None,
         without: Indices | None = None,
     ) -> None:
         """Find the dofs of the supports that act.
@@ -84,7 +83,7 @@ class PrescribedDofs:
             scene: The problem.
             active: Supports.
             driven: Further owned nodes, of bodies that a support moves, by its number.
-            jumps: Observer of the paths of steps, if any.
+            jumps: Observer of the paths of steps, as `Jumps`, if any.
             without: Owned nodes of bodies whose frames supports hold, as no dofs of their own.
         """
         self._scene = scene
