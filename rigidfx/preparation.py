@@ -46,19 +46,10 @@ def prepare(
     *,
     idle: Rigidity | None = None,
 ) -> tuple[Run, Impact | None]:
-    """Prepare a run up to its first step; its stepper is to be closed. Collective.
+    """Prepare a run up to its first step, with the impact of supports at the start. Collective.
 
-    Args:
-        scene: The problem.
-        timeline: Where steps end.
-        rigidify: When parts become rigid and flexible again; no part does if None.
-        control: How Δt is chosen; the timeline says it if None.
-        start: Where the run begins; as the scene says if None.
-        bring_back: Has the state and the division of a checkpoint in place of a start; collective.
-        idle: See `Run`.
-
-    Returns:
-        The run, and the velocity that supports have imposed at the start, if they have.
+    Its stepper is to be closed. Without a control the timeline says where steps end. A checkpoint
+    has its state and division brought back in place of a start.
 
     Raises:
         SceneError: If the initial state is in conflict.

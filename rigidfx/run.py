@@ -71,14 +71,9 @@ class Run:
         return self.timeline.next(t) if control is None else control.target(t)
 
     def advance(self, target: float, number: int = 0) -> tuple[StepResult, list[Event]]:
-        """Advance to the target time, or towards it; where bodies wake, once more. Collective.
+        """Advance to the target time [s], or towards it; where bodies wake, once more. Collective.
 
-        Args:
-            target: Time at which the step is to end [s].
-            number: Of the step.
-
-        Returns:
-            The outcome of the step, with its events.
+        The outcome of the step of a number, and its events, are returned.
         """
         stepper, policy = self.stepper, self.policy
         attempt = stepper.attempt(target)
@@ -101,10 +96,9 @@ class Run:
         return stepper.accept(attempt), events
 
     def _grown(self, attempt: Attempt, policy: Policy) -> tuple[Attempt, Looked]:
-        """A step made again until bodies have the shapes that it calls for. Collective.
+        """A step made again until bodies have the shapes that it calls for; which cells wake.
 
-        Returns:
-            The step, and which cells wake.
+        Collective.
         """
         if self.growth is None:
             return attempt, Looked()

@@ -124,12 +124,7 @@ class State:
         return self.bodies.stored
 
     def gap(self, bodies: Iterable[Body], at: Iterable[npt.NDArray[Any]]) -> float:
-        """Largest difference of velocities between bodies and nodes of theirs on this rank [m/s].
-
-        Args:
-            bodies: Bodies.
-            at: Of each body, which of its nodes are looked at.
-        """
+        """Largest difference of velocities between bodies and some of their nodes here [m/s]."""
         v, largest = self.v.x.array.reshape(-1, 3), 0.0
         for body, some in zip(bodies, at, strict=True):
             own = body.velocities[some]
@@ -159,9 +154,8 @@ class State:
     def bent(self) -> tuple[fem.Function, fem.Function, Bools]:
         """How bodies with shapes deform: their shape at the freeze, and Φ q there. Collective.
 
-        Returns:
-            Displacement of that shape and the motion in its frame, ghosts included [m]; and which
-            owned cells are in these bodies.
+        Displacement of that shape and the motion in its frame, ghosts included [m], and which owned
+        cells are in these bodies, are returned.
         """
         shape, motion = (fem.Function(self.u.function_space) for _ in range(2))
         cells = np.zeros(shape.function_space.mesh.topology.index_map(3).size_local, dtype=bool)
@@ -196,17 +190,11 @@ class State:
         attached: Ints,
         displacement: Array,
     ) -> None:
-        """Keep the result of a step. Collective.
+        """Keep the result of a step that ends at t [s]. Collective.
 
-        Args:
-            t: Time at its end [s].
-            dofs: Owned dofs of the nodes that took part.
-            d: Their increments [m].
-            v: Their velocities at its end [m/s].
-            bodies: The bodies at its end.
-            attached: Owned dofs of the bodies' nodes among them: they are put exactly where the
-                bodies are, as increments would add up rounding.
-            displacement: The displacement of these [m].
+        Owned dofs of nodes that took part have increments d [m] and velocities v [m/s]. Dofs of the
+        bodies' nodes among them, attached, are put exactly where the bodies are, by a displacement
+        [m], as increments would add up rounding.
         """
         self._wrote()
         self.u.x.array[dofs] += d
@@ -292,11 +280,7 @@ class State:
         self.clamped = clamped
 
     def take_out(self, numbers: Set[int]) -> list[Body]:
-        """Remove bodies; their nodes get their displacement. Collective.
-
-        Returns:
-            These bodies.
-        """
+        """Remove bodies, which are returned; their nodes get their displacement. Collective."""
         self._wrote()
         gone = [body for body in self.bodies if body.data.number in numbers]
         self.bodies = Bodies.of_each(

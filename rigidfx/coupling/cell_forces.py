@@ -15,13 +15,7 @@ class CellForces:
     """A linear form of the cells' forces, evaluated at displacements of rows."""
 
     def __init__(self, prolongation: Prolongation, form: fem.Form, forces: InternalForces) -> None:
-        """Make room for the results of cells. Collective.
-
-        Args:
-            prolongation: It knows whether cells are dealt.
-            form: Over all cells that exert forces, or their copies.
-            forces: Owner of the coefficients that the form, or its original, reads.
-        """
+        """Make room for the results of cells that exert forces, or of their copies. Collective."""
         self._form, self._forces, self._dealt = form, forces, prolongation.dealt
         layout = prolongation.layout
         self._dofs = layout.rows.dofs
@@ -35,10 +29,9 @@ class CellForces:
             self._copies, self._values = (u0.x.array, u1.x.array), np.zeros(u1.x.array.size)
 
     def begin(self, u: Array) -> None:
-        """Begin a step: coefficients hold their values in it. Collective.
+        """Begin a step at u₀, one number per row [m]: coefficients hold their values in it.
 
-        Args:
-            u: u₀, one number per row [m].
+        Collective.
         """
         if self._dealt is not None:
             forces = self._forces
@@ -46,10 +39,9 @@ class CellForces:
             self._copies[0][:] = self._dealt.give_nodes(u.reshape(-1, 3)).reshape(-1)
 
     def displace(self, u: Array) -> None:
-        """Set u₁, with which tangents are assembled, too; ghosts of it by `settle`. Collective.
+        """Set u₁ by rows [m], with which tangents are assembled, too; ghosts by `settle`.
 
-        Args:
-            u: One number per row [m].
+        Collective.
         """
         self._u1[self._dofs] = u
         if self._dealt is None:
@@ -63,11 +55,7 @@ class CellForces:
             self._forces.u1.x.scatter_forward()
 
     def evaluate(self, out: Array) -> None:
-        """The forces at u₁. Collective.
-
-        Args:
-            out: One number per row, overwritten [N].
-        """
+        """Overwrite `out` by the forces at u₁, one number per row [N]. Collective."""
         if self._dealt is None:
             self._values[self._reached] = 0.0
             add_vector(self._values, self._form)

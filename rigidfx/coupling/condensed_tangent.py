@@ -74,12 +74,10 @@ class Kind:
     places: Ints
 
     def condensed(self, values: Array, LT: Array, P: Array) -> Array:
-        """The blocks in unknowns, cut into 3×3 blocks, one after the other.
+        """The blocks of a product in unknowns, cut into 3×3 blocks, one after the other.
 
-        Args:
-            values: Those of the product.
-            LT: Shape (bodies, 3 k, 3 n), 3 k being 6 + m and what is missing to threes.
-            P: Shape (bodies, 3 n, 3 k).
+        Lᵀ has the shape (bodies, 3 k, 3 n), 3 k being 6 + m and what is missing to threes, and P
+        the shape (bodies, 3 n, 3 k).
         """
         K = values[self.places]
         if self.right:
@@ -94,13 +92,10 @@ class BlockPlaces:
     """Where 3×3 blocks go in a reduced matrix."""
 
     def __init__(self, row: Ints, column: Ints, nodal: bool) -> None:
-        """Prepare the arguments of PETSc.
+        """Prepare the arguments of PETSc by unknowns of the rows and columns of blocks.
 
-        Args:
-            row: Unknowns of the rows of each block, shape (blocks, 3); values of those below zero
-                are dropped.
-            column: Those of its columns.
-            nodal: Whether free dofs come in whole nodes, so that the reduced matrix has blocks.
+        Unknowns have the shape (blocks, 3); values of those below zero are dropped. The reduced
+        matrix has blocks if free dofs come in whole nodes.
         """
         self._nodal = nodal
         if nodal:
@@ -125,14 +120,10 @@ class ProductBlocks:
     def __init__(
         self, C: PETSc.Mat, of_nodes: Ints, of_bodies: Ints, height: int, nodal: bool
     ) -> None:
-        """Sort the blocks of the product.
+        """Sort the blocks of the product C: rows and columns of the nodes, then of the bodies.
 
-        Args:
-            C: The product: its rows and columns are of the nodes, then of the bodies.
-            of_nodes: Unknown of each of a node's dofs, -1 if it is none, shape (nodes, 3).
-            of_bodies: The unknowns of each body, -1 where it has fewer, shape (bodies, 6 + m).
-            height: n.
-            nodal: As `BlockPlaces` takes it.
+        Unknowns are -1 where there is none, of nodes of the shape (nodes, 3), of bodies of the
+        shape (bodies, 6 + m); the height is n.
         """
         indptr, columns, values = C.getValuesCSR()
         places = csr_array((np.arange(values.size), columns, indptr), shape=C.size)
@@ -149,11 +140,7 @@ class ProductBlocks:
     def insert_into(self, matrix: PETSc.Mat, C: PETSc.Mat, L: Array, P: Array) -> None:
         """Add diag(1, L)ᵀ C diag(1, P) to a reduced matrix, which is to be assembled then.
 
-        Args:
-            matrix: The reduced matrix.
-            C: The product.
-            L: Shape (bodies, 3 n, 6 + m).
-            P: Likewise.
+        L and P have the shape (bodies, 3 n, 6 + m).
         """
         if self._missing:
             L, P = (np.pad(side, ((0, 0), (0, 0), (0, self._missing))) for side in (L, P))
@@ -180,9 +167,7 @@ def _kind(pattern: bsr_array, nodes: int, n: int, left: bool, right: bool) -> Ki
 def _unknowns(kind: Kind, unknowns: tuple[Ints, Ints]) -> tuple[Ints, ...]:
     """Unknowns of the rows and of the columns of each 3×3 block that `condensed` gives.
 
-    Args:
-        kind: The blocks.
-        unknowns: Those of nodes, shape (nodes, 1, 3), and of bodies, shape (bodies, k, 3).
+    Those of nodes have the shape (nodes, 1, 3), those of bodies (bodies, k, 3).
     """
     row, column = unknowns[kind.left][kind.row], unknowns[kind.right][kind.column]
     return tuple(np.broadcast_arrays(row[:, :, None], column[:, None]))
@@ -192,12 +177,7 @@ class Interface:
     """A bilinear form over the cells that touch bodies, condensed; `destroy` frees it."""
 
     def __init__(self, prolongation: Prolongation, form: fem.Form) -> None:
-        """Fill A, find the pattern of the product. Collective.
-
-        Args:
-            prolongation: Map between unknowns and dofs.
-            form: The form over flexible cells that touch a body.
-        """
+        """Fill A, find the pattern of the product, of cells that touch a body. Collective."""
         self._prolongation, self._form = prolongation, form
         self._assembled = fem.create_matrix(form)
         nodes = moved_nodes(prolongation, self._assembled.index_map(1))
@@ -247,15 +227,10 @@ class Interface:
 
 
 def _expanded(row: Ints, column: Ints, block: Ints) -> tuple[Ints, Ints, Ints, Ints]:
-    """The scalar CSR matrix of 3×3 blocks, without rows of nodes that have none.
+    """The scalar CSR matrix of 3×3 blocks, by numbers of nodes and blocks, sorted by rows.
 
-    Args:
-        row: Node of each block's rows, sorted.
-        column: Node of its columns.
-        block: Its number.
-
-    Returns:
-        The nodes, both index arrays, and where each value is among those of all blocks.
+    It has no rows of nodes that have none. The nodes, both index arrays, and where each value is
+    among those of all blocks are returned.
     """
     nodes = np.union1d(row, column)
     places = 9 * block[:, None] + np.arange(9)
@@ -308,12 +283,9 @@ class CondensedMatrix:
         interior: fem.Form,
         interface: fem.Form,
     ) -> None:
-        """Find the pattern. Collective.
+        """Find the pattern of forms over flexible cells that touch no body, and a body.
 
-        Args:
-            prolongation: Map between unknowns and dofs.
-            interior: The form over flexible cells that touch no body.
-            interface: The form over flexible cells that touch a body; of no meaning without bodies.
+        Collective.
         """
         self._prolongation, self._interior = prolongation, interior
         self._grown = False  # whether the pattern has more than the forms need
@@ -330,10 +302,9 @@ class CondensedMatrix:
         self.matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
 
     def assemble(self, other: tuple[fem.Form, fem.Form] | None = None) -> None:
-        """Assemble the form anew. Collective.
+        """Assemble the form anew, or another one over the interior and interface cells.
 
-        Args:
-            other: Another form over the interior and the interface cells, instead; none if None.
+        Collective.
         """
         interior, interface = (self._interior, None) if other is None else other
         self.matrix.zeroEntries()
@@ -349,11 +320,9 @@ class CondensedMatrix:
             self._interface.add(other._interface, factor)
 
     def add_nodal(self, nodes: Indices, blocks: Array) -> None:
-        """Add to the diagonal blocks of free nodes. Collective.
+        """Add to the diagonal blocks of free, owned nodes, shape (nodes, 3, 3). Collective.
 
-        Args:
-            nodes: Owned nodes of flexible cells.
-            blocks: Shape (nodes, 3, 3); entries of prescribed dofs are dropped.
+        Entries of prescribed dofs are dropped.
         """
         prolongation = self._prolongation
         offsets = np.arange(nodes.size + 1, dtype=PETSc.IntType)
@@ -371,10 +340,9 @@ class CondensedMatrix:
         add(offsets, columns.reshape(-1), blocks.reshape(-1), PETSc.InsertMode.ADD_VALUES, rows)
 
     def add_coupling(self, entries: csr_array) -> None:
-        """Add to rows and columns of any unknowns; the pattern grows where it has to. Collective.
+        """Add entries by numbers of any unknowns, equal on all ranks; the pattern grows.
 
-        Args:
-            entries: All of them, equal on all ranks, by the numbers of the unknowns.
+        Collective.
         """
         self.matrix.assemble()
         if not self._grown:
@@ -392,10 +360,7 @@ class CondensedMatrix:
     def finish(self, blocks: Array | None = None) -> None:
         """Condense the interface and complete the matrix. Collective.
 
-        Args:
-            blocks: Addition of the bodies themselves, shape (bodies, 6 + m, 6 + m), equal on all
-                ranks;
-                nothing if None.
+        Blocks of the bodies themselves have the shape (bodies, 6 + m, 6 + m), equal on all ranks.
         """
         if self._interface is not None:
             self._interface.insert_into(self.matrix)

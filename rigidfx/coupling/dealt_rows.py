@@ -30,12 +30,7 @@ class DealtRows:
     """
 
     def __init__(self, layout: DofLayout, cells: DealtCells) -> None:
-        """Find the ways. Collective.
-
-        Args:
-            layout: Division of the dofs.
-            cells: All cells that residuals and tangents of this layout are over, and maybe others.
-        """
+        """Find the ways of cells that residuals and tangents of a layout are over. Collective."""
         self.cells, rows = cells, layout.rows
         known = la.vector(layout.space.dofmap.index_map, 5)
         of_nodes = known.array.reshape(-1, 5)  # rank, place among its rows, whether free
@@ -63,11 +58,9 @@ class DealtRows:
         return self._own.collect(values)
 
     def give_nodes(self, values: Array, otherwise: float = 0.0) -> Array:
-        """Values of rows' nodes, at all local nodes of the cells' mesh. Collective.
+        """Values of rows' nodes, (nodes, k), at all local nodes of the cells' mesh. Collective.
 
-        Args:
-            values: Shape (rows' nodes, k).
-            otherwise: Values of nodes that are no row's: those of rigid cells alone.
+        Nodes that are no row's, those of rigid cells alone, have other values.
         """
         out = np.full((self._count, values.shape[1]), otherwise)
         out[self._active] = self._all.give(values)
@@ -98,12 +91,8 @@ class Dealing:
     def rows(self, layout: DofLayout, loaded: Indices) -> DealtRows | None:
         """The rows of a layout with its flexible cells dealt out, where that pays. Collective.
 
-        Args:
-            layout: Division of the dofs.
-            loaded: Further owned cells that residuals are over, sorted.
-
-        Returns:
-            Rows that are of no use any more when the next ones are asked for.
+        Further owned cells that residuals are over are loaded. Rows are of no use any more when the
+        next ones are asked for.
         """
         comm, none = layout.rows.comm, np.empty(0, dtype=np.int32)
         flexible = np.sort(np.concatenate([none, *layout.flexible.values()]))

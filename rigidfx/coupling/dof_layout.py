@@ -74,14 +74,10 @@ def dof_layout(
     prescribed: Bools,
     driven: Cells | None = None,
 ) -> DofLayout:
-    """Divide the dofs of a scene. Collective.
+    """Divide the dofs of a scene between flexible owned cells and bodies. Collective.
 
-    Args:
-        scene: The problem.
-        flexible: Flexible owned cells by subdomain id.
-        ensemble: Data of the rigid bodies; no two share a node.
-        prescribed: For each owned dof, whether a support prescribes it.
-        driven: Owned cells by subdomain id that a support moves; none if None.
+    No two bodies share a node. For each owned dof, `prescribed` says whether a support has it;
+    `driven` are owned cells that a support moves.
     """
     n = scene.owned_nodes
     touched = nodes_of(scene, flexible)
@@ -175,12 +171,8 @@ class AtNodes:
     def largest(self, nodes: Indices, values: Array) -> Array:
         """At each local node the largest value of cells, of any rank, round it. Collective.
 
-        Args:
-            nodes: Local nodes of owned cells, shape (cells, nodes of a cell).
-            values: Of these cells.
-
-        Returns:
-            Minus infinity where there is none.
+        Owned cells have nodes of the shape (cells, nodes of a cell). It is minus infinity where
+        there is none.
         """
         x = self._x
         x.array[:] = -np.inf

@@ -194,16 +194,9 @@ def _at_faces(scene: Scene, rows: Rows, own: Bools, carried: bool) -> tuple[Arra
 
 
 def _slopes(scene: Scene, vector: Vector, rows: Rows, counted: Bools) -> csr_array | None:
-    """Derivatives of a vector by rows at the start; None if some nodes do not count. Collective.
+    """Derivatives of a vector by rows at the start, shape (3, rows). Collective.
 
-    Args:
-        scene: The problem.
-        vector: The vector.
-        rows: The rows in question.
-        counted: For each node of the rows, whether it counts.
-
-    Returns:
-        Shape (3, rows).
+    None if some of its nodes do not count.
     """
     nodes, slopes = vector.nodes, vector.slopes()
     at = np.searchsorted(rows.nodes, nodes)

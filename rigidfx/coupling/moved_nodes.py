@@ -44,9 +44,7 @@ class MovedNodes:
 def moved_nodes(prolongation: Prolongation, known: Any) -> MovedNodes:
     """The motion of the nodes of an index map, ghosts included. Collective.
 
-    Args:
-        prolongation: Map between unknowns and dofs.
-        known: Index map of nodes whose owned ones are those of the prolongation's space.
+    Its owned nodes are those of the prolongation's space.
     """
     layout, dealt = prolongation.layout, prolongation.dealt
     n = int(layout.ensemble.frozen.shape[1])
@@ -76,10 +74,7 @@ def condensed_row_lengths(
 ) -> Lengths:
     """Of a reduced tangent, in its blocks where it has some, as PETSc takes them. Collective.
 
-    Args:
-        prolongation: Map between unknowns and dofs.
-        interior: The form over flexible cells that touch no body.
-        interface: The form over flexible cells that touch a body; of no meaning without bodies.
+    Forms are over flexible cells that touch no body, and over those that do.
     """
     lengths = np.zeros((prolongation.owned, 2))
     widths = prolongation.layout.ensemble.unknowns[prolongation.owned_bodies]
@@ -121,11 +116,7 @@ def _add_coupled(lengths: Array, prolongation: Prolongation, form: fem.Form) -> 
 def _summed(at_bodies: csr_array, widths: Any, ranks: Any, rank_of_body: Any) -> Array:
     """Columns that each body's rows have, of its own rank and of others, shape (bodies, 2).
 
-    Args:
-        at_bodies: Partners of the rows: bodies by nodes, or bodies by bodies.
-        widths: Columns of each of these.
-        ranks: And their rank.
-        rank_of_body: Rank of each body's rows.
+    Partners of the rows are bodies by nodes, or bodies by bodies, each with its width and rank.
     """
     body, other = at_bodies.nonzero()
     halves = parted(widths[other], ranks[other] == rank_of_body[body])

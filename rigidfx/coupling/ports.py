@@ -42,12 +42,7 @@ class Ports:
     """
 
     def __init__(self, p: Prolongation, linkage: Linkage) -> None:
-        """Find them. Collective.
-
-        Args:
-            p: Map between unknowns and dofs.
-            linkage: The joints, bound to the same division.
-        """
+        """Find them, of joints bound to the same division. Collective."""
         self._anchors: Ints = np.empty(0, np.int64)  # unknowns that are ports by themselves
         of, free = linkage.averages, p.free_of_nodes
         unknown = np.cumsum(free).reshape(free.shape) - 1
@@ -103,10 +98,9 @@ class Ports:
     def resisted(self, linkage: Linkage, bodies: Bodies) -> tuple[Array, Array, Array]:
         """Knowledge of independent rows, at the start of a step. Collective.
 
-        Returns:
-            Derivatives of rows by ports, and the sums of the absolute values of their terms, shape
-            (rows, ports); velocities of ports per impulse at them, as far as the masses of nodes
-            and bodies are concerned.
+        That are derivatives of rows by ports, and the sums of the absolute values of their terms,
+        shape (rows, ports); and velocities of ports per impulse at them, as far as the masses of
+        nodes and bodies are concerned.
         """
         p = self._p
         p.pose(bodies)
@@ -129,10 +123,8 @@ class Ports:
     def led(self, rows: Matrix) -> tuple[Array, Array]:
         """Derivatives of rows by ports, and the sums of the absolute values of their terms.
 
-        Without what shapes move rows by as their solves are rounded, which would hold a joint.
-
-        Args:
-            rows: Derivatives by averages, shape (rows, 3 · averages).
+        Derivatives by averages have the shape (rows, 3 · averages). What shapes move rows by as
+        their solves are rounded is left out, as it would hold a joint.
         """
         lead = self.lead(self._p.increments)
         D, shapes = dense(rows @ lead), self.at[:, 6:][self._known[:, 6:]]
@@ -192,12 +184,7 @@ class Ports:
         return 3 * len(self.averages) + self._of_bodies.size + self._anchors.size
 
     def lead(self, increments: Increments, end: bool = False) -> Matrix:
-        """How averages follow ports, shape (3 · averages, ports).
-
-        Args:
-            increments: Trial step of the bodies.
-            end: Whether their places at its end are meant, not their increments.
-        """
+        """How averages follow ports in a step, or at its end, shape (3 · averages, ports)."""
         if self._free is not None:
             return self._free
         values = increments.led(self._held, self.bodies, end)[self._pairs]
@@ -222,10 +209,8 @@ def far_apart(X: Array) -> list[int]:
 def independent(D: Array, terms: Array, compliance: Array) -> Ints:
     """Numbers of rows that imply all others, sorted.
 
-    Args:
-        D: Derivatives of rows by ports, shape (rows, ports).
-        terms: Sums of the absolute values of the terms of these, likewise.
-        compliance: Velocities of ports per impulse at them, shape (ports, ports) [1/kg].
+    D are derivatives of rows by ports, and terms sums of the absolute values of their terms, shape
+    (rows, ports); the compliance has velocities of ports per impulse at them [1/kg].
     """
     if not D.size:
         return np.arange(0)

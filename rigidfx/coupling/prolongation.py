@@ -84,21 +84,13 @@ class AttachedRows:
         return self._at_rows.size
 
     def moved(self, numbers: Array) -> Array:
-        """Their values, in their order; to be used before the next call.
-
-        Args:
-            numbers: Those of each body, shape (bodies, n, 3), or as many.
-        """
+        """Their values by numbers of each body, (bodies, n, 3), to be used before the next call."""
         self._numbers[:] = numbers.reshape(-1)
         self._N.mult(self._of_bodies, self._of_rows)
         return self._at_rows
 
     def moments(self, f: Array) -> Array:
-        """Sums over them, shape (bodies, n, 3).
-
-        Args:
-            f: One number per row of the layout.
-        """
+        """Sums over them of a number per row of the layout, shape (bodies, n, 3)."""
         self._at_rows[:] = f[self.rows]
         self._N.multTranspose(self._of_rows, self._of_bodies)
         return self._numbers.reshape(self._shape).copy()
@@ -137,13 +129,7 @@ class Prolongation:
     def __init__(
         self, layout: DofLayout, comm: MPI.Intracomm, dealt: DealtRows | None = None
     ) -> None:
-        """Number the unknowns. Collective.
-
-        Args:
-            layout: Division of the dofs.
-            comm: Communicator of the mesh.
-            dealt: Where unknowns of free dofs are; with their rows if None.
-        """
+        """Number the unknowns, which may follow dealt cells. Collective."""
         self.layout, self.comm, self.dealt = layout, comm, dealt
         rows = layout.rows
         self._with_bodies = len(layout.bodies) > 0
@@ -214,11 +200,7 @@ class Prolongation:
     # Vectors ------------------------------------------------------------------------------------
 
     def at_nodes(self, values: Array) -> Array:
-        """Values of active nodes, at those of `free_of_nodes`, shape (n, k). Collective.
-
-        Args:
-            values: Shape (active nodes, k).
-        """
+        """Values of active nodes, at those of `free_of_nodes`, shape (n, k). Collective."""
         return values[self._nodes] if self.dealt is None else self.dealt.give(values)
 
     def at_unknowns(self, d: Array) -> Array:
@@ -249,27 +231,16 @@ class Prolongation:
         imposed: Array,
         d: PETSc.Vec,
     ) -> None:
-        """Evaluate d = L y + d_s, with L rotated to the unknowns. Collective.
+        """Evaluate d = L y + d_s by unknowns of this rank, with L rotated to them. Collective.
 
-        Args:
-            y: Unknowns of this rank, from then on not to be changed.
-            step: The step of the bodies.
-            imposed: Increments of the prescribed dofs [m], in their order.
-            d: Increments of the active nodes, overwritten.
+        From then on these are not to be changed. Prescribed dofs have imposed increments [m].
         """
         if self._with_bodies:
             self.rotate(self._gathered(y), step)
         self._multiply(y, imposed, self.increments.displacement, d)
 
     def apply(self, y: PETSc.Vec, of_bodies: Array, imposed: Array, d: PETSc.Vec) -> None:
-        """Evaluate d = L y + d_s with L as it is.
-
-        Args:
-            y: Unknowns.
-            of_bodies: Those of the bodies, as `bodies_part` gives them.
-            imposed: Increments of the prescribed dofs [m], in their order.
-            d: Increments of the active nodes, overwritten.
-        """
+        """Evaluate d = L y + d_s with L as it is, by bodies' parts and imposed increments [m]."""
         self._multiply(y.array_r, imposed, self.increments.L @ of_bodies[:, :, None], d)
 
     def _multiply(self, y: Array, imposed: Array, moved: Array, d: PETSc.Vec) -> None:
@@ -317,12 +288,9 @@ class Prolongation:
         return values
 
     def collapse(self, d: Array, bodies: Array, y: PETSc.Vec) -> None:
-        """Collect unknowns (or residuals) from the free dofs and numbers of bodies. Collective.
+        """Collect unknowns y (or residuals) from free rows, and bodies, (bodies, 6 + m).
 
-        Args:
-            d: One number per row; those that are not free count for nothing.
-            bodies: Shape (bodies, 6 + m), equal on all ranks.
-            y: Unknowns, overwritten.
+        Collective.
         """
         values = y.array
         values[: self.own_free] = self.at_unknowns(d)
@@ -334,11 +302,8 @@ class Prolongation:
     def moments(self, f: PETSc.Vec, more: Array | None = None) -> Array:
         """Sum a fᵀ over each body's attached nodes, shape (bodies, n, 3). Collective.
 
-        Their `Increments.resultant` is the part of Lᵀ f in the bodies' rows.
-
-        Args:
-            f: One number per row.
-            more: Moments of further forces of this rank; None on all ranks if there are none.
+        Their `Increments.resultant` is the part of Lᵀ f in the bodies' rows. Moments of further
+        forces of this rank may be added.
         """
         if not self.touched and more is None:
             return np.zeros(self.layout.ensemble.frozen.shape)
@@ -348,13 +313,7 @@ class Prolongation:
         return self._sum(own if more is None else own + more)
 
     def restrict(self, f: PETSc.Vec, bodies: Array, r: PETSc.Vec) -> None:
-        """Evaluate r = Lᵀ f plus the bodies' own numbers. Collective.
-
-        Args:
-            f: One number per row.
-            bodies: Shape (bodies, 6 + m), equal on all ranks.
-            r: Overwritten.
-        """
+        """Evaluate r = Lᵀ f plus the bodies' own numbers, shape (bodies, 6 + m). Collective."""
         self.collapse(f.array_r, bodies + self.increments.resultant(self.moments(f)), r)
 
     # Matrices -----------------------------------------------------------------------------------
@@ -405,9 +364,7 @@ class Prolongation:
     def condense(self, K: PETSc.Mat, blocks: Array | None = None) -> PETSc.Mat:
         """Pᵀ K P of a matrix of all rows, as a new one, which the caller destroys. Collective.
 
-        Args:
-            K: The matrix.
-            blocks: Further ones of bodies: see `add_blocks`.
+        Blocks of bodies are added: see `add_blocks`.
         """
         P = self.trial()
         out = K.PtAP(P)
@@ -421,9 +378,7 @@ class Prolongation:
     def add_blocks(self, C: PETSc.Mat, blocks: Array) -> None:
         """Add a block per body to a reduced matrix and complete it. Collective.
 
-        Args:
-            C: Reduced tangent.
-            blocks: Shape (bodies, 6 + m, 6 + m), equal on all ranks.
+        They have the shape (bodies, 6 + m, 6 + m), equal on all ranks.
         """
         own = blocks[self._own_bodies]
         values = own.reshape(-1) if self._alike else own[self._own_entries]

@@ -39,12 +39,7 @@ class Rows:
     """
 
     def __init__(self, space: Any, nodes: Indices) -> None:
-        """Number the rows. Collective.
-
-        Args:
-            space: Function space of the displacement.
-            nodes: Owned nodes, sorted.
-        """
+        """Number the rows of owned, sorted nodes of a space. Collective."""
         self._space, self.comm = space, space.mesh.comm
         self.nodes = nodes
         self.dofs = (3 * nodes.astype(np.int64)[:, None] + np.arange(3)).reshape(-1)
@@ -72,22 +67,15 @@ class Rows:
         return A
 
     def add_diagonal(self, A: PETSc.Mat, values: Array) -> None:
-        """Add to the diagonal of a matrix of these rows that is not assembled yet.
-
-        Args:
-            A: Its pattern grows where it has to.
-            values: One per row of this rank.
-        """
+        """Add a value per row to the diagonal of a matrix that is not assembled yet."""
         numbers = (self.first + np.arange(self.dofs.size)).astype(Int)
         offsets = np.arange(numbers.size + 1, dtype=Int)
         A.setValuesIJV(offsets, numbers, values, PETSc.InsertMode.ADD_VALUES, numbers)
 
     def add_blocks(self, A: PETSc.Mat, blocks: Array) -> None:
-        """Add to nodes' own blocks of a matrix of these rows, and assemble it. Collective.
+        """Add blocks, (nodes, 3, 3), to nodes' own entries of a matrix, and assemble it.
 
-        Args:
-            A: It has entries there.
-            blocks: Shape (nodes, 3, 3).
+        Collective.
         """
         at = np.flatnonzero(blocks.any(axis=(1, 2)))
         numbers = (self.first + 3 * at[:, None] + np.arange(3)).astype(Int)
@@ -111,13 +99,8 @@ def mapped_matrix(
 ) -> PETSc.Mat:
     """A square matrix without entries that maps local nodes (or dofs) to rows. Collective.
 
-    Args:
-        space: Function space of the displacement.
-        dofs: Owned dofs that have a row; entries of all others are dropped.
-        numbers: Row of each.
-        lengths: Of the matrix's rows, or rows of blocks; longer ones cost time, no more.
-        kind: Type of the matrix.
-        block: 3 if rows come in whole nodes, else 1.
+    Owned dofs have a row by its number; entries of all others are dropped. Rows, or rows of blocks
+    of 3, have lengths: longer ones cost time, no more.
     """
     every = fem.Function(space)
     every.x.array[:] = -1.0
@@ -141,12 +124,9 @@ def mapped_matrix(
 
 
 def product(multiply: Callable[..., PETSc.Mat | None], u: Array, comm: Any) -> Array:
-    """All columns of a matrix of this rank's rows by one call of PETSc's. Collective.
+    """All columns u of a matrix of this rank's rows, (rows, k), by one call of PETSc's.
 
-    Args:
-        multiply: Takes the columns and a dense matrix for the result.
-        u: The columns, shape (rows, k).
-        comm: Communicator of the rows.
+    Collective.
     """
     if not u.shape[1]:
         return u.copy()
@@ -176,12 +156,7 @@ def couplings(form: fem.Form) -> tuple[csr_array, Any]:
 
 
 def row_lengths(form: fem.Form, nodes: Indices) -> Lengths:
-    """Of a matrix with three rows for each of some nodes. Collective.
-
-    Args:
-        form: Bilinear form.
-        nodes: Owned nodes that have rows, sorted.
-    """
+    """Of a matrix of a bilinear form with three rows for each of some owned nodes. Collective."""
     pattern, known = couplings(form)
     has_rows = la.vector(known)
     has_rows.array[nodes] = 1.0

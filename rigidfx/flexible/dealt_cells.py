@@ -27,13 +27,9 @@ class Exchange:
     """Ways from items of all ranks to copies of them on any rank; `destroy` frees it."""
 
     def __init__(self, comm: MPI.Intracomm, items: int, rank: Any, place: Any) -> None:
-        """Find the ways. Collective.
+        """Find the ways from items of ranks, by their places there, to copies on this one.
 
-        Args:
-            comm: The ranks.
-            items: Number of this rank's items.
-            rank: For each copy on this rank, the rank of its item.
-            place: And the item's place there.
+        Collective.
         """
         self._items, self._copies = items, len(rank)
         self._graph = PETSc.SF().create(comm)
@@ -84,12 +80,7 @@ class DealtCells:
     """
 
     def __init__(self, space: Any, cells: Indices) -> None:
-        """Deal cells out. Collective.
-
-        Args:
-            space: Function space of the displacement.
-            cells: Owned cells, sorted.
-        """
+        """Deal owned cells out, sorted. Collective."""
         mesh = space.mesh
         self._original, self._cells = space, cells
         known = mesh.geometry.index_map()
@@ -126,10 +117,9 @@ class DealtCells:
         return np.flatnonzero(self._exchange.give(wanted[:, None])[:, 0]).astype(np.int32)
 
     def facets(self, pairs: Indices) -> Indices:
-        """Cells and local numbers of the copies of facets, shape (n, 2). Collective.
+        """Cells and local numbers of the copies of facets, which are such pairs, (n, 2).
 
-        Args:
-            pairs: Owned cells of the original mesh and local numbers, shape (n, 2).
+        Collective.
         """
         kind = getattr(basix.CellType, self.mesh.topology.cell_type.name)
         marks = np.zeros((self._cells.size, len(basix.topology(kind)[2])))
@@ -161,11 +151,7 @@ class DealtCells:
         to.x.array.reshape(-1, block)[there.reshape(-1)] = given.reshape(-1, block)
 
     def at_nodes(self, values: Array) -> Array:
-        """Values of nodes, at their copies, ghosts included. Collective.
-
-        Args:
-            values: Shape (local nodes, k).
-        """
+        """Values of local nodes, at their copies, ghosts included. Collective."""
         of, there = self._original.dofmap.list, self.space.dofmap.list
         k = values.shape[1]
         of_cells = values[of[self._cells]].reshape(self._cells.size, of.shape[1] * k)

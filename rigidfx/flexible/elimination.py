@@ -83,16 +83,8 @@ def alive() -> int:
 def eliminate(mesh: Any, form: ufl.Form, compiled: Any, options: dict[str, Any]) -> Any:
     """A compiled form whose cell kernels eliminate; the same form if it has no enhancements.
 
-    Kernels live as long as the returned object, which any form bound from it has to hold.
-
-    Args:
-        mesh: Its mesh; collective on its communicator.
-        form: The form that has been compiled.
-        compiled: FFCx's form.
-        options: Those of FFCx's compiler.
-
-    Raises:
-        RuntimeError: If more kernels are alive than there is room for.
+    Kernels live as long as the returned object, which any form bound from it has to hold. It is a
+    `RuntimeError` if more are alive than there is room for. Collective on the mesh.
     """
     if not any(isinstance(w, Enhancement) for w in form.coefficients()):
         return compiled
@@ -137,9 +129,8 @@ def _fill(
 ) -> dict[int, bool]:
     """Write down the data of the kernel of a subdomain id.
 
-    Returns:
-        Which coefficients have to be packed: displacements, and of enhancements one for each pair
-        of λ and μ.
+    Which coefficients have to be packed is returned: displacements, and of enhancements one for
+    each pair of λ and μ.
     """
     used, places = _places(form, compiled)
     constants = _constant_places(form)
@@ -214,8 +205,7 @@ def _values(
 ) -> tuple[int, Any]:
     """Compile the kernels at the points, and write down where they read. Collective.
 
-    Returns:
-        The kernel's address, and the objects to be held as long as it is called.
+    The kernel's address, and the objects to be held as long as it is called, are returned.
     """
     values = note.at_points(compiled.rank == 2)
     points, _ = note.enhancements[0].ufl_element().custom_quadrature()

@@ -95,13 +95,9 @@ class InternalForces:
     def __init__(
         self, scene: Scene, u0: fem.Function, acting: Iterable[Sequence[Effect]] = ((),)
     ) -> None:
-        """Compile the forms. Collective.
+        """Compile the forms, with u₀ the displacement at the start of each step. Collective.
 
-        Args:
-            scene: The problem.
-            u0: Function that holds the displacement at the start of each step.
-            acting: The effects that act together, for each time at which that changes; the last
-                of these is selected.
+        Effects act together for each time at which that changes; the last of these are selected.
         """
         self._scene, self._element = scene, scene.element
         self.u0, self.u1 = u0, fem.Function(scene.space)
@@ -146,10 +142,9 @@ class InternalForces:
             self._variants[self._acting] = self._compile(*self._acting)
 
     def select_static(self, acting: Sequence[Effect]) -> list[tuple[int, FormTerm]]:
-        """Limit the loads on facets to those of these effects; damping has no part in statics.
+        """Limit the loads on facets to those of these effects; their numbers and terms.
 
-        Returns:
-            Number and term of each of these loads.
+        Damping has no part in statics.
         """
         loads = [k for k in self._numbers(acting) if self._terms[k][1].boundary]
         self._acting = ("", tuple(loads))
@@ -162,8 +157,7 @@ class InternalForces:
     def set_time(self, t: float, dt: float) -> None:
         """Set the values of forms that depend on the step. Collective.
 
-        Raises:
-            SceneError: On every rank, if a user's function fails on any.
+        A user's function that fails on any rank is a `SceneError` on all.
         """
         _, acting = self._acting
         if acting:
@@ -245,11 +239,7 @@ class InternalForces:
     # Forms over cells ---------------------------------------------------------------------------
 
     def cells(self, flexible: Indices | None = None) -> Cells:
-        """Owned cells by subdomain id.
-
-        Args:
-            flexible: Sorted owned cells to keep; all if None.
-        """
+        """Owned cells by subdomain id; the sorted, flexible ones if given."""
         return {
             i: c.cells if flexible is None else np.intersect1d(c.cells, flexible)
             for i, c in enumerate(self._classes, start=1)
@@ -274,14 +264,10 @@ class InternalForces:
         driven: Cells | None = None,
         dealt: DealtCells | None = None,
     ) -> BoundForces:
-        """Internal forces of a step. Collective if cells are dealt.
+        """Internal forces of flexible cells in a step. Collective if cells are dealt.
 
-        Args:
-            cells: Flexible cells.
-            interior: Those that touch no rigid body; all if None.
-            interface: Those that do; none if None.
-            driven: Cells that a support moves; pressure on them is for the support to bear.
-            dealt: Where copies of these cells are that forms are to be over; none if None.
+        Those that touch no rigid body are interior, all if None, and those that do an interface. A
+        support bears the pressure on cells that are driven. Forms may be over dealt copies.
         """
         variant = self._variants[self._acting]
         interior = cells if interior is None else interior
@@ -308,12 +294,7 @@ class InternalForces:
         return BoundForces(residual, interior, interface, undeformed)
 
     def bind_tangent(self, cells: Cells, u: fem.Function) -> fem.Form:
-        """Derivative of the internal forces by u₁ over cells, where u₀ and u₁ are a displacement.
-
-        Args:
-            cells: Owned cells of any kind, those of bodies too.
-            u: The displacement.
-        """
+        """Derivative of the internal forces of owned cells by u₁, where both ends are at u."""
         tangent = self._variants[self._acting].tangent
         return tangent.bind(cells, {}, {self.u0: u, self.u1: u})
 
@@ -353,12 +334,9 @@ class InternalForces:
         return np.unique(np.concatenate([np.empty(0, np.int32), *found]))
 
     def bind_loads(self, cells: Cells, u0: fem.Function, u1: fem.Function) -> fem.Form | None:
-        """Forces of the loads on facets of cells, less those of the cells; None if none act.
+        """Forces of the loads on facets of owned cells, less those of the cells; None if none act.
 
-        Args:
-            cells: Owned cells of any kind, rigid ones too.
-            u0: Displacement at the start of a step, in place of `u0`.
-            u1: Displacement at its end.
+        Displacements u0 and u1 of both ends are read in place of those of steps.
         """
         facets = self.facets_of(cells)
         if not facets:
@@ -397,12 +375,7 @@ class InternalForces:
         return self._energy.bind(cells, instead=None if u is None else {self.u0: u})
 
     def bind_taken(self, cells: Cells, driven: Cells | None = None) -> Taken:
-        """Energy that terms take out of the motion of cells in a step.
-
-        Args:
-            cells: Flexible cells.
-            driven: Cells that a support moves; loads on their facets count.
-        """
+        """Energy that terms take out of the motion of flexible cells, and of driven ones' loads."""
         variant = self._variants[self._acting]
         facets = self.facets_of(cells, driven or {})
         against = variant.against_loads

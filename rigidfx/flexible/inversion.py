@@ -51,12 +51,7 @@ class Inversion:
     """Looks for cells with det F ≤ 0, or stretched a million times, among those it is bound to."""
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
-        """Compile the form. Collective.
-
-        Args:
-            scene: The problem.
-            forces: Internal forces, whose u₁ holds the end of a step.
-        """
+        """Compile the form at u₁, the end of a step. Collective."""
         self._mesh, self._comm = scene.mesh, scene.comm
         space = scene.cell_space
         dx, F = scene.cell_measure, scene.element.deformation_gradient(forces.u1)
@@ -67,11 +62,7 @@ class Inversion:
         self._dofs = space.dofmap.list[:, 0]
 
     def bind(self, flexible: Cells) -> None:
-        """Look at these cells from now on.
-
-        Args:
-            flexible: Owned cells by subdomain id.
-        """
+        """Look at these owned cells from now on."""
         self._cells = np.sort(np.concatenate([np.empty(0, np.int32), *flexible.values()]))
         self._form = self._kernel.bind({1: self._cells})
         self._own = self._dofs[self._cells]

@@ -117,9 +117,8 @@ class Kernel:
     def __init__(self, form: ufl.Form, arguments: list[Any], mesh: Any) -> None:
         """Compile the form. Collective.
 
-        Raises:
-            CompilerError: On every rank, if the C compiler cannot be run, or fails.
-            SceneError: Likewise, if it fails by the environment's flags.
+        If the C compiler cannot be run, or fails, it is a `CompilerError` on every rank; if it
+        fails by the environment's flags, a `SceneError`.
         """
         # FFCx applies derivatives when it compiles. To do so here would take longer than to find a
         # form among those that are compiled already; but an elimination is told by what is left.
@@ -162,13 +161,10 @@ class Kernel:
         instead: Mapping[fem.Function, fem.Function] | None = None,
         dealt: DealtCells | None = None,
     ) -> fem.Form:
-        """The form over the given owned cells and boundary facets. Collective if they are dealt.
+        """The form over owned cells and facets by subdomain id. Collective if they are dealt.
 
-        Args:
-            cells: Subdomain id → sorted local indices of owned cells.
-            facets: Subdomain id → owned cells and local numbers of boundary facets, shape (n, 2).
-            instead: Functions that are read in place of coefficients of the form.
-            dealt: Where copies of these cells are that the form is to be over; none if None.
+        Cells are sorted; boundary facets are cells and local numbers, shape (n, 2). Functions may
+        be read instead of coefficients, and the form may be over dealt copies.
         """
         read = {w: (instead or {}).get(w, f) for w, f in self._coefficients.items()}
         arguments, mesh = self._arguments, self._mesh
@@ -225,11 +221,9 @@ class MaterialClass:
 
 
 def material_classes(scene: Scene, effects: Sequence[Effect] = ()) -> list[MaterialClass]:
-    """Classes of a scene's owned cells, the same list on all ranks. Collective.
+    """Classes of a scene's owned cells, told apart by effects, the same on all ranks.
 
-    Args:
-        scene: The problem.
-        effects: Effects on cells, whose attribute `where` tells cells apart.
+    Collective.
     """
     owned = scene.owned_cells(None, "")
     covered = np.zeros((owned.size, len(effects)), dtype=bool)

@@ -35,16 +35,11 @@ def static_forces(
     driven: Cells | None = None,
     acting: Sequence[Effect] = (),
 ) -> BoundForces:
-    """Static forces at `forces.u1`; compiled when first asked for. Collective.
+    """Static forces of flexible cells at `forces.u1`; compiled when first asked for. Collective.
 
-    Args:
-        scene: The problem.
-        forces: Owner of the coefficient that the forms read.
-        cells: Flexible cells.
-        interior: Those that touch no rigid body; all if None.
-        interface: Those that do; none if None.
-        driven: Cells that a support moves; pressure on them is for the support to bear.
-        acting: Effects of which loads on facets are taken.
+    Cells that touch no rigid body are interior, all if None, and those that do an interface. A
+    support bears the pressure on cells that are driven. Loads on facets are those of effects that
+    act.
     """
     V, mesh, element, at = scene.space, scene.mesh, scene.element, forces.u1
     test, trial = ufl.TestFunction(V), ufl.TrialFunction(V)
@@ -69,12 +64,7 @@ class LinearForms:
     """
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
-        """Compile the forces. Collective.
-
-        Args:
-            scene: The problem.
-            forces: Internal forces, which know the materials.
-        """
+        """Compile the forces. Collective."""
         V = scene.space
         self.shape = fem.Function(V)
         self._scene, self._forces = scene, forces

@@ -47,12 +47,7 @@ class Indicator(Protocol):
     def bind(
         self, flexible: Cells, between: tuple[fem.Function, fem.Function] | None = None
     ) -> None:
-        """Measure these cells from now on.
-
-        Args:
-            flexible: Owned cells by subdomain id.
-            between: Displacements at the ends of a step, in place of the forms' u₀ and u₁.
-        """
+        """Measure these owned cells from now on, between u₀ and u₁ or other displacements."""
         ...
 
     def measure(self, dt: float) -> Array:
@@ -73,13 +68,7 @@ class StrainRates:
     def __init__(
         self, scene: Scene, forces: InternalForces, measure: Literal["rms", "paper"]
     ) -> None:
-        """Compile the form. Collective.
-
-        Args:
-            scene: The problem.
-            forces: Internal forces, whose u₀ and u₁ hold the ends of a step.
-            measure: See `rigidfx.decide.settings.StrainRate`.
-        """
+        """Compile the form, of a measure as of `StrainRate`. Collective."""
         self._forces = forces
         space = scene.cell_space
         dx, C = scene.cell_measure, scene.element.right_cauchy_green
@@ -97,13 +86,10 @@ class StrainRates:
     def bind(
         self, flexible: Cells, between: tuple[fem.Function, fem.Function] | None = None
     ) -> None:
-        """Measure these cells from now on; all others have the strain rate zero.
+        """Measure these owned cells from now on; all others have the strain rate zero.
 
-        Cells that were bound before keep the strain rate of the last step.
-
-        Args:
-            flexible: Owned cells by subdomain id.
-            between: Displacements at the ends of a step, in place of u₀ and u₁.
+        Cells that were bound before keep the strain rate of the last step. Displacements between
+        which is measured may replace u₀ and u₁.
         """
         ends = dict(zip((self._forces.u0, self._forces.u1), between or (), strict=False))
         self._form = self._kernel.bind(flexible, instead=ends)
@@ -146,11 +132,7 @@ def _volumes(space: fem.FunctionSpace) -> Array:
 
 
 def finite(values: Array, comm: MPI.Intracomm) -> Array:
-    """Values, if they are finite on all ranks. Collective.
-
-    Raises:
-        LinAlgError: On every rank, if they are not.
-    """
+    """Values, if they are finite on all ranks; else a `LinAlgError` on all. Collective."""
     if comm.allreduce(bool(np.isfinite(values).all()), op=MPI.LAND):
         return values
     raise np.linalg.LinAlgError("numbers are not finite")
@@ -160,31 +142,16 @@ class CellStrains:
     """Measures the strain that a motion adds to a shape, in cells that are asked for."""
 
     def __init__(self, scene: Scene, forces: InternalForces, indicator: Indicator) -> None:
-        """Measure nothing yet. Collective.
-
-        Args:
-            scene: The problem.
-            forces: Internal forces, which know the cells of each material.
-            indicator: A measure of its own.
-        """
+        """Measure nothing yet, by an indicator of its own. Collective."""
         self._comm, self._forces, self._indicator = scene.comm, forces, indicator
         self._ends = fem.Function(scene.space), fem.Function(scene.space)
         self._cells: Indices | None = None
 
     def of(self, motion: Array, span: float, shape: fem.Function, cells: Indices) -> Array:
-        """Strain by a motion, over a time. Collective.
+        """Linear strain of owned cells by a motion, over a time span [1/s]. Collective.
 
-        Args:
-            motion: Of the owned nodes, in the frame of the shape, shape (nodes, 3) [m].
-            span: The time [s]; 1 for a strain.
-            shape: Displacement that makes the shape [m].
-            cells: Owned cells.
-
-        Returns:
-            Linear strain of each of the cells [1/s], in their order.
-
-        Raises:
-            LinAlgError: On every rank, if the motion is not finite.
+        The motion of the owned nodes is in the frame of a shape, (nodes, 3) [m]. One that is not
+        finite is a `LinAlgError` on every rank.
         """
         if self._cells is None or not np.array_equal(cells, self._cells):
             self._cells = np.array(cells, dtype=np.int32)

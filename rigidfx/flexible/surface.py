@@ -18,25 +18,14 @@ class Surface:
     """The deformed boundary of a scene. Its forms are compiled at first use."""
 
     def __init__(self, scene: Scene, u: fem.Function) -> None:
-        """Keep the displacement.
-
-        Args:
-            scene: The problem.
-            u: Displacement, up to date inside the bodies when something is asked.
-        """
+        """Keep the displacement, which is up to date inside the bodies when something is asked."""
         self._scene, self._u = scene, u
         self._kernel: Kernel | None = None
 
     def outward_moments(self, where: str, owner: str, bodies: Bodies) -> Array:
         """Σ a fᵀ of a unit pressure from inside on each body. Collective.
 
-        Args:
-            where: Name of a set of boundary facets.
-            owner: Who asks, for messages.
-            bodies: Bodies in their present pose.
-
-        Returns:
-            This rank's part in the bodies' frames, shape (bodies, n, 3) [m², m³].
+        It is this rank's part in the bodies' frames in their present pose, (bodies, n, 3) [m², m³].
         """
         facets = self._scene.boundary(where, owner)
         out = np.zeros_like(bodies.pose)
@@ -50,13 +39,7 @@ class Surface:
     def outward_slopes(self, where: str, owner: str, bodies: Bodies) -> Array:
         """Derivatives of `outward_moments` by the coordinates of shapes. Collective.
 
-        Args:
-            where: Name of a set of boundary facets.
-            owner: Who asks, for messages.
-            bodies: Bodies in their present pose.
-
-        Returns:
-            Shape (m, bodies, n, 3) [m, m²].
+        They have the shape (m, bodies, n, 3) [m, m²].
         """
         u, out = self._u.x.array.reshape(-1, 3), []
         before, way = u.copy(), SMALL_WAY * self._scene.mean_cell_size
@@ -75,15 +58,7 @@ class Surface:
         return np.array(out)
 
     def outward_forces(self, where: str, owner: str) -> Array:
-        """Forces of a unit pressure from inside on the owned nodes, shape (nodes, 3). Collective.
-
-        Args:
-            where: Name of a set of boundary facets.
-            owner: Who asks, for messages.
-
-        Returns:
-            In space, in the present shape [m²].
-        """
+        """Forces of a unit pressure from inside on the owned nodes, (nodes, 3) [m²]. Collective."""
         return self._forces(self._scene.boundary(where, owner))[: self._scene.owned_nodes]
 
     def _forces(self, facets: Indices) -> Array:

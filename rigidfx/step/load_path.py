@@ -82,12 +82,7 @@ class Settling:
     """
 
     def __init__(self, scene: Scene, control: SettlingControl | None = None) -> None:
-        """Measure the whole. Collective.
-
-        Args:
-            scene: The problem.
-            control: How the drag is chosen.
-        """
+        """Measure the whole. Collective."""
         self._control = SettlingControl() if control is None else control
         self.effect = StaticForces(self._bind)
         self._size = float(np.linalg.norm(np.ptp([*scene.parts.lower, *scene.parts.upper], axis=0)))
@@ -105,13 +100,8 @@ class Settling:
     def solve(self, path: LoadPath, t0: float, t1: float) -> Solution:
         """Find an equilibrium at t₁ from that at t₀; the state is not changed. Collective.
 
-        Args:
-            path: The path, whose equations have the drag.
-            t0: Start of the load step [s].
-            t1: Its end [s].
-
-        Returns:
-            The last solve, with the cost of all; not converged if parts do not come to rest.
+        The path's equations have the drag. The last solve is returned, with the cost of all; it has
+        not converged if parts do not come to rest.
         """
         control, forces = self._control, self._forces
         load = path.load(t1, t1 - t0)
@@ -191,12 +181,12 @@ class LoadPath:
         control: PathControl | None = None,
         loose: bool = False,
     ) -> None:
-        """Begin at the state as it is. Collective.
+        """Begin at the state as it is, the u₀ of the forces. Collective.
 
         Args:
             scene: The problem.
             state: Where the path begins.
-            forces: Internal forces, whose u₀ is the state's displacement.
+            forces: Internal forces.
             effects: All effects that take part.
             divide: Divides the cells under the effects that act.
             owner: Who asks, for messages.
@@ -248,10 +238,7 @@ class LoadPath:
         self._rows = np.zeros_like(self.state.bodies.rates)  # those on the rows of bodies [N]
 
     def advance(self, end: float) -> StepResult:
-        """Go to a load, or as far towards it as a cut step gets. Collective.
-
-        Args:
-            end: Time of the load [s].
+        """Go to the load at a time [s], or as far towards it as a cut step gets. Collective.
 
         Raises:
             SceneError: On every rank, if a user's function fails on any.
@@ -279,13 +266,8 @@ class LoadPath:
     def solve(self, t0: float, t1: float, first: Guess | None = None) -> Solution:
         """Find the equilibrium at t₁ from that at t₀; the state is not changed. Collective.
 
-        Args:
-            t0: Start of the load step [s].
-            t1: Its end [s]; loads whose window ends then act still.
-            first: Where the iteration begins; by the last load step if None.
-
-        Raises:
-            SceneError: On every rank, if a user's function fails on any, or gives no numbers.
+        Loads whose window ends at t₁ act still. The iteration begins at a first guess, by the last
+        load step if None. A user's function that fails is a `SceneError` on every rank.
         """
         dt, system = t1 - t0, self.system
         self._set_loads(t1, dt)

@@ -25,16 +25,9 @@ def apply_preload(
 ) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
     """Bring the state into the static equilibrium that the scene asks for, if it does. Collective.
 
-    Args:
-        scene: The problem.
-        forces: Internal forces.
-        state: The state at rest; its displacement and its bodies are changed.
-        start: Time just after t = 0 [s], at which effects that begin there act.
-        divide: Divides the cells under the effects that act.
-
-    Returns:
-        Force of each support on the structure in it [N], and its moment about the origin [N m], by
-        the name of its set, shape (3,) each; none without a preload.
+    Effects that act at the start, just after t = 0 [s], take part. Force of each support on the
+    structure [N], and its moment about the origin [N m], by the name of its set, shape (3,) each,
+    are returned; none without a preload.
 
     Raises:
         SceneError: If the supports leave a rigid motion free, or bodies are to turn.

@@ -56,15 +56,7 @@ class Stepper:
         indicator: Indicator | None = None,
         control: TimeControl | None = None,
     ) -> None:
-        """Compile the look for inverted cells. Collective.
-
-        Args:
-            scene: The problem.
-            state: The state to be advanced.
-            forces: Internal forces, whose u₀ is the state's displacement.
-            indicator: Indicator of flexible cells, if any.
-            control: Chooses Δt by its error, if anything does.
-        """
+        """Compile the look for inverted cells; the state is u₀ of the forces. Collective."""
         self.scene, self.state, self.forces, self.indicator = scene, state, forces, indicator
         self._inversion = Inversion(scene, forces)
         self.control = control
@@ -154,22 +146,14 @@ class Stepper:
     # Steps --------------------------------------------------------------------------------------
 
     def advance(self, target: float) -> StepResult:
-        """Advance to the target time, or as far towards it as a cut step gets. Collective.
-
-        Args:
-            target: Time at which the step is to end [s].
-        """
+        """Advance to the target time [s], or as far towards it as a cut step gets. Collective."""
         return self.accept(self.attempt(target))
 
     def attempt(self, target: float, again: bool = False) -> Attempt:
-        """Solve a step to the target time, or as far towards it as a cut one gets. Collective.
+        """Solve a step to the target time [s], or as far towards it as a cut one gets. Collective.
 
-        The state stays as it is until `accept`.
-
-        Args:
-            target: Time at which the step is to end [s].
-            again: Whether a step to there has been accepted, with other bodies: its error in time
-                is not objected to.
+        The state stays as it is until `accept`. If one to there has been accepted, with other
+        bodies, an attempt comes again, and its error in time is not objected to.
 
         Raises:
             SceneError: On every rank, if a user's function fails on any, or gives no numbers.
@@ -215,15 +199,10 @@ class Stepper:
             self.state.restore(kept)
 
     def meet(self, supports: Sequence[Support], dt: float, before: Measures) -> Impact | None:
-        """Give nodes the velocity of supports that begin, or jump. Collective.
+        """Give nodes the velocity of supports that begin, or jump; None if nothing changed.
 
-        Args:
-            supports: These supports.
-            dt: Length of the next step [s], the scale of difference quotients.
-            before: Energies and momenta before the supports began.
-
-        Returns:
-            The difference; None if nothing changed.
+        Energies and momenta were measured before. Δt is that of the next step, the scale of
+        difference quotients [s]. Collective.
         """
         if not supports:
             return None
@@ -247,10 +226,9 @@ class Stepper:
         )
 
     def press(self, contacts: Sequence[Contact], before: Measures) -> Impact | None:
-        """The energy that contacts which begin or end bring in, or take away. Collective.
+        """The energy that contacts which begin or end bring in, or take away, if any.
 
-        Returns:
-            The difference; None if there is none.
+        Collective.
         """
         gained = self.measure().contact - before.contact if contacts else 0.0
         if gained == 0.0:

@@ -38,13 +38,7 @@ class HeldRows:
     """
 
     def __init__(self, constraints: Constraints, bodies: Bodies, p: Prolongation) -> None:
-        """Find the rows. Collective.
-
-        Args:
-            constraints: Rows of the state's equations.
-            bodies: The bodies at the state.
-            p: Map between unknowns and dofs.
-        """
+        """Find the rows of the state's equations, with the bodies as they are there. Collective."""
         self._constraints, self._p = constraints, p
         linkage, ports = constraints.linkage, constraints.ports
         rows, terms, compliance = ports.resisted(linkage, bodies)
@@ -58,14 +52,10 @@ class HeldRows:
         self._locked = np.r_[np.ones(linkage.rows.active.size, dtype=bool), locked]
 
     def balance(self, y: PETSc.Vec, r: PETSc.Vec, masses: Array) -> None:
-        """Set multipliers to the forces of joints that balance a residual best. Collective.
+        """Set multipliers among unknowns y to forces of joints that balance r [N] best. Collective.
 
-        At an equilibrium these are its own; elsewhere those that joints begin to have.
-
-        Args:
-            y: Unknowns, whose multipliers are zero and are overwritten.
-            r: Residual there [N].
-            masses: Mass of each unknown of this rank [kg].
+        At an equilibrium these are its own; elsewhere those that joints begin to have. Unknowns of
+        this rank have masses [kg].
         """
         rows, p = self._constraints, self._p
         comm, linkage = p.comm, rows.linkage
@@ -84,13 +74,9 @@ class HeldRows:
         y.array[p.owned :] = (forces / rows.scale)[: rows.own]
 
     def stiffness_matrix(self, K: PETSc.Mat) -> PETSc.Mat:
-        """Stiffness of joints, springs and remote points at the last iterate. Collective.
+        """Stiffness of joints, springs and remote points at the last iterate, with the rows of K.
 
-        Args:
-            K: A matrix whose rows are dealt to ranks alike.
-
-        Returns:
-            A new matrix, which the caller destroys.
+        The caller destroys it. Collective.
         """
         linkage, lead = self._constraints.linkage, self._lead
         drives = linkage.drives
@@ -106,9 +92,7 @@ class HeldRows:
 def free_motions(held: csr_array, prolongation: Prolongation) -> tuple[PETSc.Mat, Ints]:
     """Z, which the caller destroys, and the unknowns of this rank that are in q. Collective.
 
-    Args:
-        held: Independent rows, shape (rows, unknowns), equal on all ranks.
-        prolongation: Tells how many unknowns each rank has.
+    Independent rows that are held, shape (rows, unknowns), are equal on all ranks.
     """
     comm, count = prolongation.comm, held.shape[0]
     used = np.unique(held.tocoo().coords[1])

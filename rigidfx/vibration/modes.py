@@ -221,8 +221,7 @@ def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes
 def _found(scene: Scene, about: Report | None, count: int, turns: bool = True) -> Modes:
     """The modes about a state, which may turn. Collective.
 
-    Raises:
-        SceneError: If it turns, and its motion as a whole depends on Coriolis forces.
+    It is a `SceneError` if Coriolis forces decide its motion as a whole.
     """
     problem = Problem(scene, about, turns)
     try:
@@ -361,10 +360,7 @@ def _periods(scene: Scene, count: int) -> tuple[Array, str]:
 def periods_in_words(scene: Scene, dt: float | None, count: int | None) -> list[str]:
     """The line of a description: the periods asked for, or three where they are cheap. Collective.
 
-    Args:
-        scene: The problem.
-        dt: Time step that is thought of [s], if any.
-        count: How many; three up to `CHEAP` unknowns if None.
+    A time step that is thought of is compared with them [s].
     """
     if count == 0:
         return []

@@ -106,8 +106,7 @@ def spin_of(scene: Scene, state: State) -> Spin:
 def _fitted(sums: Array) -> tuple[Array, Array] | None:
     """Angular velocity and a point of the axis of a motion that is rigid; None if it is not.
 
-    Args:
-        sums: Σ m a aᵀ of a = [1, x, v], shape (7, 7).
+    The sums are Σ m a aᵀ of a = [1, x, v], shape (7, 7).
     """
     sums = sums / sums[0, 0]
     X, V = sums[0, 1:4], sums[0, 4:]
@@ -122,12 +121,9 @@ def _fitted(sums: Array) -> tuple[Array, Array] | None:
 
 
 def softening(spin: Spin, mass: Mass, prolongation: Prolongation) -> PETSc.Mat:
-    """-M S of the nodes, by the unknowns; the caller destroys it. Collective.
+    """-M S of the nodes, by the unknowns in the pose of the state. Collective.
 
-    Args:
-        spin: How the state turns.
-        mass: Mass operator of the nodes.
-        prolongation: Map between unknowns and dofs, in the pose of the state.
+    The caller destroys it.
     """
     omega, M = spin.omega, mass.matrix()
     S = np.outer(omega, omega) - omega @ omega * np.eye(3)
@@ -160,15 +156,9 @@ class Problem:
     """
 
     def __init__(self, scene: Scene, about: Report | None = None, turns: bool = True) -> None:
-        """Assemble both matrices. Collective.
+        """Assemble both matrices, about the state of a report or the reference at t = 0.
 
-        Args:
-            scene: The problem.
-            about: A report of the state; the reference at t = 0 if None.
-            turns: Whether the state may turn; otherwise it is taken to rest.
-
-        Raises:
-            SceneError: If a support holds a part named rigid other than by clamping it.
+        A state that turns may be taken to rest. Collective.
         """
         state = self._state = _state(scene, about)
         self.shaping: Shaping | None = None
@@ -220,16 +210,9 @@ class Problem:
         return divide(scene, forces, state, active)
 
     def _bind(self, acting: Sequence[Windowed], t: float, loaded: bool, masses: PETSc.Mat) -> float:
-        """Evaluate all forces at the state, those of joints too. Collective.
+        """Evaluate all forces at the state and time t [s], those of joints too. Collective.
 
-        Args:
-            acting: The effects with a time window that act.
-            t: Time of their functions [s].
-            loaded: Whether dead loads act.
-            masses: Mass by the unknowns.
-
-        Returns:
-            The part of the loads that nothing balances; zero without any.
+        Dead loads act if it is loaded. The part of the loads that nothing balances is returned.
         """
         p, bodies = self._prolongation, self._state.bodies
         dead = [e for e in acting if e.is_dead and loaded]
@@ -291,11 +274,9 @@ class Problem:
         return out
 
     def _moved(self, centre: Array) -> tuple[Array, Array]:
-        """The six rigid motions of the whole about a point.
+        """The six rigid motions of the whole about a point, of rows and of unknowns of bodies.
 
-        Returns:
-            Displacements of this rank's rows, shape (nodes, 3, 6) [m], and the unknowns of the
-            bodies, shape (bodies, 6 + m, 6).
+        Shapes are (nodes, 3, 6) [m], and (bodies, 6 + m, 6).
         """
         rows, bodies, turns = self._layout.rows, self._state.bodies, np.arange(3, 6)
         x = rows.X + self._state.u.x.array[rows.dofs].reshape(-1, 3)
@@ -339,14 +320,9 @@ class Problem:
         return d, six
 
     def participation(self, q: PETSc.Vec, centre: Array) -> Array:
-        """qᵀM r of the six rigid motions r of the whole, held nodes among it. Collective.
+        """qᵀM r of the six rigid motions r of the whole about a point, held nodes among it.
 
-        Args:
-            q: A motion.
-            centre: Point that the rotations are about, shape (3,) [m].
-
-        Returns:
-            Three of translations [kg] and three of rotations [kg m].
+        Three are of translations [kg] and three of rotations [kg m]. Collective.
         """
         d, six = self._motion(q)
         f, own = d.duplicate(), (self._blocks @ six[:, :, None])[:, :, 0]
@@ -374,11 +350,9 @@ class Problem:
         return np.array(u)
 
     def lacking(self, squares: Array, shapes: Array) -> tuple[Array, Array]:
-        """See `Shaping.lacking`; zero and none if unknown. Collective.
+        """See `Shaping.lacking`, of ω² [1/s²] and φ at local nodes; zero and none if unknown.
 
-        Args:
-            squares: ω² of each, shape (n,) [1/s²].
-            shapes: φ at the local nodes, shape (n, nodes, 3) [1/√kg].
+        Collective.
         """
         scene = self._scene
         attached = (SpringDamper, Joint, Spring, Rigid)

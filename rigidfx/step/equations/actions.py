@@ -41,12 +41,7 @@ class OwnMethods:
     """Methods of actions, any of which may be of a user's own."""
 
     def __init__(self, owners: Mapping[int, str], comm: MPI.Intracomm) -> None:
-        """Keep who is who.
-
-        Args:
-            owners: Names of actions in messages, by their identities.
-            comm: Ranks that end together if a method fails on some of them.
-        """
+        """Keep the names of actions, by their identities, and the ranks that end together."""
         self._owners, self._comm = owners, comm
 
     def call(self, action: Action, method: str) -> Callable[..., Any]:
@@ -76,15 +71,9 @@ class OwnMethods:
         method: str,
         given: Callable[[Action], tuple[Array, ...]],
     ) -> None:
-        """Raise if forces that an action gives are not finite. Collective.
+        """Raise a `SceneError` if forces of a method that actions give are not finite.
 
-        Args:
-            actions: Actions.
-            method: Method called.
-            given: Asks one of them, for its forces.
-
-        Raises:
-            SceneError: On every rank, if those of any rank are not.
+        Collective.
         """
         for action in doing(actions, method):
             forces, fault = np.concatenate([np.ravel(part) for part in given(action)]), None
@@ -149,16 +138,9 @@ class Actions:
         effects: Sequence[Effect],
         acting: Sequence[Effect],
     ) -> None:
-        """Bind effects. Collective.
+        """Bind effects that act now, or are dead loads and may act later. Collective.
 
-        Args:
-            structure: The structure that they are bound to.
-            effects: All effects; those that act now, or are dead loads and may act later, are
-                bound.
-            acting: The effects with a time window that act now.
-
-        Raises:
-            SceneError: On every rank, if an effect cannot be bound on any.
+        It is a `SceneError` on every rank if one cannot be bound on any.
         """
         self._comm = structure.scene.comm
         here = {id(effect) for effect in acting}
@@ -195,14 +177,9 @@ class Actions:
             creep(time, began)
 
     def set_time(self, t: float, dt: float) -> None:
-        """Evaluate functions of time, and dead loads, for a step. Collective.
+        """Evaluate functions of time, and dead loads, in the middle t of a step of Δt [s].
 
-        Args:
-            t: Midpoint of the step [s].
-            dt: Its length [s].
-
-        Raises:
-            SceneError: On every rank, if a user's function fails on any.
+        A user's function that fails on any rank is a `SceneError` on all. Collective.
         """
         self._touches = None
         if timed := doing(self._acting, "set_time"):
@@ -247,14 +224,9 @@ class Actions:
         return bool(self.contacts) and bool(self._comm.allreduce(here, op=MPI.LOR))
 
     def jumping(self, motion: Motion, prolongation: Prolongation) -> csr_array | None:
-        """Stiffness of contacts at an iterate; None without any. Collective.
+        """Stiffness of contacts at an iterate, of all unknowns, on all ranks [N/m]. Collective.
 
-        Args:
-            motion: The iterate.
-            prolongation: Map between unknowns and dofs.
-
-        Returns:
-            Its entries at all unknowns, equal on all ranks [N/m].
+        None without contacts.
         """
         if not self.contacts:
             return None
@@ -330,17 +302,10 @@ class Actions:
         return nodes, np.concatenate([np.empty((0, 3, 3)), *(how for _, how in each)])
 
     def closing(self, v: Array, dt: float, at: Instant) -> dict[str, float]:
-        """Time until each contact closes at constant velocities, by titles [s]. Collective.
+        """Time until each contact closes at velocities v of the rows, by titles [s, m/s].
 
-        It is infinite where none does, and negative where it is closed already.
-
-        Args:
-            v: Velocities of the rows [m/s].
-            dt: Length of the next step [s].
-            at: Now.
-
-        Raises:
-            SceneError: On every rank, if the path of an obstacle fails on any.
+        It is infinite where none does, and negative where it is closed already. A path that fails
+        is a `SceneError` on every rank. Δt is that of the next step. Collective.
         """
         if not self.contacts:
             return {}
@@ -361,15 +326,9 @@ class Actions:
 
 
 def bound(effect: Effect, structure: Structure, method: str) -> Action | None:
-    """The action of an effect, if it has one. Collective.
+    """The action of an effect by its method `bind` or `bind_points`, if it has one. Collective.
 
-    Args:
-        effect: The effect.
-        structure: The structure.
-        method: Its method, `bind` or `bind_points`.
-
-    Raises:
-        SceneError: On every rank, if it fails on any.
+    A method that fails on any rank is a `SceneError` on all.
     """
 
     def bind() -> Action | None:

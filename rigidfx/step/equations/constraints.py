@@ -49,13 +49,9 @@ class Constraints:
     """
 
     def __init__(self, linkage: Linkage, bodies: Bodies, p: Prolongation, anchored: bool) -> None:
-        """Find the ports, and the rows that others imply. Collective.
+        """Find the ports, and the rows that others imply, of bodies as they are now. Collective.
 
-        Args:
-            linkage: The joints.
-            bodies: The rigid bodies as they are now.
-            p: Map between unknowns and dofs.
-            anchored: Whether springs on ports make the tangent regular.
+        Springs on ports make the tangent regular if anchored.
         """
         self.linkage, self._p, self.drag = linkage, p, 0.0
         self.ports = Ports(p, linkage)
@@ -131,10 +127,9 @@ class Constraints:
     def border(self) -> tuple[Matrix, Matrix, Matrix, Array]:
         """Addition of joints to the tangent at the last iterate.
 
-        Returns:
-            Derivative of forces at the ports by these, of rows by ports on the test and on the
-            trial side, and of each row by its multiplier, scaled; shapes (ports, ports),
-            (rows, ports) twice, and (rows,).
+        Derivatives of forces at the ports by these, of rows by ports on the test and on the trial
+        side, and of each row by its multiplier, scaled, have shapes (ports, ports), (rows, ports)
+        twice, and (rows,).
         """
         increments, linkage = self._p.increments, self.linkage
         test = self.ports.lead(increments)
@@ -158,11 +153,7 @@ class Constraints:
         return float(np.abs(self.linkage.multipliers).sum()) + self.linkage.points.rounding
 
     def accept(self) -> None:
-        """Accept the last iterate as a step.
-
-        Raises:
-            StepError: If rows that others implied when the division was made are open now.
-        """
+        """Accept the last iterate as a step; a `StepError` if rows that others implied are open."""
         opened = {title: off for title, off in self.linkage.rows.redundant.items() if off > OPEN}
         if opened:
             title = max(opened, key=lambda name: opened[name])

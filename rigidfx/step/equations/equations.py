@@ -106,18 +106,11 @@ class Equations:
         notes: dict[int, Any] | None = None,
         dealing: Dealing | None = None,
     ) -> None:
-        """Number the unknowns and assemble the mass. Collective.
+        """Number the unknowns and assemble the mass of a division, under supports that act.
 
-        Args:
-            kind: Steps, statics, or small vibrations about a state.
-            scene: The problem.
-            forces: Compiled internal forces, which know the loads on facets that act.
-            state: Where the structure is.
-            division: Division of the cells.
-            supports: The supports that act.
-            jumps: Observer of the paths of supports, as `Jumps`, if any.
-            notes: Memory of effects; see `Structure`.
-            dealing: Deals flexible cells out among the ranks where that pays.
+        `jumps` is an observer of the paths of supports, `notes` the memory of effects
+        (`Structure`); `dealing` deals flexible cells out among the ranks where that pays.
+        Collective.
         """
         flexible, bodies, driven = division.flexible, division.bodies, division.driven_cells
         self.kind, self._scene, self._forces, self._driven = kind, scene, forces, driven
@@ -164,14 +157,10 @@ class Equations:
         loose: bool = False,
         damping: ShapeDamping | None = None,
     ) -> None:
-        """Bind effects and joints. Collective.
+        """Bind effects, of those with a time window the ones that act, and joints. Collective.
 
-        Args:
-            effects: All effects that take part.
-            acting: Those with a time window that act.
-            joints: Whether joints take part.
-            loose: Whether a drag holds parts in statics, in place of springs that joints get.
-            damping: That of the shapes of bodies.
+        If `loose`, a drag holds parts in statics, in place of springs that joints get. `damping` is
+        that of the shapes of bodies.
         """
         scene, forces, p = self._scene, self._forces, self.prolongation
         self.actions, self._damping = Actions(self.structure, effects, acting), damping
@@ -204,14 +193,10 @@ class Equations:
         start: Bodies,
         given: Array | None = None,
     ) -> Trial:
-        """Begin a step, under the loads that the actions have now; its data. Collective.
+        """Begin a step of Δt [s], under the loads that the actions have now; its data. Collective.
 
-        Args:
-            dt: Δt [s]; of no meaning in statics.
-            v0: Velocity of the active nodes at the start of the step [m/s]; None in statics.
-            imposed: Increments of the held dofs [m].
-            start: The bodies at the start of the step.
-            given: Increments of the frames of bodies that are held: see `Step`.
+        Nodes have velocities v₀ [m/s], none in statics, and held dofs imposed increments [m].
+        Frames of bodies that are held have given ones: see `Step`.
         """
         damping = None if self._damping is None else self._damping.matrix(dt)
         bodies = Step(start, dt, damping, given) if self.inertial else StaticStep(start, given)
@@ -232,38 +217,26 @@ class Equations:
     def guess(self, increment: Array, bodies: Array, y: PETSc.Vec) -> None:
         """Set unknowns to a first guess, multipliers to those of the last step. Collective.
 
-        Args:
-            increment: Increments of the active nodes, one number per row [m].
-            bodies: Those of the bodies, shape (bodies, 6 + m) [m].
-            y: Unknowns, overwritten.
+        Increments have a number per row, those of the bodies the shape (bodies, 6 + m) [m].
         """
         self.prolongation.collapse(increment, bodies, y)
         if self.constraints is not None:
             self.constraints.guess(y.array)
 
     def right_side(self, f: PETSc.Vec, bodies: Array, across: Array, r: PETSc.Vec) -> None:
-        """Set a right-hand side for the tangent. Collective.
+        """Set a right-hand side r for the tangent, by forces on rows and bodies [N]. Collective.
 
-        Args:
-            f: One number per row [N].
-            bodies: Further ones of bodies, shape (bodies, 6 + m).
-            across: Displacement that is wanted across rows of joints [m].
-            r: Overwritten.
+        Rows of joints want displacements `across` [m].
         """
         self.prolongation.restrict(f, bodies, r)
         if self.constraints is not None:
             self.constraints.fill(across, r.array)
 
     def response(self, z: PETSc.Vec, held: Array, d: PETSc.Vec) -> tuple[Array, Array]:
-        """Displacements by a solution with the tangent. Collective.
+        """Displacements d of rows by a solution z with the tangent, of held rows as given.
 
-        Args:
-            z: The solution.
-            held: Displacements of held rows [m].
-            d: Those of all rows, overwritten.
-
-        Returns:
-            Those of bodies, shape (bodies, 6 + m) [m], and the multipliers of joints [N].
+        Those of bodies, shape (bodies, 6 + m) [m], and the multipliers of joints [N] are returned.
+        Collective.
         """
         of_bodies = self.prolongation.bodies_part(z)
         self.prolongation.apply(z, of_bodies, held, d)
@@ -273,9 +246,7 @@ class Equations:
     def cells_at(self, at_start: Array, at_end: Array) -> Array:
         """The cells' forces beside the last iterate, one number per row [N]. Collective.
 
-        Args:
-            at_start: Displacement at the start of the step, which u₀ has already [m].
-            at_end: Displacement at its end, which u₁ keeps [m].
+        They are displaced [m] at the start of the step, which u₀ has already, and at its end in u₁.
         """
         self._cells.begin(self.start + at_start)
         self._cells.displace(self.start + self.d.array_r + at_end)
@@ -318,11 +289,8 @@ class Equations:
     def return_to(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
         """Bring d, u₁ and forces back to these unknowns, as a rule the last ones. Collective.
 
-        A solver of the user's, chosen by PETSc's options, may have looked elsewhere last.
-
-        Args:
-            y: Unknowns.
-            r: Residual, overwritten where they are others [N].
+        A solver of the user's, chosen by PETSc's options, may have looked elsewhere last; then the
+        residual r [N] is overwritten.
         """
         same, joints = np.array_equal(self._last, self._own(y)), self.constraints
         if joints is not None:
@@ -333,12 +301,7 @@ class Equations:
         self._cells.settle()
 
     def residual(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
-        """R at the unknowns y. Collective.
-
-        Args:
-            y: Unknowns.
-            r: Residual, overwritten [N].
-        """
+        """Overwrite r by R at the unknowns y [N]. Collective."""
         self._expand(y)
         joints = self.constraints
         if joints is not None:
@@ -371,12 +334,7 @@ class Equations:
         return forces.moments
 
     def _body_forces(self, f: PETSc.Vec, more: Array | None) -> Array:
-        """Residual of the bodies, shape (bodies, 6 + m) [N]. Collective.
-
-        Args:
-            f: Forces on nodes.
-            more: Moments of those on nodes in bodies; none if None.
-        """
+        """Residual of the bodies, shape (bodies, 6 + m), by forces on nodes [N]. Collective."""
         increments, loads = self.prolongation.increments, self.actions.loads
         if not len(increments):  # without bodies nothing of them is computed
             return increments.unknowns
@@ -445,14 +403,9 @@ class Equations:
         return found if self.constraints is None else found + self.constraints.noise
 
     def lost(self, y: PETSc.Vec, r: PETSc.Vec) -> Array:
-        """Energy and momenta that a step with the last residual is off by. Collective.
+        """Energy and momenta that a step with the last residual r at y is off by. Collective.
 
-        Args:
-            y: Unknowns.
-            r: Residual there [N].
-
-        Returns:
-            See `Lost.of_all`; energy alone where supports hold something, nothing in statics.
+        See `Lost.of_all`; energy alone where supports hold something, nothing in statics.
         """
         if not self.inertial:
             return np.empty(0)

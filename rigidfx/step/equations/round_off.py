@@ -54,12 +54,7 @@ class Lost:
     """
 
     def __init__(self, scene: Scene, prolongation: Prolongation) -> None:
-        """Begin before the first step. Collective.
-
-        Args:
-            scene: The problem.
-            prolongation: Map between unknowns and dofs.
-        """
+        """Begin before the first step. Collective."""
         self._p, parts = prolongation, scene.parts
         corners = parts.upper.max(axis=0) - parts.lower.min(axis=0)
         self._size = 0.5 * float(np.linalg.norm(corners))
@@ -71,15 +66,9 @@ class Lost:
         self._each = np.ones(len(prolongation.free_of_nodes))
 
     def of_energy(self, y: Array, R: Array, energy: float) -> Array:
-        """Error of the energy of a step that ends with a residual. Collective.
+        """Error of the energy, over the largest so far, of a step that ends at y with R.
 
-        Args:
-            y: Unknowns of this rank [m].
-            R: Residual there [N].
-            energy: Energy that active nodes have, or gain, on this rank [J].
-
-        Returns:
-            One number, relative to the largest energy so far.
+        Active nodes of this rank have, or gain, an energy [J]. Collective.
         """
         sums = np.array([y @ R, energy])
         self._p.comm.Allreduce(MPI.IN_PLACE, sums)
@@ -90,17 +79,10 @@ class Lost:
     ) -> Array:
         """Errors of energy and momenta where supports hold nothing. Collective.
 
-        Args:
-            dt: Δt [s].
-            y: Unknowns of this rank [m].
-            R: Residual there [N].
-            x: Places of the active nodes in the middle of the step, shape (nodes, 3) [m].
-            energy: Energy that these nodes have, or gain, on this rank [J].
-            momentum: Sum of their momenta's sizes likewise [kg m/s].
-
-        Returns:
-            Energy, linear and angular momentum, relative to the largest energy so far, sum of
-            momenta, and that times the structure's size.
+        A step of Δt [s] ends at y [m] with R [N]. The active nodes of this rank are at x in its
+        middle, shape (nodes, 3) [m], and have, or gain, an energy [J]; sizes of their momenta have
+        a sum. The errors are relative to the largest energy so far, the largest sum, and that times
+        the size of the structure.
         """
         sums = np.zeros(13)
         sums[:3] = y @ R, energy, momentum
@@ -142,12 +124,7 @@ class StiffParts:
     """The stiff parts of a scene among the unknowns of a division."""
 
     def __init__(self, scene: Scene, prolongation: Prolongation) -> None:
-        """Find their unknowns. Collective.
-
-        Args:
-            scene: The problem.
-            prolongation: Map between unknowns and dofs.
-        """
+        """Find their unknowns. Collective."""
         self._comm, self._count = scene.comm, 0
         parts = scene.stiff_parts
         if parts is None:
@@ -170,10 +147,7 @@ class StiffParts:
     def left(self, A: PETSc.Mat, R: Array, u: Array) -> float:
         """Largest motion of an unknown by Σ b (b·A b)⁻¹ (b·R), b the rigid motions [m]. Collective.
 
-        Args:
-            A: The tangent [N/m].
-            R: The residual of this rank's unknowns [N].
-            u: Displacements of all local dofs, about which stiff parts move [m].
+        A is the tangent [N/m]; stiff parts move about displacements u of all local dofs [m].
         """
         if self._count == 0:
             return 0.0
@@ -213,15 +187,9 @@ class Rounding:
         prolongation: Prolongation,
         actions: Actions,
     ) -> None:
-        """Find the stiffness without deformation. Collective.
+        """Find the stiffness without deformation, the forms of which are given. Collective.
 
-        Args:
-            scene: The problem.
-            forces: Owner of the coefficients that the forms read.
-            undeformed: The tangent without deformation, over interior and interface cells.
-            tangent: Matrix of such a form, overwritten; that of the steps later on.
-            prolongation: Map between unknowns and dofs.
-            actions: Actions on nodes and bodies.
+        The matrix `tangent` is overwritten; it is that of the steps later on.
         """
         self._scene, self._forces, self._actions = scene, forces, actions
         self._tangent = tangent
@@ -259,11 +227,8 @@ class Rounding:
     ) -> float:
         """Size of the terms whose difference is the residual at the present u₁ [N]. Collective.
 
-        Args:
-            dt: Δt [s]; of no meaning in statics.
-            momentum: M v₀ of the active nodes at the start of the step [kg m/s]; None in statics.
-            f_ext: External forces at the active nodes at the midpoint [N].
-            start: The bodies at the start of the step.
+        A step of Δt [s] begins with M v₀ of the nodes [kg m/s], which are None in statics, and with
+        these bodies; external forces are those at the midpoint [N].
         """
         if self._viscous is not None and dt != self._stiff_for:
             self._stiffness, self._mean = self._elastic + self._viscous / dt, 0.0
@@ -279,15 +244,11 @@ class Rounding:
         return float(noise + self._actions.rounding)
 
     def in_strain(self, residual: float, bodies: Bodies) -> float:
-        """Strain that a residual and rounding may leave in a cell. Collective.
+        """Strain that a residual ‖R‖ [N] and rounding may leave in a cell. Collective.
 
         The residual moves a node by no more than it would against the mean stiffness of a node;
         without flexible cells it strains nothing. Nodes of bodies are where these are, rounded as
         places are.
-
-        Args:
-            residual: ‖R‖ of a solution [N].
-            bodies: The bodies at the start of the step.
         """
         if self._mean == 0.0:
             sums = np.array([self._stiffness.sum(), self._stiffness.size])
@@ -309,12 +270,9 @@ class Rounding:
         return dt * float(np.sqrt(self._largest[0] + self._largest[1] / dt))
 
     def left(self, residual: Array) -> float:
-        """How far a residual moves an unknown by itself, or a stiff part, at most [m]. Collective.
+        """How far R of this rank [N] moves an unknown by itself, or a stiff part, at most [m].
 
-        That is |Rᵢ|/Kᵢᵢ of an unknown.
-
-        Args:
-            residual: R of this rank's unknowns, against which the last tangent stands [N].
+        That is |Rᵢ|/Kᵢᵢ of an unknown, with the last tangent. Collective.
         """
         number = self._tangent.matrix.stateGet()
         if number != self._tangent_is:

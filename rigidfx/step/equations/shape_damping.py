@@ -29,13 +29,7 @@ class ShapeDamping:
     """The damping of the shapes of some bodies by the effects that act."""
 
     def __init__(self, scene: Scene, forces: InternalForces, bodies: Bodies) -> None:
-        """Assemble C of each body and kind. Collective.
-
-        Args:
-            scene: The problem.
-            forces: Internal forces, which know the terms that act.
-            bodies: The bodies; none of them need have shapes.
-        """
+        """Assemble C of each body, with shapes or without, and of each kind. Collective."""
         self._steady: dict[str, Array] = {}  # by kind, times 1
         self._viscous: dict[str, Array] = {}  # by kind, times 1/Δt
         if bodies.of.shapes is None or not forces.damps:
@@ -87,14 +81,7 @@ class ShapeDamping:
 
 
 def _projected(scene: Scene, rows: Rows, form: Any, fields: Array) -> Array:
-    """Fields on both sides of a bilinear form, shape (m, m). Collective.
-
-    Args:
-        scene: The problem.
-        rows: Those of the nodes.
-        form: The form.
-        fields: Shape (m, 3 · nodes).
-    """
+    """Fields on both sides of a bilinear form, shape (m, m), from (m, 3 · nodes). Collective."""
     A = rows.assembled(form)
     out = fields @ product(A.matMult, fields.T, rows.comm)
     A.destroy()

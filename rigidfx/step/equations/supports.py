@@ -77,14 +77,10 @@ class PrescribedDofs:
         jumps: Any = None,
         without: Indices | None = None,
     ) -> None:
-        """Find the dofs of the supports that act.
+        """Find the dofs of supports that act, and of further nodes that these move.
 
-        Args:
-            scene: The problem.
-            active: Supports.
-            driven: Further owned nodes, of bodies that a support moves, by its number.
-            jumps: Observer of the paths of steps, as `Jumps`, if any.
-            without: Owned nodes of bodies whose frames supports hold, as no dofs of their own.
+        Paths of steps are shown to `jumps`, as `Jumps`, if any. Owned nodes `without` dofs of their
+        own are those of bodies whose frames supports hold.
         """
         self._scene = scene
         self.active = active
@@ -123,13 +119,9 @@ class PrescribedDofs:
         return any(support.moves for support in self.active)
 
     def increments(self, t0: float, t1: float, u: Array, watched: bool = True) -> Array:
-        """Prescribed increments of the held dofs from t0 to t1 [m]. Collective.
+        """Increments of the held dofs from t0 to t1 [s, m], from local displacements u. Collective.
 
-        Args:
-            t0: Start of a step [s].
-            t1: End of the step [s].
-            u: Displacement at all local dofs at t0 [m].
-            watched: Whether it is an attempt at a step, whose paths are looked at for jumps.
+        Paths of an attempt at a step are watched for jumps.
         """
 
         def gained(support: Support, X: Array, x: Array) -> Array:
@@ -162,26 +154,17 @@ class PrescribedDofs:
         return known[t]
 
     def velocities(self, t: float, dt: float, u: Array) -> Array:
-        """Prescribed velocities of the held dofs just after t [m/s]. Collective.
+        """Velocities of the held dofs just after t [s, m/s], at local displacements u. Collective.
 
-        Args:
-            t: Time [s].
-            dt: Time step [s], the scale of difference quotients.
-            u: Displacement at all local dofs at t [m].
+        Δt is the scale of difference quotients.
         """
         return self._ask(lambda support, X, x: support.velocities_at(t, dt, X, x), t, u)
 
     def _ask(self, question: Callable[[Support, Array, Array], Array], t: float, u: Array) -> Array:
-        """Answers of each support, spread over its dofs; results of a user's function are checked.
+        """Answers of each support, spread over its dofs; a user's function that fails is an error.
 
-        Args:
-            question: Function of a support, and of the reference positions and the places of its
-                dofs' nodes, shape (dofs, 3) [m], to a vector for each of them, or one for all.
-            t: Time, for messages [s].
-            u: Displacement at all local dofs [m].
-
-        Raises:
-            SceneError: On every rank, if one fails or is not three finite numbers. Collective.
+        The question is a function of a support, and of reference positions and places of its dofs'
+        nodes, shape (dofs, 3) [m], to a vector for each of them, or one for all. Collective.
         """
 
         def answers() -> list[Array]:
@@ -210,14 +193,9 @@ class PrescribedDofs:
         return self._spread(together(self._scene.comm, "A support", answers))
 
     def reactions(self, forces: Array, x: Array) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Force that each support exerts on the structure, and its moment. Collective.
+        """Force and moment [N, N m] of each support on the structure, by its set, (3,). Collective.
 
-        Args:
-            forces: Out-of-balance forces of the held dofs [N].
-            x: Positions of their nodes at the midpoint, shape (dofs, 3) [m].
-
-        Returns:
-            By the name of the support's set, shapes (3,) [N] and, about the origin, (3,) [N m].
+        Held dofs have out-of-balance forces [N]; their nodes are at x, shape (dofs, 3) [m].
         """
         sums = np.zeros((len(self.active), 6))
         for total, own in zip(sums, self._own, strict=True):
@@ -263,14 +241,10 @@ class ReducedMass:
         return self._y.array_r.copy()
 
     def followed(self, w: PETSc.Vec, momenta: PETSc.Vec) -> Array:
-        """Velocities of all rows by impulses on held ones. Collective.
+        """Velocities of bodies, shape (bodies, 6 + m), by impulses on held rows [m/s]. Collective.
 
-        Args:
-            w: Given velocities of the held rows, zero elsewhere; those of all rows afterwards.
-            momenta: M w, overwritten.
-
-        Returns:
-            Those of the bodies' unknowns, shape (bodies, 6 + m) [m/s].
+        The vector w has given velocities of the held rows, zero elsewhere, and those of all rows
+        afterwards; momenta M w are overwritten.
         """
         p = self.p
         given = w.array_r[p.prescribed].copy()
@@ -307,20 +281,13 @@ def dofs_of(scene: Scene, support: Support) -> Ints:
 def impose_velocity(
     scene: Scene, state: State, mass: Mass, layout: DofLayout, velocities: Array
 ) -> tuple[Ints, Array] | None:
-    """Give the held dofs their prescribed velocity by an impact without rebound. Collective.
+    """Give the held dofs their prescribed velocities [m/s], by an impact without rebound.
 
-    The impulse acts on held dofs only, so the momentum of all others stays: with Δv_s given,
-    (Lᵀ M L + bodies) Δy = -Lᵀ M Δv_s. For a lumped mass no other velocity changes.
+    The impulse acts on held dofs only, so the momentum of all others stays: with Δv_s given, (Lᵀ M
+    L + bodies) Δy = -Lᵀ M Δv_s. For a lumped mass no other velocity changes.
 
-    Args:
-        scene: The problem.
-        state: Its velocities are changed.
-        mass: Mass operator.
-        layout: Division of the dofs for the supports that act now.
-        velocities: Prescribed velocities of the held dofs [m/s].
-
-    Returns:
-        The held dofs and the changes of their velocity [m/s]; None if none changed on any rank.
+    The held dofs and the changes of their velocity are returned; None if none changed on any rank.
+    Collective.
     """
     rows = layout.rows
     prescribed = np.flatnonzero(layout.prescribed[rows.dofs])

@@ -99,14 +99,10 @@ class RunError:
     def look(
         self, jerk: Array, swinging: Array, amplitudes: Array, omega: float, dt: float
     ) -> None:
-        """Split the error of a step that has been solved.
+        """Split the error of a step of Δt [s] that has been solved.
 
-        Args:
-            jerk: Of each point, shape (points, 3) [m/s³]; NaN if unknown, of all alike.
-            swinging: Root mean square of it over a turn, shape (points,) [m/s³]; NaN likewise.
-            amplitudes: What `swings` gives, at the points that are asked for, shape (cuts,) [m].
-            omega: Frequency at which errors turn [1/s].
-            dt: Its length [s].
+        Points have a jerk (points, 3) and its root mean square over a turn (points,) [m/s³], NaN if
+        unknown; amplitudes are those of `swings`, (cuts,) [m], and errors turn at ω [1/s].
         """
         self.rates = self._damped.rates(np.minimum(OF_CUT * self.cuts, omega), dt)
         faded = self._sizes * np.exp(-OF_CUT * self.cuts * dt / PERIODS)
@@ -126,10 +122,9 @@ class RunError:
             self._next_parts = _lengths(low[-1]).max(axis=1) / size
 
     def swings(self, u: Array, dt: float) -> Array:
-        """How far points at u, shape (points, 3), are off their motion below ½ω_b after dt [m, s].
+        """How far points at u, (points, 3), are off their motion below ½ω_b after dt [m, s].
 
-        Returns:
-            Shape (cuts, points) [m].
+        The shape is (cuts, points) [m].
         """
         z = (OF_CUT * self.cuts * dt)[:, None]
         kept, taken = np.exp(-z), -np.expm1(-z) / z
@@ -320,15 +315,9 @@ class Controller:
     def accept(
         self, error: float, t: float, dt: float, now: Moves, young: bool, unknowns: int = 0
     ) -> None:
-        """Record a step, and choose the next.
+        """Record a step of Δt that ends at t [s] with an error [m], and choose the next.
 
-        Args:
-            error: Its estimated error [m]; NaN if there is none.
-            t: Time at its end [s].
-            dt: Its length [s].
-            now: How points move.
-            young: Whether steps grow from small first ones.
-            unknowns: Number of unknowns.
+        The error is NaN if unknown. Steps grow from small first ones while young.
         """
         self._t, self._dt = t, dt
         if self._of is None:

@@ -115,13 +115,8 @@ class Given:
     def off(self, t: float, end: float, tol: float) -> float:
         """By how much its mean over a step is wrong, over what it may be; zero if it has none.
 
-        Args:
-            t: Start of the step [s].
-            end: Its end [s].
-            tol: Error of the mean that does not matter, over the change of the load so far.
-
-        Raises:
-            SceneError: On this rank, if it fails, or gives something else when first asked again.
+        The tolerance is relative to the change of the load so far. A load that fails, or gives
+        something else when first asked again, is a `SceneError` on this rank.
         """
         length = end - t
         dt = AHEAD * length if self.led else length
@@ -160,11 +155,7 @@ class Given:
         return np.asarray(part.max(axis=-1, initial=0.0))
 
     def ask_again(self, t: float, dt: float) -> None:
-        """See whether it gives the same twice at t in a step of Δt [s].
-
-        Raises:
-            SceneError: On this rank, if not.
-        """
+        """See whether it gives the same twice at t in a step of Δt [s], or raise a `SceneError`."""
         before, again = self.at(t, dt), self.at(t, dt)
         if again.shape != before.shape or np.array_equal(again, before, equal_nan=True):
             return
@@ -177,11 +168,7 @@ class Given:
         )
 
     def at(self, t: float, dt: float) -> Array:
-        """Its value at t in a step of Δt [s], shape (points, components), usable or not.
-
-        Raises:
-            SceneError: On this rank, if its function fails.
-        """
+        """Its value at t in a step of Δt [s], shape (points, components), or a `SceneError`."""
         array = np.array(
             by_name(self._load.owner, t, partial(self._value, t, dt)), dtype=np.float64
         )
@@ -240,14 +227,8 @@ class Onsets:
     def within(self, t: float, end: float, shortest: float, tol: float) -> Onset | None:
         """Time at which a step has to end early; None if it may be whole. Collective.
 
-        Args:
-            t: Start of the step [s].
-            end: Its end [s].
-            shortest: Length that is always short enough [s].
-            tol: Error of a load's mean that does not matter, over its change so far.
-
-        Raises:
-            SceneError: On every rank, if a load's function fails on any, or gives two values.
+        The shortest step is always short enough [s]; errors of a load's mean up to a tolerance,
+        over its change so far, do not matter. A load that fails is a `SceneError` on every rank.
         """
         if not self._loads:
             return None

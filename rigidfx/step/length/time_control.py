@@ -91,8 +91,7 @@ class Tracked:
     def motion(self, system: System, state: State, dt: float) -> tuple[Array, Array, Array]:
         """Velocities at both ends of a solved step of Δt [s], displacements at its end. Collective.
 
-        Returns:
-            Shape (points, 3) each [m/s, m/s, m].
+        They have the shape (points, 3) each [m/s, m/s, m].
         """
         free, inside = self._free, self._body >= 0
         local: Array = np.empty((self.nodes.size, 9))

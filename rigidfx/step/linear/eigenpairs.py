@@ -31,11 +31,7 @@ OWN = PREFIX + "modes_"  # prefix of the options of the solver with K + σM
 
 
 def check_installed() -> Any:
-    """The module SLEPc.
-
-    Raises:
-        SceneError: If it is not installed.
-    """
+    """The module SLEPc; a `SceneError` if it is not installed."""
     try:
         from slepc4py import SLEPc
     except ImportError as error:
@@ -56,13 +52,8 @@ def eigensolver(
 ) -> Any:
     """An EPS object of SLEPc for K φ = λ M φ; the caller destroys it. Collective.
 
-    Args:
-        K: Symmetric stiffness.
-        M: Symmetric positive definite mass.
-        shift: σ [1/s²]; None to find all pairs at once by LAPACK, on each rank.
-        count: Pairs that are asked for at first, which size the space of the iteration.
-        tolerance: Relative residual at which a pair has converged.
-        definite: Whether K + σM may be definite.
+    LAPACK finds all pairs at once without a shift σ [1/s²]. The count of pairs sizes the space of
+    the iteration; a pair has converged at a relative tolerance. K + σM may be definite.
     """
     slepc = check_installed()
     eps = slepc.EPS().create(K.comm)
@@ -163,8 +154,7 @@ def lowest(
         K: Symmetric stiffness; zero eigenvalues are those of motions without energy.
         M: Symmetric positive definite mass.
         count: How many, at least; fewer where there are no more.
-        motions: Rigid motions, some combinations of which may take no energy; they stay the
-            caller's.
+        motions: Rigid motions, some combinations of which may take no energy.
         control: Limits of the search.
         scale: λ of loads, whose rounding may be all of an eigenvalue [1/s²].
 
@@ -306,8 +296,7 @@ class _Search:
     def _next(self, eps: Any, count: int, found: list[PETSc.Vec]) -> list[PETSc.Vec]:
         """Vectors of the lowest eigenvalues in the complement of those found and of still ones.
 
-        Raises:
-            SceneError: If the iteration finds none.
+        It is a `SceneError` if there is none.
         """
         apart = [*self._still, *found]
         count = min(count, self._size - len(apart))

@@ -39,9 +39,7 @@ MUMPS = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_typ
 def default_options(prefix: str, **defaults: str) -> Iterator[None]:
     """Put options that the user has not set into PETSc's database, and take them out again.
 
-    Args:
-        prefix: Prefix of the object that is configured meanwhile.
-        defaults: Values by option name, without the prefix.
+    They are values by name, for the object of a prefix that is configured meanwhile.
     """
     options = PETSc.Options(prefix)
     mine = [name for name in defaults if not options.hasName(name)]
@@ -69,12 +67,8 @@ def configure(
 ) -> None:
     """Set a solver up, then let PETSc's options have their say. Collective.
 
-    Args:
-        ksp: Solver to be set up.
-        direct: LU if true, else GMRES preconditioned by incomplete factors of each rank's block.
-        unknowns: Size of the system.
-        bodies: Whether its last unknowns are those of rigid bodies.
-        quick: Whether LU is PETSc's own, which hardly looks for pivots, where there is one rank.
+    It is LU if `direct`, else GMRES preconditioned by incomplete factors of each rank's block. The
+    last unknowns may be those of bodies. A quick LU is PETSc's own, which hardly looks for pivots.
     """
     pc, alone = ksp.getPC(), ksp.comm.size == 1
     pc.reset()
@@ -136,12 +130,9 @@ def cholmod_solver(comm: PETSc.Comm, prefix: str) -> PETSc.KSP:
 
 
 def cholmod_factor(ksp: PETSc.KSP, S: PETSc.Mat, brief: bool = False) -> bool:
-    """Factor a matrix; false if it has no such factors, and the solver is of no use any more.
+    """Factor a symmetric matrix; false if it has no such factors, and the solver is of no use.
 
-    Args:
-        ksp: The solver.
-        S: A symmetric matrix.
-        brief: Whether the factors serve for few solves: METIS is not asked for an order then.
+    METIS is not asked for an order of brief factors, which serve for few solves.
     """
     ksp.setOperators(S)
     try:
@@ -155,9 +146,7 @@ def cholmod_factor(ksp: PETSc.KSP, S: PETSc.Mat, brief: bool = False) -> bool:
 def solver_of(A: PETSc.Mat, brief: bool = False) -> PETSc.KSP:
     """A solver with kept factors of a symmetric, definite matrix, which it owns. Collective.
 
-    Args:
-        A: The matrix.
-        brief: Whether the factors serve for few solves, or have few entries.
+    Brief factors serve for few solves, or have few entries.
     """
     A.setOption(PETSc.Mat.Option.SPD, True)
     with default_options(OF_DEFINITE, **PETSc.Options(FORMER).getAll()):
@@ -183,11 +172,7 @@ def _factored(A: PETSc.Mat, brief: bool) -> PETSc.KSP:
 
 
 def conjugate_gradients(mass: PETSc.Mat, rhs: PETSc.Vec, x: PETSc.Vec) -> None:
-    """Solve a well-conditioned system to rounding, as reduced mass matrices are. Collective.
-
-    Raises:
-        StepError: If it does not converge.
-    """
+    """Solve a well-conditioned system to rounding, or raise a `StepError`. Collective."""
     ksp = PETSc.KSP().create(rhs.comm)
     ksp.setType(PETSc.KSP.Type.CG)
     ksp.getPC().setType(PETSc.PC.Type.JACOBI)

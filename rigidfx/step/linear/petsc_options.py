@@ -91,11 +91,7 @@ class SolverOptions:
     _unasked: set[str] = field(default_factory=set, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check the record, and the options from elsewhere.
-
-        Raises:
-            SceneError: If an option is unknown, or cannot be honoured.
-        """
+        """Check the record, and the options from elsewhere, or raise a `SceneError`."""
         if not isinstance(self.options, Mapping):
             raise SceneError(
                 "simulate: petsc_options must be a dict of PETSc's options without a prefix, such "
@@ -115,8 +111,7 @@ class SolverOptions:
     def at_work(self) -> Iterator[None]:
         """Around all code that makes solvers and solves in this run; not around a user's code.
 
-        Raises:
-            SceneError: If PETSc cannot solve with the user's options.
+        It is a `SceneError` if PETSc cannot solve with the user's options.
         """
         token = _monitor.set(self.monitor)
         try:

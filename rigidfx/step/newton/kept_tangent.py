@@ -112,12 +112,10 @@ class Secants:
         self._last: tuple[Array, Array] | None = None
 
     def mend(self, z: Array, learning: bool) -> None:
-        """Improve a correction by the known pairs, and learn from it. Collective.
+        """Improve the kept tangent's correction z in place by the known pairs. Collective.
 
-        Args:
-            z: The kept tangent's correction, shape (unknowns,); changed in place.
-            learning: Whether a pair is learned from it. Pairs of mere rounding made steps of a
-                plate that hardly strains fail.
+        A pair is learned from it if `learning`. Pairs of mere rounding made steps of a plate that
+        hardly strains fail.
         """
         given = z.copy()
         if learning and self._last is not None:

@@ -58,17 +58,11 @@ class LowRank:
     def follow(
         self, entries: csr_array, Q: Array | None, factor: float, most: float, solve: Solve
     ) -> bool:
-        """Follow the stiffness of contacts at the last iterate. Collective.
+        """Follow the stiffness K of contacts at the last iterate, equal on all ranks. Collective.
 
-        Args:
-            entries: K, equal on all ranks.
-            Q: Rotation of each vector of unknowns since the tangent was assembled; None for none.
-            factor: What solutions with the tangent are multiplied by.
-            most: Columns that may be found for one tangent.
-            solve: Solves with the tangent.
-
-        Returns:
-            False if it takes more columns: a new tangent is due.
+        Vectors of unknowns have turned by Q since the tangent was assembled, and solutions with it
+        are multiplied by a factor. False if it takes more than `most` columns: a new tangent is
+        due.
         """
         if self._then is None:
             return False

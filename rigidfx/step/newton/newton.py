@@ -157,10 +157,9 @@ class Newton:
 
     @np.errstate(all="ignore")  # an iterate may leave the numbers: a residual says so
     def solve(self, guesses: Sequence[Guess]) -> Solution:
-        """Find the increment of the step that the equations have begun. Collective.
+        """Find the increment of the step that the equations have begun, from the best guess.
 
-        Args:
-            guesses: First guesses; the one with the smallest residual is taken.
+        Collective.
         """
         failed = None
         if self._chord is not None:

@@ -205,10 +205,8 @@ class Conserving:
     def enough(self, residual: float, lost: Array, kept: bool = False) -> bool:
         """Whether an iterate is to be the last; another one is asked for if not.
 
-        Args:
-            residual: ‖R‖ there [N].
-            lost: Relative loss of each quantity.
-            kept: Whether the last iteration had an earlier tangent, unless this was in doubt.
+        It has ‖R‖ [N], and relative losses of each quantity. The last iteration may have kept an
+        earlier tangent, unless this was in doubt.
         """
         self._lost.append(lost)
         if np.shape(self.rounding) not in ((), lost.shape):

@@ -76,11 +76,7 @@ class Aggregates:
         return distributed(rows, [(shape[0], None), (count + own, None)], comm)
 
     def _orthonormal(self, x: Array) -> tuple[Array, Bools]:
-        """Motions of each node with its aggregate, and which an aggregate has.
-
-        Returns:
-            Shapes (nodes, 3, 6) and (aggregates, 6).
-        """
+        """Motions of each node with its aggregate, (nodes, 3, 6), and which an aggregate has."""
         leaf, count = self._leaf, np.diff(np.r_[self._starts, len(self._leaf)])
         middle = self._summed(x) / count[:, None]
         arms = x - middle[leaf]

@@ -61,15 +61,9 @@ class JointForces:
     def find(self, v0: Array, v1: Array, increments: Increments, dt: float) -> Added:
         """λ* - λ of the step that has been solved, as a function that finds it once. Collective.
 
-        Args:
-            v0: Velocities of the division's rows at its start [m/s].
-            v1: Those at its end, less the change of w of supports.
-            increments: Step of the bodies.
-            dt: Its length [s].
-
-        Returns:
-            A function to λ* - λ of each row that has a force [N], and to the forces of these on
-            vectors, as a resistance, shape (vectors, 3) [N].
+        Rows have velocities v₀ at its start, and v₁ at its end less the change of w of supports
+        [m/s]. The function gives λ* - λ of each row that has a force [N], and the forces of these
+        on vectors, as a resistance, shape (vectors, 3) [N].
         """
         linkage = self._linkage.kept()
         ends = (v0, increments.start), (v1, increments.end)
@@ -114,20 +108,15 @@ class AddedForces(ABC):
 
     @abstractmethod
     def find(self, state: State) -> tuple[Array, Added | None]:
-        """λ* - λ of the step that has been solved. Collective.
+        """λ* - λ of the step that has been solved from a state. Collective.
 
-        Args:
-            state: The state at its start.
-
-        Returns:
-            Forces on held rows [N], and those of joints; None without joints.
+        Forces on held rows [N], and those of joints; None without joints.
         """
 
     def _gained(self, state: State) -> Array:
-        """Change of rates of paths in a step that has been solved [m/s]. Collective.
+        """Change of rates of paths in a step that has been solved from a state [m/s].
 
-        Args:
-            state: The state at its start, with rates at the end of the step before.
+        Collective.
         """
         equations, at = self._equations, self._equations.prolongation.prescribed
         dt, d = equations.dt, equations.d.array_r[at]
@@ -195,11 +184,8 @@ class MeanConstraints(AddedForces):
 def gained_across(linkage: Linkage, start: Array, end: Array, given: Array) -> Array:
     """Change of velocities across rows of joints in a step that has been solved [m/s].
 
-    Args:
-        linkage: The joints.
-        start: Velocities of averages at its start, shape (averages, 3) [m/s].
-        end: Those at its end.
-        given: Change of rates that motors prescribe [m/s].
+    Averages have velocities at its start and end, shape (averages, 3), and motors prescribe a
+    change of rates [m/s].
     """
     out = linkage.across(1.0, end) - linkage.across(0.0, start)
     out[linkage.rows.active.size :] += given

@@ -89,13 +89,7 @@ class HeldBodies:
     """The bodies of a division that supports hold; all ranks know the same."""
 
     def __init__(self, scene: Scene, held: Mapping[str, Hold], bodies: Bodies) -> None:
-        """Find points that tell their motion. Collective.
-
-        Args:
-            scene: The problem.
-            held: The supports of each body that is held, by its name.
-            bodies: The bodies.
-        """
+        """Find points that tell the motion of bodies with supports by their names. Collective."""
         self._scene = scene
         self._frames: dict[int, _Points | None] = {}
         self._guides: dict[int, list[_Guide]] = {}
@@ -150,13 +144,7 @@ class HeldBodies:
     def given(self, t0: float, t1: float, bodies: Bodies) -> Array | None:
         """Δc₀, θ and Δq from t0 to t1, shape (bodies, 6 + m); None if all rest. Collective.
 
-        Args:
-            t0: Start of the step [s].
-            t1: Its end [s].
-            bodies: The bodies at its start.
-
-        Raises:
-            SceneError: On every rank, if the path of a support fails on any.
+        A path that fails on any rank is a `SceneError` on all.
         """
         if not any(points.moves for points in self._every):
             return None
@@ -179,12 +167,8 @@ class HeldBodies:
         """The bodies, with frames and guides that move as supports do just after t. Collective.
 
         Supports exert impulses where shapes are zero, or on what they give, so that Σ m Φ̃·ẋ of
-        others stays: nodes elsewhere keep their velocities, as far as shapes can tell them.
-
-        Args:
-            t: Time [s].
-            dt: Time step [s], the scale of difference quotients.
-            bodies: The bodies at t.
+        others stays: nodes elsewhere keep their velocities, as far as shapes can tell them. Δt is
+        the scale of difference quotients.
         """
         velocity, W = bodies.velocity.copy(), bodies.angular_velocity_body.copy()
         q_rate, blocks, shapes = bodies.q_rate.copy(), bodies.led_mass_blocks, bodies.of.shapes
@@ -221,9 +205,7 @@ class HeldBodies:
     ) -> Iterator[tuple[str, Array, Array]]:
         """Force of each support on a body [N] and its moment about the origin [N m], by its set.
 
-        Args:
-            increments: The step.
-            rows: Residual of the bodies, shape (bodies, 6 + m) [N].
+        The residual of the bodies in the step has the shape (bodies, 6 + m) [N].
         """
         start, share = increments.start, increments.step.share
         shapes, lengths = start.of.shapes, start.of.length
@@ -251,12 +233,7 @@ def guided(
     """Unit motions of the guides in a body, of all their nodes. Collective.
 
     A dof that several supports hold counts for the first of them, that of the frame before others.
-
-    Args:
-        scene: The problem.
-        hold: The supports.
-        data: The body.
-        offsets: Places of the owned nodes in its frame, shape (owned nodes, 3) [m].
+    Offsets are places of the owned nodes in the body's frame, shape (owned nodes, 3) [m].
 
     Yields:
         A guide; motions of the owned nodes, zero at dofs that it does not hold, shape

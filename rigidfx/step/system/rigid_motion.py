@@ -36,10 +36,7 @@ NOTHING = float(np.sqrt(np.finfo(np.float64).eps))  # of a motion: what asks les
 def joint_rows(scene: Any, acting: Sequence[Windowed], motions: Callable[[Ints], Array]) -> Array:
     """Rows of size one that motions fulfil which joints and springs leave, (rows, n). Collective.
 
-    Args:
-        scene: The problem.
-        acting: The effects with a time window that act.
-        motions: Displacements of owned nodes by the motions of all parts, shape (nodes, 3, n).
+    `motions` gives displacements of owned nodes by the motions of all parts, shape (nodes, 3, n).
     """
     out: list[Array] = []
     joints = {joint.title: joint for joint in scene.named(Joint)}
@@ -175,13 +172,7 @@ def following_energy(scene: Scene, held: Ints, jump: Array, u: Array) -> float:
     The velocities that supports give to their nodes at an instant are fitted by a rigid motion of
     each connected part, the slowest one where several fit, and that is given to all mass of the
     part. The energy of the held nodes alone depends on the size of the cells, and hides the blow
-    that is to come.
-
-    Args:
-        scene: The problem.
-        held: Owned dofs whose velocity jumps.
-        jump: By how much, shape (held,) [m/s].
-        u: Displacement at all local dofs [m].
+    that is to come. Owned, held dofs jump by velocities [m/s] at displacements u of local dofs [m].
     """
     n, parts = scene.owned_nodes, scene.parts
     part = parts_of_nodes(scene)[:n]

@@ -113,19 +113,11 @@ class System(Equations):
         dealing: Dealing | None = None,
         loose: bool = False,
     ) -> None:
-        """Bind everything to a division and to the effects that act. Collective.
+        """Bind everything to a division, whose bodies the state gets, and to effects. Collective.
 
-        Args:
-            kind: Steps or statics.
-            scene: The problem.
-            forces: Compiled internal forces.
-            state: The state; its bodies become those of the division.
-            effects: All effects that take part.
-            acting: Those with a time window that act from now on.
-            division: Division of the cells.
-            jumps: Observer of the paths of supports, if any.
-            dealing: Deals flexible cells out among the ranks where that pays.
-            loose: Whether a `StepDrag` is among the effects.
+        Of effects with a time window the given ones act. Paths of supports are shown to `jumps`;
+        `dealing` deals flexible cells out among the ranks; a `StepDrag` is among the effects if
+        `loose`.
         """
         state.group(division.bodies)
         state.clamp(division.clamped)
@@ -154,11 +146,7 @@ class System(Equations):
             self._mean = MeanConstraints(self)
 
     def follow(self, acting: Sequence[Windowed]) -> bool:
-        """Let dead loads begin and end; False if other effects do, which takes a new system.
-
-        Args:
-            acting: The effects with a time window that act from now on.
-        """
+        """Let dead loads begin and end; False if other effects do, which takes a new system."""
         if _lasting(acting) != _lasting(self.acting):
             return False
         self.acting = tuple(acting)
@@ -168,17 +156,10 @@ class System(Equations):
     def begin_step(
         self, t0: float, t1: float, dt: float, motors: tuple[float, float], moves: bool = True
     ) -> Trial:
-        """Begin a step with the loads that are set. Collective.
+        """Begin a step with the loads that are set, from t0 to t1, of length Δt [s]. Collective.
 
-        Args:
-            t0: Its start [s].
-            t1: Its end [s].
-            dt: Its length [s].
-            motors: When motors act, and for how long [s].
-            moves: Whether supports move; otherwise they rest.
-
-        Raises:
-            SceneError: On every rank, if a user's function fails on any, or gives no numbers.
+        Motors act at a time and for a time. Supports rest unless they move. A user's function that
+        fails, or gives no numbers, is a `SceneError` on every rank.
         """
         bodies, given = self._state.bodies, None
         if self.linkage is not None:
@@ -200,11 +181,7 @@ class System(Equations):
         return self.newton.solve(predict(self._scene, self.layout, trial.start, v, bodies, dt))
 
     def explain(self, solution: Solution) -> None:
-        """Raise the error of a user's function in a step that is objected to. Collective.
-
-        Raises:
-            SceneError: On every rank, if one has given forces that are no numbers on any.
-        """
+        """Raise the `SceneError` of a user's force that is no number. Collective."""
         if not (solution.residuals and np.isfinite(solution.residuals).all()):
             self.actions.explain(self.motion)
 
@@ -214,12 +191,7 @@ class System(Equations):
         return self.actions.dead and self.linkage is None
 
     def resist_at_nodes(self, nodes: Indices, forces: Array) -> None:
-        """Add resistance at owned nodes, in bodies or not, that is not bound to bodies' nodes.
-
-        Args:
-            nodes: The nodes.
-            forces: Shape (nodes, 3) [N], added to.
-        """
+        """Add resistance at owned nodes that is not bound to bodies' nodes [N]."""
         every = ForcesOfNodes(np.zeros((self._scene.owned_nodes, 3)))
         self.actions.resist_at_nodes(self.motion, every)
         if self.linkage is not None:
@@ -247,12 +219,7 @@ class System(Equations):
         return work
 
     def move(self, t: float, v: Array) -> None:
-        """Put the state where the found increment leads.
-
-        Args:
-            t: Its time then [s].
-            v: Velocities of the active nodes then [m/s].
-        """
+        """Put the state where the found increment leads: to a time [s], and velocities [m/s]."""
         p, dofs, bodies = self.prolongation, self.layout.rows.dofs, self.increments.end
         d, moved = self.d.array_r, p.displacement(bodies)
         self._state.advance(t, dofs, d, v, bodies, dofs[p.attached], moved)
@@ -277,10 +244,8 @@ class System(Equations):
     def of_supports(self, forces: Array, part: float, frames: bool = True) -> OfSupports:
         """Force [N] and moment [N m] of each support on the structure, by its set. Collective.
 
-        Args:
-            forces: Forces on the dofs that they hold [N].
-            part: Of the last increment, after which the structure is where they act.
-            frames: Whether those on frames of bodies are among them.
+        Forces on held dofs [N] act after a part of the last increment. Those on frames of bodies
+        may be left out.
         """
         found: OfSupports = {}, {}
         if self.prescribed.active:
@@ -335,9 +300,7 @@ class System(Equations):
     def lead_frames(self, state: State, dt: float) -> bool:
         """Give frames that supports hold the velocity of these; whether any changed. Collective.
 
-        Args:
-            state: Its bodies get velocities.
-            dt: Length of the next step [s], the scale of difference quotients.
+        Δt is that of the next step, the scale of difference quotients.
         """
         if not len(self.held):
             return False

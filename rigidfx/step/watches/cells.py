@@ -37,12 +37,7 @@ class CellWatch(WarnsOnce):
     """Looks at flexible cells in every eighth accepted step; warns once."""
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
-        """Begin before the first step. Collective.
-
-        Args:
-            scene: The problem.
-            forces: Internal forces, whose u₀ and u₁ hold start and end of a step.
-        """
+        """Begin before the first step; u₀ and u₁ of the forces hold its ends. Collective."""
         super().__init__(scene.comm)
         self._mesh, self._forces = scene.mesh, forces
         self._X: Array = scene.space.tabulate_dof_coordinates()
@@ -141,9 +136,7 @@ class Compression(CellWatch):
 def cell_rotations(x0: Array, d: Array) -> Array:
     """Half the curl of d with respect to x₀ + ½ d: θ of d = θ × (x₀ + ½ d), shape (3, cells).
 
-    Args:
-        x0: Positions of four nodes of each cell at the start of a step, shape (4, cells, 3) [m].
-        d: Their increments, likewise [m].
+    Four nodes of each cell are at x₀ at the start of a step and move by d, (4, cells, 3) [m].
     """
     x = x0 + 0.5 * d
     y = np.ascontiguousarray((x[1:] - x[0]).transpose(0, 2, 1))

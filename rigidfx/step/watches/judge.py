@@ -40,11 +40,7 @@ INVERTED = ". There det F ≤ 0 at an integration point, or a stretch is above 1
 
 
 def course(solution: Solution) -> str:
-    """How Newton's method failed, by its residuals.
-
-    Args:
-        solution: A solve that has not converged.
-    """
+    """How Newton's method failed, by its residuals."""
     residuals = solution.residuals
     if not residuals or not np.isfinite(residuals).all():
         return "a force is not finite"
@@ -58,11 +54,9 @@ def course(solution: Solution) -> str:
 
 
 def overload(scene: Scene, t: float) -> str:
-    """A load on the deformed surface that is more than the material bears, or nothing. Collective.
+    """A load at t [s] on the deformed surface that the material does not bear, or "".
 
-    Args:
-        scene: The problem.
-        t: When the load acts [s].
+    Collective.
     """
     for effect in scene.acting(t):
         pushed = effect.pushes(t)
@@ -114,13 +108,7 @@ class Judge:
     """Accepts attempts, or objects."""
 
     def __init__(self, scene: Scene, inversion: Inversion, inexact: Look | None = None) -> None:
-        """Keep the problem, and the looks.
-
-        Args:
-            scene: The problem.
-            inversion: Looks for cells turned inside out.
-            inexact: Looks for an error in time, if anything does.
-        """
+        """Keep looks for cells turned inside out, and for an error in time, if anything does."""
         self._scene, self._inversion = scene, inversion
         more = () if inexact is None else (inexact,)
         self._looks: tuple[Look, ...] = (self._not_converged, self._inverted, *more)
@@ -159,14 +147,9 @@ class Judge:
 def inverted(
     scene: Scene, inversion: Inversion, step: str, cut: str, end: float
 ) -> InversionError | None:
-    """The error of a step, or load step, that turns cells inside out. Collective.
+    """The error of a step that turns cells inside out, in words, and of its cut. Collective.
 
-    Args:
-        scene: The problem.
-        inversion: Looks for such cells.
-        step: The step in words.
-        cut: How short it is, in words.
-        end: When loads act [s].
+    Loads act at its end [s].
     """
     turned = inversion.find()
     if turned is None:
@@ -193,14 +176,9 @@ class Cuts:
     ) -> T:
         """The first attempt at a step to the target, or towards it, without objection. Collective.
 
-        Args:
-            t: Start of the step [s].
-            target: Time at which it is to end [s].
-            solved: Function of the length and end of an attempt [s], of the number of cuts before
-                it, and of whether it is the last one, to an attempt and an objection to it.
-
-        Raises:
-            StepError: The objection to the last one.
+        The step begins at t [s]. A function gives an attempt and an objection to it, by its length
+        and end [s], the number of cuts before it, and whether it is the last one, whose `StepError`
+        is raised.
         """
         left = target - t
         if self._trial == np.inf:
@@ -233,20 +211,15 @@ class Watch:
     """Looks at each attempt that becomes a step."""
 
     def bind(self, flexible: Cells) -> None:
-        """Look at these cells from now on.
-
-        Args:
-            flexible: Flexible owned cells by subdomain id.
-        """
+        """Look at these flexible cells from now on."""
 
     def refresh(self) -> None:
         """Be as one that a checkpoint has brought back: forget all but `remembered`."""
 
     def accept(self, attempt: Attempt) -> None:
-        """Accept an attempt as a step; the state is that at its start. Collective.
+        """Accept an attempt as a step, between u₀ and u₁; the state is that at its start.
 
-        Args:
-            attempt: The forms' u₀ and u₁ hold its ends.
+        Collective.
         """
 
 
@@ -278,11 +251,7 @@ class WarnsOnce(Watch):
     remembered: ClassVar[Remembered] = same("waits")
 
     def __init__(self, comm: MPI.Intracomm) -> None:
-        """Begin before the first step.
-
-        Args:
-            comm: Communicator of the mesh.
-        """
+        """Begin before the first step."""
         self._comm = comm
         self.waits = True
 
@@ -293,13 +262,7 @@ class WarnsOnce(Watch):
 
 
 def name_of_cell(comm: MPI.Intracomm, mesh: Any, cell: int | None) -> str:
-    """Name of a cell in a message; of several, that which comes first. Collective.
-
-    Args:
-        comm: Communicator of the mesh.
-        mesh: The mesh.
-        cell: An owned cell, None on ranks that do not own it.
-    """
+    """Name of an owned cell of some ranks, in a message; the first of several. Collective."""
     mine: Any = None
     if cell is not None:
         number = int(mesh.topology.original_cell_index[cell])

@@ -53,15 +53,10 @@ class Gains:
     def jump(
         self, owner: object, path: Path, t0: float, t1: float, u0: Array, u1: Array
     ) -> tuple[float, float] | None:
-        """When [s] and by how much [m] a path jumps in an attempt at a step; None if it does not.
+        """When [s] and by how much [m] an owner's path jumps in an attempt; None if it does not.
 
-        Args:
-            owner: Whose path it is.
-            path: Function t → displacement, shape (n,) [m]; its exceptions go through.
-            t0: Start of the step [s].
-            t1: End of the step [s].
-            u0: The path at the start, shape (n,) [m].
-            u1: The path at the end, likewise.
+        The path is u₀ at the start t₀ and u₁ at the end t₁, shape (n,) [m]; its exceptions go
+        through.
         """
         gain = float(np.abs(u1 - u0).max())
         least = max(self._least, ROUNDING * float(np.abs(u1).max()))
@@ -89,12 +84,7 @@ class Jumps(WarnsOnce):
     def look(self, support: Support, t0: float, t1: float, u0: Array, u1: Array) -> None:
         """Look at an attempt at a step of a support; exceptions of its path go through.
 
-        Args:
-            support: A support that moves.
-            t0: Start of the step [s].
-            t1: End of the step [s].
-            u0: Its `path_at` the start, shape (n,) [m].
-            u1: Its `path_at` the end, likewise.
+        Its `path_at` t₀ is u₀, and u₁ at t₁, shape (n,) [m].
         """
         if not self.waits:
             return
@@ -125,11 +115,9 @@ class JumpingObstacles(WarnsOnce):
     remembered: ClassVar[Remembered] = WarnsOnce.remembered | {"_gains": PART}
 
     def __init__(self, scene: Scene, touches: Callable[[], Mapping[str, Touch]]) -> None:
-        """Begin before the first step. Collective.
+        """Begin before the first step; touches are those of the last attempt, by titles.
 
-        Args:
-            scene: The problem.
-            touches: Touches of contacts in the last attempt, by their titles; collective.
+        Collective.
         """
         super().__init__(scene.comm)
         every = ((c, c.against) for c in scene.named(Contact))
@@ -169,12 +157,7 @@ class JumpingObstacles(WarnsOnce):
 def jump_of(path: Path, t0: float, t1: float, u0: Array, u1: Array) -> tuple[float, float] | None:
     """When [s] and by how much [m] a path jumps, if by half of its way from t0 to t1 or more.
 
-    Args:
-        path: Function t → displacement, shape (n,) [m].
-        t0: Start [s].
-        t1: End [s].
-        u0: The path at t0, shape (n,) [m].
-        u1: The path at t1, likewise.
+    It is u₀ at t₀ and u₁ at t₁, shape (n,) [m].
     """
     half = 0.5 * np.abs(u1 - u0).max()
     for _ in range(HALVINGS):
