@@ -110,7 +110,7 @@ on_first_rank(comm, draw, f"hard_cases: '{options.out / 'hard_cases.png'}'")
 
 # +
 if options.all:
-    from hardcases.random_scenes import try_scenes
+    from hardcases.drafts import try_scenes
 
     seen = try_scenes(options.all)
     say(f"\n{options.all} random scenes: {seen}")

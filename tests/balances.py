@@ -154,14 +154,7 @@ def of_resultant(load, before, after):
 
 
 def follow(scene, dt, t_end, **options):
-    """Run a scene and keep its books.
-
-    Args:
-        scene: The problem, with loads on elements, springs and damping.
-        dt: Δt [s].
-        t_end: End [s].
-        options: Of `simulate`.
-    """
+    """Run a scene with loads on elements, springs and damping, and keep its books."""
     forces, books, previous = Forces(scene), Books(), None
     n = scene.owned_nodes
     X = scene.space.tabulate_dof_coordinates()[:n]

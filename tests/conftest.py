@@ -74,11 +74,7 @@ hypothesis.settings.load_profile("rigidfx")
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config: pytest.Config) -> None:
-    """Divide whole folders of tests between processes.
-
-    Raises:
-        pytest.UsageError: If ranks of mpirun are told to start processes of their own.
-    """
+    """Divide whole folders of tests between processes; ranks of mpirun are refused."""
     if not config.pluginmanager.hasplugin("xdist") or "PYTEST_XDIST_WORKER" in os.environ:
         return  # a worker that started workers of its own would start them without end
     option = config.option

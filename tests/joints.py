@@ -37,11 +37,7 @@ def bars(*effects, sides=None, ball=False, n=5, thrown=None, joined=True, **opti
 
 
 def apart(scene, state):
-    """How far sides of joints are apart, and directions that are to be perpendicular, on one rank.
-
-    Returns:
-        The largest g of all rows [m], and the largest ġ [m/s].
-    """
+    """The largest g of rows of joints [m], and the largest ġ [m/s], on one rank."""
     state.rebuild()
     x, v = state.X + state.u.x.array.reshape(-1, 3), state.v.x.array.reshape(-1, 3)
     largest = [0.0, 0.0]

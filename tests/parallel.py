@@ -43,16 +43,9 @@ def report(data: Any) -> None:
 
 
 def run(script: str | Path, ranks: int, timeout: float, *arguments: str) -> Any:
-    """What a script reported; None if nothing.
+    """What a script reported on so many ranks; None if nothing.
 
-    Args:
-        script: Python file.
-        ranks: Number of MPI ranks.
-        timeout: Seconds after which the run counts as hanging.
-        arguments: Arguments of the script.
-
-    Raises:
-        AssertionError: If the script fails or hangs.
+    It fails or hangs by an `AssertionError`.
     """
     if ranks not in _waiting:
         _waiting[ranks] = Ranks(ranks)
@@ -64,14 +57,7 @@ def run(script: str | Path, ranks: int, timeout: float, *arguments: str) -> Any:
 
 
 def check_the_same(script: str | Path, ranks: int, alone: Any, *arguments: str) -> None:
-    """Assert that a script reports, to 1e-9 of each column's largest number, what one rank finds.
-
-    Args:
-        script: Python file.
-        ranks: Number of MPI ranks.
-        alone: Rows of numbers.
-        arguments: Arguments of the script.
-    """
+    """Assert that a script reports the rows of one rank, to 1e-9 of each column's largest."""
     one, several = np.array(alone), np.array(run(script, ranks, 300, *arguments))
     assert (np.abs(several - one).max(axis=0) <= 1e-9 * np.abs(one).max(axis=0)).all()
 
@@ -114,11 +100,7 @@ class Ranks:
             )
 
     def run(self, script: str, timeout: float, *arguments: str) -> Any:
-        """What a script reported; None if nothing.
-
-        Raises:
-            AssertionError: If the script fails or hangs.
-        """
+        """What a script reported; None if nothing. It fails or hangs by an `AssertionError`."""
         told, before = self._folder / "told", (self._folder / "told").stat().st_size
         self._jobs += 1
         job, done, result = (self._folder / f"{self._jobs}.{k}" for k in ("job", "done", "result"))
@@ -157,11 +139,7 @@ def _written_at_once(path: Path, text: str) -> None:
 
 
 def _awaited(job: Path, starter: int) -> bool:
-    """Wait for a job without asking other ranks, which would take all of a core's time.
-
-    Returns:
-        Whether there is one; False as soon as who starts jobs is gone.
-    """
+    """Wait for a job without asking other ranks, all of a core's time; False if none will be."""
     began = time.monotonic()
     while not job.exists():
         try:

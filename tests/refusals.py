@@ -55,11 +55,7 @@ def write_bodies_of(scene: rf.Scene, path: object) -> None:
 
 
 def found_on_two_ranks(script: str) -> Iterator[tuple[str, Outcome]]:
-    """What each case of a script has raised, the same on both ranks.
-
-    Raises:
-        AssertionError: If the ranks differ, or one of them waits for the other.
-    """
+    """What each case of a script has raised, the same on both ranks, or an `AssertionError`."""
     ranks = parallel.run(script, 2, timeout=600)
     assert len(ranks) == 2
     assert ranks[0].keys() == ranks[1].keys()
@@ -77,12 +73,7 @@ def check(action, message, error=rf.SceneError):
 
 
 def check_on_two_ranks(script, cases):
-    """Assert that a script's cases are refused by their messages on both ranks.
-
-    Args:
-        script: Its file, which runs `on_each_rank` with them.
-        cases: Messages by expressions.
-    """
+    """Assert that a script's cases, messages by expressions, are refused on both ranks."""
     found = dict(found_on_two_ranks(script))
     assert found.keys() == cases.keys()
     for name, message in cases.items():

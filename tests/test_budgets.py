@@ -324,10 +324,9 @@ def on_one_rank():
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [3])
-def test_ranks_decide_alike(on_one_rank, ranks):
+def test_ranks_decide_alike(on_one_rank):
     """As one rank does, which keeps tangents where several do not."""
-    some = parallel.run(__file__, ranks, 120)
+    some = parallel.run(__file__, 3, 120)
     assert some[:2] == on_one_rank[:2]
     assert some[2:-1] == pytest.approx(on_one_rank[2:-1], rel=1e-6, abs=1e-12)
     assert some[-1] == pytest.approx(on_one_rank[-1], rel=1e-4)  # an estimate

@@ -353,9 +353,8 @@ def histories():
 @NO_WARNINGS
 @pytest.mark.parallel
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its ranks itself")
-@pytest.mark.parametrize("ranks", [3])  # obstacles are tried on two
-def test_the_same_on_several_ranks(ranks):
-    parallel.check_the_same(__file__, ranks, histories())
+def test_the_same_on_several_ranks():  # obstacles are tried on two
+    parallel.check_the_same(__file__, 3, histories())
 
 
 if __name__ == "__main__":

@@ -84,10 +84,9 @@ def alone():
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [3])
-def test_dealt_between_freeze_and_release(alone, ranks):
+def test_dealt_between_freeze_and_release(alone):
     """On several ranks only, once for all freezes, and the motion is that of one rank."""
-    several = parallel.run(__file__, ranks, timeout=300)
+    several = parallel.run(__file__, 3, timeout=300)
     assert not any(alone["dealt"])
     assert several["dealt"] == [False, True, False, True]
     assert several["times"] == 1

@@ -54,15 +54,7 @@ def cluster(*cells):
 
 
 def assign(clusters, before, always=None, next_number=5, owned=12):
-    """Bodies after a change.
-
-    Args:
-        clusters: Cells of each cluster.
-        before: Cells of each body before, by number.
-        always: Cells of sets that are rigid always.
-        next_number: First number that is free.
-        owned: Number of cells.
-    """
+    """Bodies after a change, by cells of clusters, of bodies before, and of sets rigid always."""
     origin = np.full(owned, -1)
     for number, cells in before.items():
         origin[list(cells)] = number

@@ -29,7 +29,7 @@ BENCHMARKS = sorted({*(ROOT / "demos" / "benchmarks").glob("*.py")} - {KNOWN})
 # Benchmarks of many scenes, of which one is run.
 SOME = {
     "waking": ("--only", "eight cells"),
-    "budgets": ("--only", "push", "--no-hand", "--budgets", "0.05"),
+    "budgets": ("--only", "push", "--budgets", "0.05"),
     "impact": ("--only", "wall"),
     "mechanisms": ("--only", "pendulum"),
     "reduced": ("--only", "plate"),

@@ -283,10 +283,9 @@ def alone():
 
 @pytest.mark.parallel
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its ranks itself")
-@pytest.mark.parametrize("ranks", [3])
-def test_ranks_agree(ranks):
+def test_ranks_agree():
     """On which way cells are thin, and on histories with a body."""
-    (ways, *several), (expected, *ones) = parallel.run(__file__, ranks, 300), alone()
+    (ways, *several), (expected, *ones) = parallel.run(__file__, 3, 300), alone()
     np.testing.assert_array_equal(ways, expected)
     for found, one in zip(several, ones, strict=True):
         scale = np.abs(one).max(axis=0)

@@ -213,9 +213,8 @@ def on_ranks():
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [3])
-def test_ranks_find_the_same(ranks):
-    carried = parallel.run(__file__, ranks, 300)
+def test_ranks_find_the_same():
+    carried = parallel.run(__file__, 3, 300)
     assert np.array(carried) == pytest.approx(np.array(on_ranks()), rel=1e-8, abs=1e-6)
 
 

@@ -122,19 +122,17 @@ def test_mesh_and_sets_are_the_same(found, name, ranks):
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [3])
 @pytest.mark.parametrize("name", MESHES)
-def test_each_set_is_shared_alike(found, name, ranks):
+def test_each_set_is_shared_alike(found, name):
     """And so are the cells of none; SCOTCH allows for some hundredths."""
-    for counts in found[ranks]["compared"][name][1]:
+    for counts in found[3]["compared"][name][1]:
         print(counts)
-        assert max(counts) <= 1.1 * sum(counts) / ranks + 1
+        assert max(counts) <= 1.1 * sum(counts) / 3 + 1
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [3])
-def test_the_motion_is_the_same(found, ranks):
-    one, several = (np.array(found[n]["history"]) for n in (1, ranks))
+def test_the_motion_is_the_same(found):
+    one, several = (np.array(found[n]["history"]) for n in (1, 3))
     assert np.abs(several - one).max(axis=0) == pytest.approx(
         0.0, abs=1e-9 * np.abs(one).max(axis=0).min()
     )

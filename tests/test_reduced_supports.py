@@ -106,9 +106,8 @@ def found():
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [3])
-def test_it_is_the_same_on_several_ranks(ranks):
-    check_the_same(__file__, ranks, found())
+def test_it_is_the_same_on_several_ranks():
+    check_the_same(__file__, 3, found())
 
 
 if __name__ == "__main__":

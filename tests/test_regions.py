@@ -137,11 +137,8 @@ def components(members, near, groups=()):
 def reference(cell, case, seen=None, numbers=None):
     """The rules as they are written: docs/theory/waking.md, rule 2.
 
-    Args:
-        cell: Kind of cell.
-        case: Rigid, existing, barred, min_cells.
-        seen: Counts how often each rule decided something.
-        numbers: Of the cells in the mesh file; their own if None.
+    A case is rigid, existing, barred, min_cells; `seen` counts how often each rule decided
+    something.
     """
     rigid, existing, barred, min_cells = case
     nodes = [set(corners) for corners in arrays(cell)[1].tolist()]
@@ -216,14 +213,13 @@ def test_numbering_does_not_matter(cell, seed):
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [3])
 @KINDS
-def test_partition_does_not_matter(on_ranks, cell, ranks):
+def test_partition_does_not_matter(on_ranks, cell):
     """Several ranks find the same bodies in the same order; most of these lie on several."""
     cases = [random_case(seed, cell) for seed in range(CASES)]
     one = [found_regions(box_graph(cell), case) for case in cases]
-    assert on_ranks[ranks][cell] == [[sorted(body) for body in bodies] for bodies in one]
-    shared, every = on_ranks[ranks]["shared"][cell], sum(map(len, one))
+    assert on_ranks[3][cell] == [[sorted(body) for body in bodies] for bodies in one]
+    shared, every = on_ranks[3]["shared"][cell], sum(map(len, one))
     print(f"{shared} of {every} bodies lie on several ranks")
     assert shared > every / 3
 

@@ -297,10 +297,9 @@ def history():
 
 @NO_WARNINGS
 @pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [3])
-def test_ranks_find_the_same(ranks):
+def test_ranks_find_the_same():
     """Both ends may be on different ranks."""
-    parallel.check_the_same(__file__, ranks, history())
+    parallel.check_the_same(__file__, 3, history())
 
 
 @pytest.mark.parametrize("slack", [0.0, 0.005])

@@ -363,9 +363,8 @@ def history():
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [3])
-def test_several_ranks_wake_as_one(ranks):
-    (tips, told), (others, events) = history(), parallel.run(__file__, ranks, 300)
+def test_several_ranks_wake_as_one():
+    (tips, told), (others, events) = history(), parallel.run(__file__, 3, 300)
     assert any(kind == "release" for _, kind, _ in told)
     # A shape that a body gets a step earlier or later is a static response: it makes 1e-5.
     assert np.abs(np.array(others) - tips).max() <= 1e-4 * np.abs(tips).max()

@@ -98,15 +98,9 @@ class Run:
 
 
 def measured(structure: Structure, setting: Setting, folder: Path) -> Run:
-    """A run, out of its file if there is one for the same scene and setting. Collective.
+    """A run, out of its file in a folder if there is one for the same scene and setting.
 
-    Args:
-        structure: What is run.
-        setting: How.
-        folder: Where finished runs are.
-
-    Raises:
-        OutputError: On every rank, if a file cannot be written.
+    Collective.
     """
     source = inspect.getsource(structure.scene)
     text = f"{source} {structure.t_end} {structure.parts} {setting} {comm.size}"
@@ -161,11 +155,9 @@ COLOURS = {
 
 
 def draw(panels: Mapping[str, Sequence[Row]], path: Path) -> None:
-    """Draw the curves. Collective.
+    """Draw curves of rows with `way`, `cpu_s`, `error` and `asked`, by titles of panels.
 
-    Args:
-        panels: Title → rows with `way`, `cpu_s`, `error`, and `asked` (0 if nothing is).
-        path: The file.
+    Collective.
     """
 
     def picture() -> None:

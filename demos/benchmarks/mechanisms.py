@@ -77,14 +77,7 @@ class Followed:
     """A run: its drift of energy [J], constraints [m], end point and seconds a step."""
 
     def __init__(self, scene: rf.Scene, dt: float, t_end: float, end: tuple[str, Array]) -> None:
-        """Run it.
-
-        Args:
-            scene: The mechanism.
-            dt: Δt [s].
-            t_end: Its end [s].
-            end: Name of a rigid part, and a point of it in its frame at the start [m].
-        """
+        """Run it; `end` is a rigid part, and a point of it in its frame at the start [m]."""
         name, arm = end
         self.drift = self.gap = 0.0
         told: list[warnings.WarningMessage]

@@ -22,12 +22,12 @@ from unittest.mock import patch
 
 import numpy as np
 from bench import Parser, conclude
+from bench.budget_scenes import tumbling
 from bench.mechanism_scenes import hinged
 from bench.reduced_cases import arm, crank, drop, plate, spin
 from common import say
 
 import rigidfx as rf
-from meshes.tumbling_l import tumbling_l
 from rigidfx.step.equations.equations import Equations
 from rigidfx.step.newton import chord, kept_tangent, low_rank
 from rigidfx.step.newton.factors import entries_of, price
@@ -44,15 +44,6 @@ def by_case(make: Callable[[], Any], reduced: bool) -> Run:
     """A case of `reduced.py`."""
     case = make()
     return case.scene(*(case.parts if reduced else ())), case.dt, case.t_end
-
-
-def tumbling() -> Run:
-    """The tumbling L under its pushes."""
-    size, ramp = np.array([256.0, 512.0, 768.0]) / 90, rf.Table([0, 2.5, 5], [0, 2.5, 0])
-    sides = {"top": 1, "side": -1}
-    pushes = [rf.Traction(k, tuple(s * size), time=ramp, until=5.0) for k, s in sides.items()]
-    soft = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
-    return rf.Scene(tumbling_l(2), soft, pushes), 0.1, 6.0
 
 
 def bent(load: float, *parts: rf.Reduced) -> Run:
@@ -92,7 +83,7 @@ CASES |= {"arm": partial(arm, 0.03), "crank": partial(crank, 0.03)}
 SCENES: dict[str, Callable[[], Run]] = {
     **{name: partial(by_case, make, False) for name, make in CASES.items()},
     **{f"{name}, reduced": partial(by_case, make, True) for name, make in CASES.items()},
-    "L": tumbling,
+    "L": lambda: (tumbling(2), 0.1, 6.0),
     "bent": partial(bent, 3e6),
     "bent, reduced": partial(bent, 1e6, rf.Reduced("half")),
     "turning": turning,

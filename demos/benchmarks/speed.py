@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 from bench import Parser, Turns, run_parts, timed, without_mpi
-from bench.plain import PlainLoop
+from bench.plain import LU_BELOW, SOLVERS, PlainLoop
 from common import comm, say
 from mpi4py import MPI
 
@@ -57,11 +57,7 @@ WARM = 4  # steps before the first that is timed
 SMALL = 9000  # unknowns; fewer do not show how cost grows
 DT = 0.1  # s, of the L
 TRACTION = np.array([256.0, 512.0, 768.0]) / 90.0  # Pa
-SAME_SOLVER = {
-    "gmres+ilu": {"snes_ksp_ew": "0", "ksp_type": "gmres", "pc_type": "ilu", "ksp_rtol": "1e-8"},
-    "lu": {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"},
-}
-LU_BELOW = 50_000  # unknowns; beyond, a factorisation takes gigabytes and most of a minute
+OURS = {"gmres+ilu": {"snes_ksp_ew": "0", **SOLVERS["gmres+ilu"]}}  # GMRES ends at rtol
 
 
 def tumbling(unknowns: int, rigid: bool = False, order: int = 1, ranks: Any = comm) -> rf.Scene:
@@ -178,13 +174,13 @@ def plain(options: Namespace) -> dict[str, Any]:
     """The L of one size by both loops."""
     problem = tumbling(options.unknowns[-1], order=options.order)
     unknowns = 3 * problem.space.dofmap.index_map.size_global
-    solvers = [name for name in SAME_SOLVER if name != "lu" or unknowns < LU_BELOW]
+    solvers = [name for name in SOLVERS if name != "lu" or unknowns < LU_BELOW]
     same = {
-        name: compare(problem, SAME_SOLVER[name], SAME_SOLVER[name], options.steps)
+        name: compare(problem, OURS.get(name, SOLVERS[name]), SOLVERS[name], options.steps)
         for name in solvers
     }
     plain_best = min(solvers, key=lambda name: same[name]["plain_s"])
-    best = compare(problem, {}, SAME_SOLVER[plain_best], options.steps)
+    best = compare(problem, {}, SOLVERS[plain_best], options.steps)
     return {
         "ratio_to_plain_dolfinx": same["gmres+ilu"]["ratio"],
         "ratio_best_to_best": best["ratio"],

@@ -43,14 +43,7 @@ HEAD = "| scene | missed | in vain | error / promise | of quiet | in bodies | ti
 
 
 def followed(scene: rf.Scene, case: Built, rule: rf.StrainRate, twin: Record | None) -> Record:
-    """Run a case, and keep what is judged.
-
-    Args:
-        scene: Its scene.
-        case: Its times.
-        rule: When parts become bodies.
-        twin: The flexible run; None for this one itself.
-    """
+    """Run a case, and keep what is judged beside its twin; of the twin itself if None."""
     begun = process_time()
     run = rf.simulate(scene, case.dt, case.t_end, rigidify=rule, progress=False)
     strains, before, seconds = CellStrains(scene), np.zeros(0), 0.0

@@ -24,14 +24,7 @@ class Parser(RankParser):
     """
 
     def __init__(self, script: str, description: str, short: str, **others: Any) -> None:
-        """Make a parser.
-
-        Args:
-            script: The demo's `__file__`.
-            description: A line about it.
-            short: What is shorter under --short.
-            others: As of `argparse.ArgumentParser`.
-        """
+        """Make a parser for a script, its `__file__`, and say what is shorter under --short."""
         super().__init__(description=description, **others)
         self.add_argument("--short", action="store_true", help=short)
         folder = ROOT / "out" / Path(script).stem
@@ -61,13 +54,7 @@ class Parser(RankParser):
 def chosen(
     options: argparse.Namespace, names: Iterable[str], short: Sequence[str] = ()
 ) -> list[str]:
-    """The names that --only asks for; without it all, or those of the short run.
-
-    Args:
-        options: As read.
-        names: All there are.
-        short: Those of the short run; all if it has none of its own.
-    """
+    """The names that --only asks for; without it all, or those of the short run."""
     if options.short and short and not options.only:
         return list(short)
     return [name for name in names if options.only in name]

@@ -6,18 +6,17 @@ from . import (
     contact,
     failure,
     first_week,
-    levers,
     material,
     ranks,
     shape,
-    speeds,
     stepping,
+    twin,
     units,
 )
 from .case import CASES, Case, Result, Run, carry_out, follow, judge
 
 __all__ = [
     "CASES", "Case", "Result", "Run", "bodies", "cad_parts", "carry_out", "contact", "failure",
-    "first_week", "follow", "judge", "levers", "material", "ranks", "shape", "speeds",
-    "stepping", "units",
+    "first_week", "follow", "judge", "material", "ranks", "shape",
+    "stepping", "twin", "units",
 ]  # fmt: skip

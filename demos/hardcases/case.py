@@ -29,11 +29,7 @@ class History:
     """Numbers of a run, step by step, without its fields."""
 
     def __init__(self, stress_at: str = "") -> None:
-        """Nothing has happened yet.
-
-        Args:
-            stress_at: Probe whose stress is asked for, if any.
-        """
+        """Nothing has happened yet; a probe's stress is asked for if one is named."""
         self._stress_at = stress_at
         self.stress: list[float] = []  # von Mises' there [Pa]
         self.pressing: list[float] = []  # of all contacts together [N]
@@ -216,12 +212,7 @@ def case(group: str, hard: str) -> Callable[[Callable], Callable]:
 
 
 def follow(run: Run, folder: Path | None = None) -> History:
-    """Carry a run out, to its end or its error. Collective.
-
-    Args:
-        run: What to run.
-        folder: Where to record it, if anywhere.
-    """
+    """Carry a run out, to its end or its error, recorded in a folder if given. Collective."""
     history = History(run.stress_at)
     with warnings.catch_warnings(record=True) as shown:
         warnings.simplefilter("always", rf.RigidfxWarning)

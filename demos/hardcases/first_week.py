@@ -117,11 +117,7 @@ LEG, ARM, THICK, FILLET = 0.06, 0.3, 0.02, 0.01  # m
 def bracket(leg: int, arc: int, arm: int, across: int) -> rf.Domain:
     """A leg and an arm of square section that meet in a fillet of FILLET; cells of each part.
 
-    Args:
-        leg: Cells along the leg, which stands on z = 0.
-        arc: Cells along each half of the fillet.
-        arm: Cells along the arm, which has its lower face at z = LEG.
-        across: Cells from the inner to the outer side.
+    The leg stands on z = 0, the arm has its lower face at z = LEG; `arc` is of half of the fillet.
     """
     n = leg + 2 * arc + arm
     k = np.repeat(np.arange(n + 1), across + 1)

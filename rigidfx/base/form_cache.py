@@ -44,8 +44,8 @@ LOCK = "rigidfx.lock"  # beside the compiled forms
 SMALL = {"timeout": 10, "cache_dir": str(Path(jit.get_options()["cache_dir"], "small"))}
 
 # Processor time of compilers for the forms of a scene of St.Venant–Kirchhoff with a pressure and
-# numerical damping [s], on an EPYC of 2024, by kind of cell and order.
-SECONDS = {("hexahedron", 1): 2, ("hexahedron", 2): 4, ("tetrahedron", 1): 2, ("tetrahedron", 2): 3}
+# numerical damping, over the order of cells, on an EPYC of 2024 [s].
+SECONDS = 2
 SLOWER = 5  # times as long as that: a slow or busy processor, another material, enhanced strains
 
 SPENT: list[float] = []  # times of this process in compilations [s]
@@ -173,13 +173,13 @@ def _announced(form: ufl.Form) -> str:
     elements = [w.ufl_element() for w in (*form.arguments(), *form.coefficients())]
     order = max((e.degree for e in elements), default=1)
     cell = form.ufl_domains()[0].ufl_coordinate_element().cell_type.name
-    least = SECONDS.get((cell, order))
-    if least is None:
+    if "hedron" not in cell or order > 2:
         return ""
     kind = cell.replace("hedron", "hedra")
+    least, most = SECONDS * order, SLOWER * SECONDS * order
     return (
         f"the forms of {kind} of order {order}, once for all scenes of this kind: about {least} to "
-        f"{SLOWER * least} s"
+        f"{most} s"
     )
 
 

@@ -28,6 +28,7 @@ from tqdm import tqdm
 from rigidfx import effects
 from rigidfx.base.errors import RigidfxError, RigidfxWarning, SceneError
 from rigidfx.base.text_files import write_text
+from rigidfx.base.types import TINY
 from rigidfx.base.warning import worded
 from rigidfx.command.largest import Largest
 from rigidfx.command.options import CAD, GEO, Example, RankParser, ask, say
@@ -275,7 +276,7 @@ def _summary(scene: Scene, run: Pair, options: Namespace) -> dict[str, Any]:
     """Numbers of the run, as JSON takes them."""
     reports, flexible = run.adaptive, run.flexible
     freezes = freezes_of(reports)
-    largest = max(*(r.energy for r in reports), 1e-300)  # J
+    largest = max(*(r.energy for r in reports), TINY)  # J
     deviation = abs(reports[-1].energy - flexible[-1].energy) / largest if flexible else None
     return {
         "file": options.file.name,

@@ -17,6 +17,7 @@ from typing import Any, cast
 import numpy as np
 
 from rigidfx.base.errors import SceneError, on_rank_0
+from rigidfx.base.types import TINY
 from rigidfx.checkpoint.files import dumped, loaded
 from rigidfx.checkpoint.keeper import Checkpoint
 from rigidfx.command.options import say
@@ -45,7 +46,7 @@ def energy_jump(reports: Sequence[Report]) -> float:
     """The most that any event lost or gained, relative to the largest energy of the run."""
     largest = max(r.energy for r in reports)
     lost = max((abs(event.energy_lost) for event in events_of(reports)), default=0.0)
-    return lost / max(largest, 1e-300)
+    return lost / max(largest, TINY)
 
 
 def line_of(event: Event) -> str:

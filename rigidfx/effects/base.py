@@ -22,6 +22,8 @@ from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.effects.action import Action, FormTerm, Structure
 
 Vector = tuple[float, float, float]
+NO_VECTOR: Vector = (0.0, 0.0, 0.0)
+ANY_SET = (2, 3, 1, 0)  # dimensions of named sets, facets first
 WHOLE = "all cells"  # what goes by this name is not a set of cells but the whole domain
 
 TimeFunction = Callable[[float], float]

@@ -19,7 +19,7 @@ from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.inputs import vector
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array, Indices
-from rigidfx.effects.base import Effect, Vector, must_be, values_of
+from rigidfx.effects.base import NO_VECTOR, Effect, Vector, must_be, values_of
 from rigidfx.effects.supports.support import Fixed
 
 # Relative error of the difference quotient for a path whose velocity is not given.
@@ -79,8 +79,8 @@ class InitialVelocity(Effect):
         "function": must_be("a function of x", callable),
     }
 
-    linear: Vector = (0.0, 0.0, 0.0)
-    angular: Vector = (0.0, 0.0, 0.0)
+    linear: Vector = NO_VECTOR
+    angular: Vector = NO_VECTOR
     centre: Vector | None = None
     function: Callable[[Array], npt.ArrayLike] | None = None
     where: str | None = field(default=None, kw_only=True)

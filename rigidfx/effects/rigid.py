@@ -74,7 +74,7 @@ class Rigid(Effect):
                 f"Rigid: inertia must be a symmetric 3×3 matrix, got {shown(self.inertia)}."
             )
         a, b, c = np.linalg.eigvalsh(J)
-        if a <= 0 or c > (a + b) * (1 + 1e-9):
+        if a <= 0 or c > (a + b) * (1 + SYMMETRY):
             raise SceneError(
                 f"Rigid: no body has the principal moments of inertia {a:.3g}, {b:.3g}, {c:.3g}: "
                 "they must be positive and none above the sum of the others."

@@ -298,7 +298,7 @@ def on_first_rank(comm: MPI.Intracomm, draw: Callable[[], None], what: str) -> N
     agree(comm, problem, OutputError)
 
 
-PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
+PREFIXES = "p", "n", "µ", "m", "", "k", "M", "G", "T"  # of 10⁻¹² and so on
 
 
 def prefixed(unit: str, largest: float) -> tuple[float, str]:
@@ -308,5 +308,6 @@ def prefixed(unit: str, largest: float) -> tuple[float, str]:
     """
     if not unit or unit[0].isdigit() or not isfinite(largest) or largest <= 0:
         return 1.0, unit
-    power = min(max(3 * floor(log10(largest) / 3 + 1e-12), -12), 12)
-    return 10.0**-power, PREFIXES[power] + unit
+    middle = len(PREFIXES) // 2
+    thousands = min(max(floor(log10(largest) / 3 + 1e-12), -middle), middle)
+    return 10.0 ** (-3 * thousands), PREFIXES[thousands + middle] + unit

@@ -22,7 +22,7 @@ import numpy as np
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import numbers, shown
 from rigidfx.base.progress import bar_over
-from rigidfx.base.types import Array
+from rigidfx.base.types import TINY, Array
 from rigidfx.plot.arrows import Arrows, add_arrows, ends_of, largest_of, told
 from rigidfx.plot.curves import DPI, figure_of, prefixed, save
 
@@ -184,7 +184,7 @@ def range_of(field: str, colours: Iterable[Array]) -> tuple[float, float]:
     """The ends of the scale of a field, by its values at each time."""
     if field == "rigid":
         return 0.0, 1.0
-    top = max(*(float(c.max()) for c in colours), 1e-300)
+    top = max(*(float(c.max()) for c in colours), TINY)
     if field not in LOGARITHMIC:
         return 0.0, top
     least = (float(c[c > 0].min(initial=top)) for c in colours)

@@ -26,7 +26,7 @@ from mpi4py import MPI
 
 from rigidfx.base.in_notebook import as_text
 from rigidfx.base.remembered import PART, Remembered, same
-from rigidfx.base.types import Array, Ints
+from rigidfx.base.types import TINY, Array, Ints
 from rigidfx.effects import NumericalDamping
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rotation import axial, cross
@@ -37,7 +37,6 @@ from rigidfx.state import State
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.system import System
 
-TINY = 1e-300
 ACCOUNTS = "frozen", "time", "damping", "rigidity", "measured"
 Sure = Literal["estimate", "unknown"]
 OF_AMPLITUDE = 2.0  # parts of an energy that go with one of an amplitude

@@ -24,6 +24,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import basix
 import dolfinx.mesh as dmesh
 import numpy as np
 from dolfinx import la
@@ -37,6 +38,7 @@ from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.base.warning import warn
 from rigidfx.domain.connected import ConnectedParts, connected_parts, hinges, touching
 from rigidfx.domain.domain import Domain, count_between
+from rigidfx.effects.base import ANY_SET
 
 DIGITS = 1e-9  # error of a cell's size that is warned of
 
@@ -193,7 +195,7 @@ def _parts_of(domain: Domain, parts: ConnectedParts, name: str | None, owner: st
     """Parts that have entities of a named set; all if it has no name. Collective."""
     if name is None:
         return np.arange(parts.count)
-    found = domain.find(name, (2, 3, 1, 0), owner)
+    found = domain.find(name, ANY_SET, owner)
     domain.mesh.topology.create_connectivity(found.dim, 0)
     vertices = dmesh.compute_incident_entities(domain.mesh.topology, found.entities, found.dim, 0)
     marks = np.zeros(parts.count, dtype=np.int32)
@@ -295,16 +297,15 @@ def _corners(mesh: dmesh.Mesh, dim: int, entities: Indices) -> Array:
     return np.asarray(mesh.geometry.x[nodes])
 
 
-# Local vertices at both ends of each edge.
-EDGES = {
-    4: ((0, 0, 0, 1, 1, 2), (1, 2, 3, 2, 3, 3)),
-    8: ((0, 0, 0, 1, 1, 2, 2, 3, 4, 4, 5, 6), (1, 2, 4, 3, 5, 3, 6, 7, 5, 6, 7, 7)),
-}
+def _ends(corners: int) -> Ints:
+    """Local vertices at both ends of each edge of a cell of so many, shape (2, edges)."""
+    cell = basix.CellType.tetrahedron if corners == 4 else basix.CellType.hexahedron
+    return np.transpose(basix.topology(cell)[1])
 
 
 def _edges(x: Array) -> Array:
     """Lengths of the edges of each cell, shape (cells, edges) [m]."""
-    a, b = (list(ends) for ends in EDGES[x.shape[1]])
+    a, b = _ends(x.shape[1])
     return np.asarray(np.linalg.norm(x[:, a] - x[:, b], axis=2))
 
 
@@ -320,7 +321,7 @@ def _lengths(mesh: dmesh.Mesh, x: Array, outside: Bools) -> Array:
     facets = mesh.topology.connectivity(3, 2).array.reshape(-1, 6)[: len(x)]
     at = outside[facets]
     single = at[:, :3] & at[:, :2:-1]  # layers across z, y and x: facets k and 5 - k
-    a, b = np.array(EDGES[8])
+    a, b = _ends(8)
     along = 2 - np.log2(b - a).astype(int)  # 0, 1, 2: an edge along z, y, x
     return np.asarray(np.where(single[:, along], 0.0, edges).max(axis=1))
 

@@ -26,6 +26,7 @@ from rigidfx.base.taken import check_same, read_only
 from rigidfx.base.types import Array, Indices
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.domain.domain import Domain
+from rigidfx.effects.base import ANY_SET
 from rigidfx.effects.joints.joint import cut_by_symmetry
 from rigidfx.mechanics.element import Element
 from rigidfx.mechanics.enhanced import AssumedStrains
@@ -225,7 +226,7 @@ class Scene:
         drag = sum(effect.mass_damping for effect in acting)
         return drag, sum(effect.numerical_damping or 0.0 for effect in acting)
 
-    def nodes(self, name: str | None, by: str, dims: Sequence[int] = (2, 3, 1, 0)) -> Indices:
+    def nodes(self, name: str | None, by: str, dims: Sequence[int] = ANY_SET) -> Indices:
         """Local nodes in the closure of a named set, or all; ghosts included. Collective."""
         if name is None:
             return np.arange(len(self.space.tabulate_dof_coordinates()), dtype=np.int32)

@@ -19,7 +19,7 @@ from mpi4py import MPI
 from rigidfx.base.errors import OutputError, SceneError, agree
 from rigidfx.base.inputs import path_of, positive, whole
 from rigidfx.base.taken import check_same, seal
-from rigidfx.base.types import Array, Ints
+from rigidfx.base.types import TINY, Array, Ints
 from rigidfx.base.warning import warn
 from rigidfx.effects import MassDamping, StiffnessDamping
 from rigidfx.effects.damping import warn_of_ratio
@@ -156,7 +156,7 @@ class Modes:
             grid, photographs = grid_of(body), []
             for k, (f, u) in enumerate(zip(self.frequencies, fields, strict=True), start=1):
                 size = np.linalg.norm(u, axis=1)
-                surface = surface_of(grid, u, "shape", size / max(float(size.max()), 1e-300))
+                surface = surface_of(grid, u, "shape", size / max(float(size.max()), TINY))
                 photographs.append(Photograph(0.0, surface, f"mode {k}: {f:.5g} Hz"))
             look = Look(view, up, body.cells.shape[1] in (4, 8))
             sheet(path, photographs, "shape", look, columns)
@@ -172,7 +172,7 @@ class Modes:
         size = float(np.linalg.norm(ends[:3] + ends[3:]))
         largest = np.linalg.norm(self.shapes[:, :n], axis=2).max(axis=1, initial=0.0)
         scene.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-        scale = SHOWN * size / np.maximum(largest, 1e-300)
+        scale = SHOWN * size / np.maximum(largest, TINY)
         return list(scale[:, None, None] * self.shapes)
 
 

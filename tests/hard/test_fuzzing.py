@@ -16,8 +16,7 @@ from unittest.mock import patch
 import numpy as np
 import parallel
 import pytest
-from hardcases.drafts import BALANCED, ERROR, drafts, outcome
-from hardcases.random_scenes import try_scenes
+from hardcases.drafts import BALANCED, ERROR, drafts, outcome, try_scenes
 from hypothesis import given, settings
 from mpi4py import MPI
 
@@ -71,8 +70,7 @@ def test_scenes_that_have_failed(draft):
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [2])
-def test_random_scenes_on_several_ranks(tmp_path, ranks):
+def test_random_scenes_on_several_ranks(tmp_path):
     """No rank waits for ever, and what becomes of a scene does not depend on the ranks.
 
     Nor on whether flexible cells are dealt out among them, as in every other scene.
@@ -87,7 +85,7 @@ def test_random_scenes_on_several_ranks(tmp_path, ranks):
     collect()
     file = tmp_path / "drafts.json"
     file.write_text(json.dumps(collected))
-    found = parallel.run(__file__, ranks, 60 + 20 * len(collected), str(file))
+    found = parallel.run(__file__, 2, 60 + 20 * len(collected), str(file))
     print(dict(Counter(found)))
     assert len(found) == len(collected)
     alone = [outcome(draft) for draft in collected]

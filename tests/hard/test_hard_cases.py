@@ -35,10 +35,9 @@ def test_condition_does_not_depend_on_the_stiffness_of_a_body():
 @alone
 @pytest.mark.parallel
 @pytest.mark.slow
-@pytest.mark.parametrize("ranks", [3])  # the demo runs others on two, see test_demos
-def test_hard_cases_on_several_ranks(ranks):
+def test_hard_cases_on_several_ranks():  # the demo runs others on two, see test_demos
     """Ranks without cells, or with frozen ones: the same on all, and no rank waits for ever."""
-    problems = parallel.run(__file__, ranks, 600)
+    problems = parallel.run(__file__, 3, 600)
     assert problems == []
 
 

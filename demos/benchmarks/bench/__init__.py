@@ -17,7 +17,6 @@ from .shared import (
     Turns,
     bar,
     cells_of_bar,
-    in_turn,
     run_parts,
     timed,
     without_mpi,
@@ -25,5 +24,5 @@ from .shared import (
 
 __all__ = [
     "DT", "MATERIAL", "PUSH", "Parser", "Turns", "bar", "cells_of_bar", "chosen", "conclude",
-    "in_turn", "run_parts", "timed", "without_mpi", "write",
+    "run_parts", "timed", "without_mpi", "write",
 ]  # fmt: skip

@@ -13,11 +13,7 @@ BLOCK = RADIUS + LENGTH + 0.069, 0.0, 0.03  # m; a corner of the block
 
 
 def driven(speed: Callable[[float], float]) -> list[rf.Effect]:
-    """Joints at mean faces, a motor, a stop before the inner dead centre, and damping.
-
-    Args:
-        speed: Of the crank [rad/s], by time [s].
-    """
+    """Joints at mean faces, a motor by speed [rad/s], a stop before the dead centre, damping."""
     face, z, wrist = rf.MeanFace, (0.0, 0.0, 1.0), (RADIUS + LENGTH, 0.0, 0.0)
     return [
         rf.Revolute("ground", face("journals"), (0, 0, 0), z, name="bearing"),

@@ -24,12 +24,7 @@ def drilled(
 ) -> list[tuple[int, int]]:
     """Volumes of gmsh's of a bar along x with round ends about the axes of its holes, along z.
 
-    Args:
-        occ: gmsh's kernel.
-        size: Length, width and thickness [m].
-        low: Where it begins along x and z; y = 0 is its middle [m].
-        holes: Places of the axes along x [m].
-        radius: Of the holes [m].
+    It begins at `low` along x and z, with its middle at y = 0; holes are places along x [m].
     """
     (length, wide, thick), (x0, z0) = size, low
     bar = [(3, occ.addBox(x0, -wide / 2, z0, length, wide, thick))]
@@ -50,13 +45,7 @@ def _bar(length: float, holes: tuple[float, ...], size: float, gmsh: Any) -> Non
 
 
 def hung_bar(size: float, *effects: rf.Effect, joined: bool = True) -> rf.Scene:
-    """The bar; its pin finds place and axis in the hole.
-
-    Args:
-        size: Length of its cells [m].
-        effects: More of them.
-        joined: Whether it is on its pin.
-    """
+    """The bar, of cells of some size [m]; its pin, if joined, finds place and axis in the hole."""
     domain = rf.from_gmsh(partial(_bar, HUNG, (0.0,), size))
     domain = domain.with_facets("hole", lambda x: np.hypot(x[0], x[1]) < 1.01 * RADIUS)
     pin = [rf.Revolute("ground", rf.MeanFace("hole"), name="pin")] if joined else []
@@ -99,12 +88,7 @@ def swing(size: float, dt: float) -> tuple[float, float, float, float, int]:
 
 
 def rod_numbers(face: type[rf.MeanFace] | type[rf.RigidFace], size: float) -> dict[str, Any]:
-    """Stiffness [N/m, N m/rad], frequencies between two pins [Hz] and unknowns of the rod.
-
-    Args:
-        face: Kind of both holes.
-        size: Length of its cells [m].
-    """
+    """Stiffness [N/m, N m/rad], frequencies between two pins [Hz] and unknowns of the rod."""
     domain = rf.from_gmsh(partial(_bar, ROD, (0.0, ROD), size))
     for name, x in (("near", 0.0), ("far", ROD)):
         hole = partial(lambda at, p: np.hypot(p[0] - at, p[1]) < 1.01 * RADIUS, x)

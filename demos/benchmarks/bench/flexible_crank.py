@@ -78,14 +78,7 @@ def _parts(names: tuple[str, ...], size: float, gmsh: Any) -> None:
 def flexible_crank(
     size: float, *more: rf.Effect, comm: MPI.Intracomm = MPI.COMM_WORLD, **options: Any
 ) -> rf.Scene:
-    """The whole, with mean faces in all holes.
-
-    Args:
-        size: Length of the cells [m].
-        more: Further effects.
-        comm: The ranks.
-        options: More of the scene's.
-    """
+    """The whole, of cells of some size [m] and further effects, with mean faces in all holes."""
     face, wrist = rf.MeanFace, (CRANK + ROD, 0.0, 0.0)
     effects = [
         rf.Rigid("slider", mass=SLIDER, inertia=INERTIA),
@@ -124,17 +117,11 @@ class CrankMotion:
 
 
 def motion(crank: Array, rod: Array, dt: float) -> tuple[Array, Array]:
-    """Crank speed and deflection of the rod.
+    """Crank speed in each step [rad/s] and deflection of the rod, less that at the start [m].
 
-    Args:
-        crank: Places of two points of the crank, shape (steps + 1, 2, 3) [m].
-        rod: Places of a point at an end of the rod, in its middle and at its other end, shape
-            (steps + 1, 3, 3) [m].
-        dt: Δt [s].
-
-    Returns:
-        Mean angular velocity of the crank in each step, shape (steps,) [rad/s], and distance of the
-        rod's middle from the line through its ends, less that at the start, shape (steps + 1,) [m].
+    Crank and rod are places of two points of the crank, shape (steps + 1, 2, 3), and of points at
+    an end of the rod, in its middle and at its other end, (steps + 1, 3, 3) [m]. The deflection is
+    the distance of the middle from the line through the ends.
     """
     along = crank[:, 1] - crank[:, 0]
     angle = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
@@ -145,13 +132,7 @@ def motion(crank: Array, rod: Array, dt: float) -> tuple[Array, Array]:
 
 
 def crank_motion(scene: rf.Scene, dt: float, steps: int) -> CrankMotion:
-    """Run the slider-crank.
-
-    Args:
-        scene: As of `flexible_crank`.
-        dt: Δt [s].
-        steps: How many.
-    """
+    """Run the slider-crank of `flexible_crank`."""
     X = scene.space.tabulate_dof_coordinates()
     nodes = {name: nodes_of(scene, name) for name in PROBES}
     comm = scene.mesh.comm
@@ -191,13 +172,7 @@ def nodes_of(scene: rf.Scene, name: str) -> npt.NDArray[np.int64]:
 
 
 def for_exudyn(scene: rf.Scene, dt: float, steps: int) -> dict[str, Any]:
-    """The mechanism as `codes/exudyn_steps.py` reads it, but for the number of modes; on one rank.
-
-    Args:
-        scene: As of `flexible_crank`.
-        dt: Δt [s].
-        steps: How many.
-    """
+    """The mechanism as `codes/exudyn_steps.py` reads it, without the number of modes; one rank."""
     out: dict[str, Any] = {"kind": "slider-crank", "dt": dt, "steps": steps}
     both = matrices(scene)
     for name, pins in PINS.items():

@@ -17,14 +17,9 @@ CLOSE = 1e-9  # m
 
 
 def block_of(n: tuple[int, int, int], place: Callable[[Array], Array]) -> rf.Domain:
-    """A unit cube of n cells that is brought into another shape.
+    """A unit cube of n cells that a function of places, shape (3, points), brings into another one.
 
-    Args:
-        n: Cells along each axis.
-        place: Function of places in the cube, shape (3, points), to those of the block [m].
-
-    Returns:
-        The domain; its sides are x0, x1, y0, … as those of the cube.
+    Sides of the domain are x0, x1, y0, … as those of the cube.
     """
     cube, cells = hexahedra(*(np.linspace(0, 1, k + 1) for k in n))
     points = place(cube.T).T

@@ -41,13 +41,7 @@ class Record:
 
 
 def judged(twin: Record, ours: Record, tol: float) -> dict[str, float | int]:
-    """Shares of cell-windows and of woken cells, as waking.py explains them.
-
-    Args:
-        twin: The flexible run.
-        ours: The run with bodies.
-        tol: Tolerance [1/s].
-    """
+    """Shares of cell-windows and of woken cells, as waking.py explains them; tolerance in 1/s."""
     rates, bodies, most = twin.rates, ours.bodies, MOST * tol
     steps, cells = rates.shape
     wrong = bodies & (ours.lost > most)

@@ -60,13 +60,7 @@ def plate(short: bool) -> list[tuple[str, float, float]]:
 
 
 def fork_modes(prong: int, bend: int, across: int) -> np.ndarray:
-    """The first four frequencies of a free fork [Hz].
-
-    Args:
-        prong: Cells along each prong.
-        bend: Cells along the half circle.
-        across: Cells along each edge of the section.
-    """
+    """The first four frequencies of a free fork [Hz], by cells of a prong and the half circle."""
     long, radius, thick = 0.08, 0.01, 0.004
     half = np.pi * radius
     count = 2 * prong + bend

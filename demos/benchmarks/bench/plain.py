@@ -15,6 +15,11 @@ from petsc4py import PETSc
 import rigidfx as rf
 from rigidfx.base.compat import integration_facets
 
+LU_BELOW = 50_000  # unknowns; beyond, a factorisation takes gigabytes and most of a minute
+SOLVERS = {  # linear ones, by PETSc's options
+    "gmres+ilu": {"ksp_type": "gmres", "pc_type": "ilu", "ksp_rtol": "1e-8"},
+    "lu": {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"},
+}
 Traction = Callable[[float], npt.ArrayLike]  # of time [s], three components [Pa]
 
 
@@ -47,13 +52,8 @@ class PlainLoop:
     ) -> None:
         """Compile the form and set up an SNES.
 
-        Args:
-            problem: Scene whose mesh, order, mass, material and named facets are used.
-            dt: Time step [s].
-            tractions: Dead loads, by the name of their facets.
-            solver: PETSc options.
-            held: Name of the facets that do not move, if some do not.
-            floor: Absolute tolerance of Newton [N]; the relative one is 1e-12.
+        Tractions, by names of facets, are dead loads; facets `held` do not move. Newton's iteration
+        ends at 1e-12 of the first residual, or at a floor [N].
         """
         self._problem, self._dt, self.t = problem, dt, 0.0
         mesh, V = problem.mesh, problem.space

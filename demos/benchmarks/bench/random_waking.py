@@ -194,11 +194,7 @@ def random_case(seed: int) -> tuple[str, Built]:
 
 
 def seeds_of(text: str) -> list[int]:
-    """Numbers as in "0-9,12".
-
-    Raises:
-        ValueError: If it is none of that kind.
-    """
+    """Numbers as in "0-9,12"; else a `ValueError`."""
     seeds: list[int] = []
     for part in text.split(","):
         first, _, last = part.partition("-")

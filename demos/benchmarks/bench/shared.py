@@ -42,15 +42,6 @@ def timed(call: Callable[[], Any]) -> tuple[float, Any]:
     return perf_counter() - start, value
 
 
-def in_turn(calls: Mapping[Name, Callable[[], Any]], times: int) -> dict[Name, float]:
-    """Medians of the wall times of some calls [s], each of which is made so often, in turn."""
-    seconds: dict[Name, list[float]] = {name: [] for name in calls}
-    for _ in range(times):
-        for name, call in calls.items():
-            seconds[name].append(timed(call)[0])
-    return {name: median(each) for name, each in seconds.items()}
-
-
 class Turns(Generic[Name]):
     """Wall times and reports of several runs; at its end, as a context, all are freed.
 
@@ -60,12 +51,7 @@ class Turns(Generic[Name]):
     """
 
     def __init__(self, runs: Mapping[Name, Iterator[Any]], warm: int = 3) -> None:
-        """Let each run go ahead.
-
-        Args:
-            runs: Name → what yields a report per step.
-            warm: Reports before the first one that is timed: the initial state's and some more.
-        """
+        """Let each run go ahead by so many reports: the initial state's and some more."""
         self._runs = dict(runs)
         self.seconds: dict[Name, list[float]] = {name: [] for name in runs}
         self.reports: dict[Name, list[Any]] = {name: [] for name in runs}

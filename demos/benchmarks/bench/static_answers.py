@@ -36,11 +36,7 @@ def last_of(scene: rf.Scene, steps: Any) -> rf.Report:
 def tip_of_rod(length: float, bending: float, tip: float, weight: float = 0.0) -> float:
     """Deflection of the tip of a level rod that neither stretches nor shears [m].
 
-    Args:
-        length: Its length [m].
-        bending: E I [N m²].
-        tip: Force at its tip [N].
-        weight: Its own weight [N].
+    Its bending stiffness is E I [N m²]; the tip and its own weight are forces [N].
     """
     P, W = (force * length**2 / bending for force in (tip, weight))
 

@@ -32,12 +32,7 @@ def calculix_there(named: str | None = None) -> str | None:
 
 
 def deck(case: Case, static: str | None = None) -> str:
-    """Its input; it reads no more than 20 characters of a number.
-
-    Args:
-        case: The problem.
-        static: Kind of its cells in load steps; motion if None.
-    """
+    """Its input, of numbers of at most 20 characters; load steps of a kind of cells, or motion."""
     material, n = case.material, case.cells.shape[1]
     times = np.append(case.factor.times, case.dt * (case.steps + 1))
     values = np.append(case.factor.values, 0.0)
@@ -104,13 +99,7 @@ def file_name(case: Case) -> str:
 
 
 def calculix(case: Case, command: str, folder: Path) -> Outcome:
-    """Run a case.
-
-    Args:
-        case: The problem.
-        command: Path of `ccx`.
-        folder: Where its files go.
-    """
+    """Run a case by the program `ccx`, with files in a folder."""
     name, outcome = file_name(case), Outcome(solver="spooles")
     process = started(case, command, folder, deck(case))
     outcome.seconds = seconds_between_steps(process, folder / f"{name}.sta")
@@ -124,16 +113,9 @@ def calculix(case: Case, command: str, folder: Path) -> Outcome:
 
 
 def calculix_static(case: Case, command: str, folder: Path, element: str) -> Array:
-    """Displacement of the probe after load steps, shape (3,) [m].
+    """Displacement of the probe after load steps of a factor from zero to one, shape (3,) [m].
 
-    Args:
-        case: The problem; its factor goes from zero to one.
-        command: Path of `ccx`.
-        folder: Where its files go.
-        element: Kind of its cells, such as "C3D8".
-
-    Raises:
-        RuntimeError: If it ends with an error.
+    Cells are of a kind such as "C3D8"; a `RuntimeError` tells that CalculiX fails.
     """
     if started(case, command, folder, deck(case, element)).wait():
         raise RuntimeError(f"CalculiX fails: see {folder / file_name(case)}.log")

@@ -140,10 +140,7 @@ def soft_l(refine: int, steps: int, dt: float = 0.1) -> Case:
 def metal_bracket(size: float, steps: int, dt: float = 1e-4) -> Case:
     """A bracket of steel on a wall, second-order tetrahedra; its end is pushed for 2 ms.
 
-    Args:
-        size: Of its cells [m]; 0.02 gives 4000 unknowns.
-        steps: How many.
-        dt: Time step [s].
+    Cells of 0.02 m give 4000 unknowns.
     """
     domain = rf.read_geo(BRACKET, {"size": size})
     tractions = {"end": np.array([0.0, 0.0, -2e5])}

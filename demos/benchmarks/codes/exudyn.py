@@ -22,15 +22,9 @@ Found = dict[str, npt.NDArray[Any]]
 
 
 def exudyn(python: str, folder: Path, given: dict[str, Any]) -> Found:
-    """Let Exudyn take the steps of a mechanism.
+    """Let the Python that has Exudyn take steps, by the names that `exudyn_steps.py` reads.
 
-    Args:
-        python: Path of the interpreter.
-        folder: Where the files go.
-        given: The mechanism, by the names that `exudyn_steps.py` reads.
-
-    Raises:
-        RuntimeError: If it ends without a result.
+    It raises a `RuntimeError` if there is no result.
     """
     folder.mkdir(parents=True, exist_ok=True)
     asked, found = folder / "given.npz", folder / "found.npz"
@@ -51,11 +45,7 @@ def exudyn(python: str, folder: Path, given: dict[str, Any]) -> Found:
 
 
 def matrices(scene: rf.Scene) -> tuple[csr_matrix, csr_matrix]:
-    """Mass [kg] and stiffness at rest [N/m] of a scene's dofs, without its effects; on one rank.
-
-    Args:
-        scene: The scene; its mesh, materials and element are taken.
-    """
+    """Mass [kg] and stiffness at rest [N/m] of a scene's dofs, without its effects; on one rank."""
     with warnings.catch_warnings():
         warnings.filterwarnings(
             "ignore", message=".*touches, or overlaps", category=rf.RigidfxWarning
@@ -86,15 +76,10 @@ def part_of(
     probes: npt.NDArray[np.int64],
     both: tuple[csr_matrix, csr_matrix],
 ) -> Found:
-    """A flexible part as `exudyn_steps.py` reads it.
+    """A flexible part as `exudyn_steps.py` reads it, by its name and two mean faces.
 
-    Args:
-        name: Of its cells.
-        scene: The scene.
-        faces: Names of its two mean faces.
-        pins: Places of the joints in them, shape (2, 3) [m]; the first is its frame's origin.
-        probes: Nodes of the part that are followed.
-        both: Mass and stiffness of the scene.
+    Pins are places of joints in them, the first one its frame's origin, shape (2, 3) [m]; probes
+    are nodes; `both` are mass and stiffness of the scene.
     """
     cells = scene.domain.find(name, [3], "Exudyn").entities
     nodes = np.unique(scene.space.dofmap.list[cells])

@@ -7,7 +7,7 @@ from contextlib import closing
 import numpy as np
 import ufl
 from bench import timed
-from bench.plain import PlainLoop
+from bench.plain import LU_BELOW, SOLVERS, PlainLoop
 from dolfinx import fem
 
 import rigidfx as rf
@@ -19,12 +19,7 @@ class Energies:
     """T + W of St.Venant and Kirchhoff's material, by the quadrature of the scene."""
 
     def __init__(self, case: Case, mass: str) -> None:
-        """Compile the form.
-
-        Args:
-            case: Whose cells they are.
-            mass: "lumped" or "consistent".
-        """
+        """Compile the form, with lumped or consistent mass."""
         scene, material = case.scene, case.material
         self._u, self._v = fem.Function(scene.space), fem.Function(scene.space)
         lmbda = material.E * material.nu / ((1 + material.nu) * (1 - 2 * material.nu))
@@ -64,15 +59,6 @@ def rigidfx(case: Case) -> Outcome:
     return outcome
 
 
-SOLVERS = {
-    "gmres+ilu": {"ksp_type": "gmres", "pc_type": "ilu", "ksp_rtol": "1e-8"},
-    "lu (mumps)": {
-        "ksp_type": "preonly",
-        "pc_type": "lu",
-        "pc_factor_mat_solver_type": "mumps",
-    },
-}
-LU_BELOW = 50_000  # unknowns; beyond, a factorisation takes gigabytes and most of a minute
 # Of the largest nodal force, where Newton's iteration may stop: rounding leaves 2e-9 in the bracket
 # of steel, whose stiffness the forces of a step are small against.
 ROUNDING = 1e-8

@@ -18,13 +18,7 @@ TRIAL_AT_MOST = 120  # s
 
 
 def kratos(case: Case, python: str, folder: Path) -> Outcome:
-    """Run a case with the better of two linear solvers.
-
-    Args:
-        case: The problem.
-        python: Path of the interpreter.
-        folder: Where its files go.
-    """
+    """Run a case with the better of two linear solvers, by the Python that has Kratos."""
     folder.mkdir(parents=True, exist_ok=True)
     given, material = folder / f"{case.name.replace(' ', '_')}.npz", case.material
     np.savez(

@@ -74,13 +74,7 @@ def bars(short: bool) -> dict[str, float]:
 
 
 def two_bars(n: int, apart: float, second: int = 1) -> rf.Domain:
-    """Two bars in a row, which share no node.
-
-    Args:
-        n: Cells of a metre.
-        apart: Gap [m].
-        second: Length of the second [m]; the first has one metre.
-    """
+    """Two bars in a row, of n cells a metre, with a gap [m]: one of a metre, a second one."""
     ends = (0, 1), (1 + apart, 1 + apart + second)
     domain = boxes(*(((a, 0, 0), (b, 0.01, 0.01), (round(b - a) * n, 1, 1)) for a, b in ends))
     middle = 1 + apart / 2

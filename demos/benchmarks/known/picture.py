@@ -14,12 +14,7 @@ MARKS = {"flexible": "o", "reduced": "s", "rigid": "^", "found": "D"}
 
 
 def draw_errors(rows: list[dict[str, Any]], path: Path) -> None:
-    """Draw each number's error against its bound, a line for each problem.
-
-    Args:
-        rows: As in the summary.
-        path: The picture.
-    """
+    """Draw each number's error against its bound, a line for each problem."""
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 

@@ -22,6 +22,7 @@ from rigidfx.base.warning import warn
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.attached.point_mass import PointMass
 from rigidfx.effects.base import (
+    ANY_SET,
     PlaceAndTime,
     Scaled,
     Vector,
@@ -196,7 +197,7 @@ class NodalForce(DeadLoad):
         value: Three components of the *total* force [N], or a function of time giving them.
     """
 
-    dims: ClassVar[tuple[int, ...]] = (2, 3, 1, 0)
+    dims: ClassVar[tuple[int, ...]] = ANY_SET
 
     where: str
     value: Vector | Callable[[float], Vector]

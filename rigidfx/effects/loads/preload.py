@@ -12,7 +12,7 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown, vector
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
-from rigidfx.effects.base import Effect, Vector, at_least_one
+from rigidfx.effects.base import NO_VECTOR, Effect, Vector, at_least_one
 from rigidfx.effects.damping import Centrifugal, StaticForces
 from rigidfx.effects.joints.joint import Axial
 from rigidfx.effects.loads.dead_load import DeadLoad
@@ -49,7 +49,7 @@ class Preload(Effect):
 
     loads: Sequence[DeadLoad] = ()
     increments: int = 1
-    spin: Vector = field(default=(0.0, 0.0, 0.0), kw_only=True)
+    spin: Vector = field(default=NO_VECTOR, kw_only=True)
     centre: Vector | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:

@@ -13,7 +13,7 @@ from rigidfx.base.inputs import vector
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
-from rigidfx.effects.base import WHOLE, Scaled, Vector, check_vector
+from rigidfx.effects.base import NO_VECTOR, WHOLE, Scaled, Vector, check_vector
 from rigidfx.effects.joints.remote import OnFace, RemoteMotion, RemoteNodes
 from rigidfx.effects.joints.sides import Surface
 from rigidfx.effects.loads.dead_load import DeadForces
@@ -40,8 +40,8 @@ class Resultant(OnFace, Scaled):
     checks: ClassVar[Checks] = Scaled.checks | OnFace.checks | {"force": vector, "torque": vector}
 
     where: str | Surface | None = None
-    force: Vector = (0.0, 0.0, 0.0)
-    torque: Vector = (0.0, 0.0, 0.0)
+    force: Vector = NO_VECTOR
+    torque: Vector = NO_VECTOR
     at: Vector | None = field(default=None, kw_only=True)
 
     @property

@@ -25,7 +25,7 @@ from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import direction, numbers, of_time, scalar, shown, vector
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
-from rigidfx.effects.base import PlaceAndTime, Vector, of_place, values_at
+from rigidfx.effects.base import NO_VECTOR, PlaceAndTime, Vector, of_place, values_at
 from rigidfx.effects.supports.support import Support, slope_after
 
 
@@ -171,7 +171,7 @@ class PrescribedRotation(GuidedSupport):
     }
 
     axis: Vector = field(kw_only=True)
-    through: Vector = field(default=(0.0, 0.0, 0.0), kw_only=True)
+    through: Vector = field(default=NO_VECTOR, kw_only=True)
     angle: Callable[[float], float] = field(kw_only=True)
     speed: Callable[[float], float] | None = field(default=None, kw_only=True)
 
