@@ -8,13 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rigidfx.mechanics.rotation import (
-    axial,
-    cayley,
-    cross,
-    orthonormalized,
-    skew,
-)
+from rigidfx.mechanics.rotation import axial, cayley, cross, orthonormalized, skew
 
 # |θ| up to 8: angles up to 2.65 rad in one step.
 coordinate = st.floats(-4.5, 4.5)

@@ -31,15 +31,7 @@ from rigidfx.domain.cell_quality import (
     naming,
     widths,
 )
-from rigidfx.domain.domain import (
-    CELLS,
-    KINDS,
-    Domain,
-    EntitySet,
-    Marker,
-    by_corners,
-    replace_sets,
-)
+from rigidfx.domain.domain import CELLS, KINDS, Domain, EntitySet, Marker, by_corners, replace_sets
 
 MOST = 2**31 - 1  # cells of a box
 

@@ -11,13 +11,7 @@ import numpy as np
 from rigidfx.base.errors import SceneError
 from rigidfx.base.types import Array, Ints
 from rigidfx.domain.arrays import FileMesh, element_name
-from rigidfx.domain.cell_quality import (
-    CORNERS,
-    advice_on,
-    collapsed,
-    in_dolfinx_order,
-    widths,
-)
+from rigidfx.domain.cell_quality import CORNERS, advice_on, collapsed, in_dolfinx_order, widths
 from rigidfx.domain.inp_model import Group, Instance, Model, folded, is_number
 
 

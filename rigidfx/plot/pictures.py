@@ -15,51 +15,23 @@ from rigidfx.base.types import Array
 from rigidfx.output.field_reader import RecordedFields, read_fields
 from rigidfx.output.history import columns_of, resolved_columns
 from rigidfx.plot.arrows import Arrows
-from rigidfx.plot.curves import (
-    Curve,
-    check_time,
-    curves,
-    histories,
-    on_first_rank,
-)
+from rigidfx.plot.curves import Curve, check_time, curves, histories, on_first_rank
 from rigidfx.plot.panels import of_joints, of_probes
-from rigidfx.plot.renders import (
-    VIEW,
-    Look,
-    Photograph,
-    check_camera,
-    film,
-    sheet,
-    surface_of,
-)
+from rigidfx.plot.renders import VIEW, Look, Photograph, check_camera, film, sheet, surface_of
 from rigidfx.plot.shapes import Scale, check_scale, factor_of
 
 Camera = tuple[Sequence[float], Sequence[float]]
 
 FRAMES = 100  # times that a film shows at most, unless told otherwise
-# Panels of the ledger: a scale, an amount with its name in the legend, and what is allowed.
-ACCOUNTS = {
-    "Energies, % of the energy of deformation": (
-        "deformation",
-        {"frozen": "frozen vibration", "energy_allowed": "allowed"},
-    ),
-    "Numerical damping, % of the energy of deformation": (
-        "deformation",
-        {"damped": "taken", "damping_allowed": "allowed"},
-    ),
-    "Time integration, % of the largest displacement": (
-        "displacement",
-        {"time_error": "estimated error", "time_allowed": "allowed"},
-    ),
-    "Rigid parts, % of the largest displacement": (
-        "displacement",
-        {"rigidity_error": "estimated error", "rigidity_allowed": "allowed"},
-    ),
-    "All errors, % of the largest displacement": (
-        "displacement",
-        {"measured_error": "measured", "budget": "allowed"},
-    ),
-}
+# Panels of the ledger: a heading, a scale, an amount with its name in the legend, the allowed one.
+ACCOUNTS = (
+    ("Energies", "deformation", "frozen", "frozen vibration", "energy_allowed"),
+    ("Numerical damping", "deformation", "damped", "taken", "damping_allowed"),
+    ("Time integration", "displacement", "time_error", "estimated error", "time_allowed"),
+    ("Rigid parts", "displacement", "rigidity_error", "estimated error", "rigidity_allowed"),
+    ("All errors", "displacement", "measured_error", "measured", "budget"),
+)
+SCALES = {"deformation": "energy of deformation", "displacement": "largest displacement"}
 
 
 def spent(history: Mapping[str, Array]) -> dict[str, list[Curve]]:
@@ -73,11 +45,11 @@ def spent(history: Mapping[str, Array]) -> dict[str, list[Curve]]:
         # What the one share leaves is the other's: together they are all that was asked.
         h["budget"] = history["time_allowed"] + np.nan_to_num(history["rigidity_allowed"])
     out = {}
-    for heading, (scale, names) in ACCOUNTS.items():
+    for heading, scale, amount, words, allowed in ACCOUNTS:
         sizes = np.where(history[scale] > 0, history[scale], np.inf)
-        out[heading] = [
-            Curve(words, h["t"], 100 * np.nan_to_num(h[name]) / sizes)
-            for name, words in names.items()
+        out[f"{heading}, % of the {SCALES[scale]}"] = [
+            Curve(label, h["t"], 100 * np.nan_to_num(h[name]) / sizes)
+            for name, label in ((amount, words), (allowed, "allowed"))
             if name in h
         ]
     return {heading: curves for heading, curves in out.items() if curves}

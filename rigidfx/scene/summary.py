@@ -9,15 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rigidfx.effects import (
-    Effect,
-    Joint,
-    Motor,
-    PointMass,
-    Rigid,
-    Table,
-    rigid_faces,
-)
+from rigidfx.effects import Effect, Joint, Motor, PointMass, Rigid, Table, rigid_faces
 from rigidfx.effects.contacts.surface import modulus_of
 from rigidfx.mechanics.element import StandardElement
 from rigidfx.scene.mesh_checks import parts_in_words

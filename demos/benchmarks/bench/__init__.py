@@ -10,17 +10,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from common import Parser, chosen, conclude, write
 
-from .shared import (
-    DT,
-    MATERIAL,
-    PUSH,
-    Turns,
-    bar,
-    cells_of_bar,
-    run_parts,
-    timed,
-    without_mpi,
-)
+from .shared import DT, MATERIAL, PUSH, Turns, bar, cells_of_bar, run_parts, timed, without_mpi
 
 __all__ = [
     "DT", "MATERIAL", "PUSH", "Parser", "Turns", "bar", "cells_of_bar", "chosen", "conclude",
