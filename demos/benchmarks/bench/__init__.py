@@ -6,7 +6,8 @@ Importing it makes `common`, rigidfx and the meshes of this checkout importable.
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+if (demos := str(Path(__file__).resolve().parents[2])) not in sys.path:
+    sys.path.insert(0, demos)
 
 from common import Parser, chosen, conclude, write
 
