@@ -26,7 +26,7 @@ from rigidfx.step.system.rigid_motion import following_energy
 from rigidfx.step.system.system import StepResult, System, Work
 from rigidfx.step.watches.alternation import Alternation, Unresolved
 from rigidfx.step.watches.cells import Compression, RotationPerStep
-from rigidfx.step.watches.judge import Attempt, Cuts, Judge, Measuring, Watch
+from rigidfx.step.watches.judge import Attempt, Cuts, Judge, Watch
 from rigidfx.step.watches.jumps import JumpingObstacles, Jumps
 
 
@@ -63,14 +63,13 @@ class Stepper:
         inexact = None if control is None else control.objection
         self._judge = Judge(scene, self._inversion, inexact)
         self.jumps = Jumps(scene)
-        measuring = () if indicator is None else (Measuring(indicator),)
         obstacles = JumpingObstacles(scene, self.touches)
         self.alternation = Alternation(scene, forces)
         turning = RotationPerStep(scene, forces)
         others = Unresolved(scene), turning, self.alternation, self.jumps, obstacles
         squeezed = (Compression(scene, forces),) if scene.element.buckles else ()
         controls = () if control is None else (control,)
-        self.watches: list[Watch] = [*measuring, *others, *squeezed, *controls]
+        self.watches: list[Watch] = [*others, *squeezed, *controls]
         self.cuts = Cuts()
         self._dealing = Dealing()
         self.system: System
@@ -81,23 +80,12 @@ class Stepper:
     def bind(self, division: Division, acting: Sequence[Windowed]) -> None:
         """Bind a division of the cells and the effects that act from now on. Collective."""
         before = self.system if self._bound else None
-        if before is not None:
-            before.destroy()
+        self._unbind()
         self._division = division
         self._inversion.bind(division.flexible)
-        for watch in self.watches:
-            watch.bind(division.flexible)
-        self.system = System(
-            "step",
-            self.scene,
-            self.forces,
-            self.state,
-            self.scene.effects,
-            acting,
-            division,
-            jumps=self.jumps,
-            dealing=self._dealing,
-        )
+        self.show()
+        known = self.scene, self.forces, self.state, self.scene.effects, acting, division
+        self.system = System("step", *known, jumps=self.jumps, dealing=self._dealing)
         if before is not None:
             self.system.newton.go_on(before.newton)
         if self.control is not None:
@@ -106,17 +94,23 @@ class Stepper:
 
     def renew(self) -> None:
         """Let the next division know nothing of the equations before it. Collective."""
-        if self._bound:
-            self.system.destroy()
-            self._bound = False
+        self._unbind()
         for watch in self.watches:
             watch.refresh()
         self.forces.u1.x.array[:] = self.state.u.x.array  # what rounding is estimated by
 
     def show(self) -> None:
         """Show watches the present division, those too that came after it. Collective."""
+        if self.indicator is not None:
+            self.indicator.bind(self._division.flexible)
         for watch in self.watches:
             watch.bind(self._division.flexible)
+
+    def _unbind(self) -> None:
+        """Free the equations, if there are any. Collective."""
+        if self._bound:
+            self.system.destroy()
+            self._bound = False
 
     @property
     def unknowns(self) -> int:
@@ -176,6 +170,8 @@ class Stepper:
 
     def accept(self, attempt: Attempt) -> StepResult:
         """Let the state, and all else that remembers, take an attempt over. Collective."""
+        if self.indicator is not None:
+            self.indicator.measure(attempt.dt)
         for watch in self.watches:  # before u₀ becomes u₁
             watch.accept(attempt)
         return _result(attempt, self.system.accept_step(self.state, attempt.dt, attempt.end))
@@ -240,9 +236,7 @@ class Stepper:
 
     def close(self) -> None:
         """Free all PETSc objects. Collective."""
-        if self._bound:
-            self.system.destroy()
-            self._bound = False
+        self._unbind()
         self._dealing.destroy()
 
 

@@ -36,7 +36,7 @@ from rigidfx.scene.timeline import Timeline
 from rigidfx.state import initial_velocity
 from rigidfx.step.equations.division import Division
 from rigidfx.step.equations.supports import Impact, PrescribedDofs, supports_of
-from rigidfx.step.preload import apply_preload
+from rigidfx.step.load_path import apply_preload
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import INVERTED, remedy
 from rigidfx.switch.closing import check_stops, implied_rows, warn_of_jumps

@@ -65,23 +65,6 @@ class OwnMethods:
         """The same of all that do something of their own by it."""
         return [self.call(action, method) for action in doing(actions, method)]
 
-    def blame(
-        self,
-        actions: Sequence[Action],
-        method: str,
-        given: Callable[[Action], tuple[Array, ...]],
-    ) -> None:
-        """Raise a `SceneError` if forces of a method that actions give are not finite.
-
-        Collective.
-        """
-        for action in doing(actions, method):
-            forces, fault = np.concatenate([np.ravel(part) for part in given(action)]), None
-            if not np.isfinite(forces).all():
-                worst = shown(forces[np.argmin(np.isfinite(forces))])
-                fault = f"{self._owners[id(action)]}: its {method} gave a force of {worst} N."
-            agree(self._comm, fault)
-
 
 class _Entries:
     """Takes entries in place of a `CondensedMatrix`."""
@@ -271,15 +254,16 @@ class Actions:
         if not self._comm.allreduce(bool(np.isfinite(motion.array_r).all()), op=MPI.LAND):
             return
         vector = self.loads.vector.duplicate()
-
-        def asked(action: Action, method: str) -> tuple[Array, ...]:
+        each = [(m, action) for m in ("load", "resist") for action in doing(self._acting, m)]
+        for method, action in each:
             vector.set(0.0)
-            forces = Forces.none(vector, self.loads.moments)
-            getattr(action, method)(*((motion,) if method == "resist" else ()), forces)
-            return forces.parts
-
-        for method in ("load", "resist"):
-            self._own.blame(self._acting, method, partial(asked, method=method))
+            asked, fault = Forces.none(vector, self.loads.moments), None
+            getattr(action, method)(*((motion,) if method == "resist" else ()), asked)
+            forces = np.concatenate([np.ravel(part) for part in asked.parts])
+            if not np.isfinite(forces).all():
+                worst = shown(forces[np.argmin(np.isfinite(forces))])
+                fault = f"{self._owners[id(action)]}: its {method} gave a force of {worst} N."
+            agree(self._comm, fault)
         vector.destroy()
 
     # Contacts -----------------------------------------------------------------------------------

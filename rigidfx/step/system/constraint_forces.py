@@ -88,9 +88,8 @@ class JointForces:
         turned = orthonormalized(increments.R_av[self._ports.bodies]) @ self._R.swapaxes(1, 2)
         Q = np.eye(len(self._C))
         for own, ports in zip(turned, self._ports.at, strict=True):
-            for at in ports[:6:3]:
-                if at >= 0:  # no support holds the frame
-                    Q[at : at + 3, at : at + 3] = own
+            for at in ports[:6:3][ports[:6:3] >= 0]:  # no support holds the frame
+                Q[at : at + 3, at : at + 3] = own
         return np.asarray(Q @ self._C @ Q.T)
 
 

@@ -27,7 +27,6 @@ from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.inversion import Inversion
-from rigidfx.flexible.strain_rate import Indicator
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.materials import StVenantKirchhoff
 from rigidfx.scene.scene import Scene
@@ -221,24 +220,6 @@ class Watch:
 
         Collective.
         """
-
-
-class Measuring(Watch):
-    """Has an indicator measure each step."""
-
-    remembered: ClassVar[Remembered] = {}
-
-    def __init__(self, indicator: Indicator) -> None:
-        """Keep the indicator."""
-        self._indicator = indicator
-
-    def bind(self, flexible: Cells) -> None:
-        """Measure these cells from now on."""
-        self._indicator.bind(flexible)
-
-    def accept(self, attempt: Attempt) -> None:
-        """Measure the step."""
-        self._indicator.measure(attempt.dt)
 
 
 class WarnsOnce(Watch):
