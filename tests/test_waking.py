@@ -12,13 +12,9 @@ import numpy as np
 import parallel
 import pytest
 from histories import between
-from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.errors import StepError
-from rigidfx.decide.bodies import round_enclosed
-from rigidfx.decide.clusters import CellGraph
 from rigidfx.flexible.nodal_stress import NodalStress
 from rigidfx.step.watches.judge import Judge
 from rigidfx.switch.growth import OUTGROWN
@@ -295,19 +291,6 @@ def test_what_rings_down_wakes_little_in_vain():
     windows = rates[1:].reshape(-1, WINDOW, rates.shape[1]).max(axis=1)
     assert rigid.mean() >= 0.6 * (windows <= tol).mean()
     assert error(found, tips) <= 0.8 * 3 * 0.01
-
-
-def test_what_would_be_enclosed_and_is_not_quiet_stays_flexible_with_a_ring():
-    scene = rf.Scene(rf.box((0, 0, 0), (5, 5, 5), (5, 5, 5), comm=MPI.COMM_SELF), SOFT)
-    corners = scene.mesh.geometry.x[cell_geometry_dofs(scene.mesh)]
-    far = np.abs(corners.mean(axis=1) - 2.5).max(axis=1)  # of cells from the middle
-    every, loud = np.arange(125, dtype=np.int32), np.where(far < 0.5, 1.6, 0.5)
-
-    def out(criterion, loud):
-        return round_enclosed(CellGraph(scene), [every], far > 0.5, loud, criterion.enclosing)
-
-    assert np.array_equal(out(local(1.0), loud), far < 1.5)
-    assert not out(local(1.0), 0.9 * loud).any()
 
 
 @pytest.mark.parametrize(("where", "windows"), [(2.0, 1), (7.0, 3)])

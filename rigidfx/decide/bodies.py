@@ -2,8 +2,7 @@
 
 Deciding changes nothing; `rigidfx.switch` applies the decisions. Shapes follow what forces do to a
 body, so only the cost decides whether quiet parts freeze where bodies get shapes: flexible steps
-that a switch costs, and those that a part has been quiet for. Enclosed cells freeze with a part
-unless they strain too fast.
+that a switch costs, and those that a part has been quiet for.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.decide.clusters import NONE, CellGraph, Cluster, find_clusters
 from rigidfx.decide.memory import Memory
 from rigidfx.decide.rules import Observation
-from rigidfx.decide.settings import Criterion
 from rigidfx.effects import PointMass, Resultant, Rigid, rigid_faces
 from rigidfx.scene.scene import Scene
 
@@ -77,6 +75,9 @@ class Decision:
     loads_changed: bool = False
     woken: Indices | None = None
     loads_at: float | None = None
+
+
+Plan = Callable[[Bools, Bools], Decision]  # of cells that are able, without those barred
 
 
 def qualify(worst: Array, tol: Array, observed: Bools, comm: MPI.Intracomm) -> tuple[Bools, float]:
@@ -155,13 +156,7 @@ class NamedParts:
     """
 
     def __init__(self, scene: Scene, graph: CellGraph, alone: bool = False) -> None:
-        """Look their cells up. Collective.
-
-        Args:
-            scene: The problem.
-            graph: Its cells.
-            alone: Whether no cell may join any of their bodies.
-        """
+        """Look their cells up; whether no cell may join any of their bodies. Collective."""
         self._graph = graph
         loaded = {resultant.body for resultant in scene.named(Resultant)}
         parts = scene.named(Rigid)
@@ -230,13 +225,7 @@ class Planner:
     """Makes decisions of cells; it remembers nothing."""
 
     def __init__(self, graph: CellGraph, named: NamedParts, least: int) -> None:
-        """Keep the cells.
-
-        Args:
-            graph: Neighbours of the cells.
-            named: Parts that are rigid always.
-            least: Least number of cells of a new body.
-        """
+        """Keep the cells, the parts named rigid, and the least number of cells of a body."""
         self._graph, self._named, self._least = graph, named, least
 
     def numbers(self, seen: Observation) -> Ints:
@@ -320,14 +309,7 @@ class Planner:
 
 
 def too_dear(parts: Sequence[Indices], quiet: Array, flexible: Bools, comm: MPI.Intracomm) -> Bools:
-    """Owned cells of parts whose work while quiet is below the cost of switches. Collective.
-
-    Args:
-        parts: Owned flexible cells that are to freeze, of each body that is to be.
-        quiet: Steps in a row in which each owned cell has been quiet.
-        flexible: Cells that are flexible now.
-        comm: Ranks that share the cells.
-    """
+    """Owned cells of parts whose steps while quiet cost less than switches. Collective."""
     out = np.zeros(quiet.size, dtype=bool)
     sums = np.array([flexible.sum(), *(quiet[own].sum() for own in parts)])
     comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
@@ -336,59 +318,31 @@ def too_dear(parts: Sequence[Indices], quiet: Array, flexible: Bools, comm: MPI.
     return out
 
 
-def round_enclosed(
-    graph: CellGraph, parts: Sequence[Indices], able: Bools, loud: Array, most: float
-) -> Bools:
-    """Enclosed cells that strain too fast, with the cells round them. Collective.
-
-    Such a cell would wake soon after the freeze. So it stays flexible, with a ring of cells.
-
-    Args:
-        graph: Neighbours of the cells.
-        parts: Owned flexible cells that are to freeze, of each body that is to be.
-        able: Owned cells that may freeze; others are in parts because these enclose them.
-        loud: Strain rate of each owned cell over its tolerance.
-        most: Permitted strain of an enclosed cell, over its tolerance.
-    """
-    inside = np.zeros(loud.size)
-    for own in parts:
-        inside[own] = (~able & (loud > most))[own]
-    return graph.touching(graph.largest_at_nodes(inside) > 0)
-
-
 def paying(
-    plan: Callable[[Bools, Bools], Decision],
-    graph: CellGraph,
-    criterion: Criterion,
+    plan: Plan,
     memory: Memory,
     seen: Observation,
-    tol: Array,
     able: Bools,
     barred: Bools,
+    comm: MPI.Intracomm,
 ) -> Decision:
     """The freeze of the parts that pay. Collective.
 
     Args:
         plan: Finds bodies of the cells that are able, without those that are barred.
-        graph: Neighbours of the cells.
-        criterion: The criterion of the user.
-        memory: Memory of the policy.
+        memory: Knows for how long cells have been quiet.
         seen: The state at the end of a window.
-        tol: Strain rate up to which each owned cell is quiet [1/s].
         able: Owned cells that may freeze.
         barred: Owned cells that may not.
+        comm: Ranks that share the cells.
     """
     window, observed = memory.window, memory.back_off.observed
     quiet = np.asarray(window.steps * (1 + observed / (seen.t - window.start)))
-    loud = np.zeros_like(tol)
-    np.divide(window.worst, tol, out=loud, where=tol > 0)
     while True:
         found = plan(able, barred)
         new = (body.cells for body in found.bodies if not body.kept)
         parts = [cells[seen.flexible[cells]] for cells in new]
-        out = round_enclosed(graph, parts, able, loud, criterion.enclosing)
-        if criterion.patience > 1:
-            out |= too_dear(parts, quiet, seen.flexible, graph.comm)
-        if not graph.comm.allreduce(bool(out.any()), op=MPI.LOR):
+        dear = too_dear(parts, quiet, seen.flexible, comm)
+        if not comm.allreduce(bool(dear.any()), op=MPI.LOR):
             return found
-        able, barred = able & ~out, barred | out
+        able, barred = able & ~dear, barred | dear

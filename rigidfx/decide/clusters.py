@@ -101,11 +101,7 @@ class CellGraph:
         return x.array[self._cell_dofs]
 
     def largest_at_nodes(self, values: Array) -> Array:
-        """At each local node the largest value among the cells, of any rank, round it. Collective.
-
-        Args:
-            values: Per owned cell.
-        """
+        """The largest value of owned cells round each local node. Collective."""
         return self._at_nodes.largest(self._nodes[: self.owned], values)
 
     def largest_round_cells(self, values: Array) -> Array:
@@ -156,11 +152,7 @@ class CellGraph:
                 return own
 
     def nodes_of(self, labels: Ints) -> Ints:
-        """The body each local node belongs to, NONE without one. Collective.
-
-        Args:
-            labels: Per owned cell; no two bodies share a node.
-        """
+        """The body of each local node, NONE without one; no two share a node. Collective."""
         most = self.largest_at_nodes(np.where(labels >= 0, labels.astype(np.float64), -np.inf))
         return np.where(np.isfinite(most), most, NONE).astype(np.int64)
 

@@ -153,12 +153,7 @@ class BackOff:
     )
 
     def __init__(self, cells: int, growth: float) -> None:
-        """Nothing has been observed.
-
-        Args:
-            cells: Number of owned cells.
-            growth: γ ≥ 1; 1 lets cells never wait.
-        """
+        """Nothing has been observed; growth is γ ≥ 1, where 1 lets cells never wait."""
         self._growth = growth
         self.hasty = np.zeros(cells, dtype=np.int64)
         self.windows = np.zeros(cells, dtype=np.int64)
@@ -180,20 +175,11 @@ class BackOff:
         self.windows[flexible], self.observed[flexible] = 0, 0.0
 
     def lasting(self, able: Bools) -> Bools:
-        """Of the cells that have qualified in a window, those that have waited long enough.
-
-        Args:
-            able: Cells that have qualified in the window that ends now.
-        """
+        """Of cells that have qualified in a window that ends, those that have waited enough."""
         return able & ~longer(self.needed(), self.windows + 1)
 
     def window_ended(self, able: Bools, length: float) -> None:
-        """Record the end of a window.
-
-        Args:
-            able: Cells that have qualified.
-            length: Length of the window [s].
-        """
+        """Record the end of a window of some length [s], and the cells that have qualified."""
         self.windows[able] += 1
         self.observed[able] += length
         failed = ~able & np.isnan(self.rigid_since)
@@ -227,11 +213,7 @@ class ContactChanges:
     remembered: ClassVar[Remembered] = same("_last", "_reference", "_largest")
 
     def __init__(self, fraction: float) -> None:
-        """Begin without any.
-
-        Args:
-            fraction: Change that counts, relative to the largest force of that contact so far.
-        """
+        """Begin without any; a fraction of the largest force of a contact so far counts."""
         self._fraction = fraction
         self._last: dict[str, Array] = {}
         self._reference: dict[str, Array] = {}
@@ -243,11 +225,7 @@ class ContactChanges:
         return bool(np.isfinite(self._fraction))
 
     def changed(self, touches: Mapping[str, Touch]) -> list[str]:
-        """Titles of contacts that differ too much in a step that has been solved.
-
-        Args:
-            touches: Effects of contacts in it.
-        """
+        """Titles of contacts that differ too much in a step that has been solved."""
         changes = {k: _of(touch) - self._reference.get(k, NOTHING) for k, touch in touches.items()}
         least = {k: self._fraction * self._largest.get(k, 0.0) for k in changes}
         return [k for k, change in changes.items() if _size(change) > least[k]]
@@ -290,23 +268,13 @@ class Window:
     }
 
     def __init__(self, cells: int, start: float) -> None:
-        """A window that begins.
-
-        Args:
-            cells: Number of owned cells.
-            start: Time [s].
-        """
+        """A window of some owned cells that begins at a time [s]."""
         self.start, self.worst, self.steps = start, np.zeros(cells), 0
         self.whole = np.ones(cells, dtype=bool)
         self.over = False
 
     def add(self, cells: Indices, rates: Array) -> None:
-        """Observe a step.
-
-        Args:
-            cells: Flexible owned cells.
-            rates: Their strain rates [1/s].
-        """
+        """Observe a step: strain rates of flexible owned cells [1/s]."""
         self.worst[cells] = np.maximum(self.worst[cells], rates)
         self.steps += 1
 

@@ -22,7 +22,7 @@ from rigidfx.base.errors import together
 from rigidfx.base.remembered import PART, Remembered
 from rigidfx.base.types import Array, Bools
 from rigidfx.base.warning import warn
-from rigidfx.decide.bodies import Decision, NamedParts, Planner, paying, qualify
+from rigidfx.decide.bodies import Decision, NamedParts, Plan, Planner, paying, qualify
 from rigidfx.decide.clusters import NONE, CellGraph
 from rigidfx.decide.memory import BackOff, ContactChanges, LoadChanges, Memory, Signals, Window
 from rigidfx.decide.releases import PLANNED, Releases
@@ -99,12 +99,7 @@ class Policy:
     # Decisions ----------------------------------------------------------------------------------
 
     def ahead(self, seen: Observation, middle: float) -> Decision | None:
-        """Decide on a release before a step; None if there is none. Collective.
-
-        Args:
-            seen: The state before it.
-            middle: Time at its midpoint [s].
-        """
+        """The release before a step by loads at its midpoint [s]; None without. Collective."""
         if all(body.name in self.named.apart for body in seen.bodies):
             return None
         if not (changed := self.memory.loads.ahead(middle)):
@@ -115,15 +110,7 @@ class Policy:
     def struck(
         self, seen: Observation, touches: Callable[[], Mapping[str, Touch]]
     ) -> Decision | None:
-        """Decide whether contacts release bodies in a step that has been solved. Collective.
-
-        Args:
-            seen: The state before it.
-            touches: Tells effects of contacts in it.
-
-        Returns:
-            The release; None if none closes or changes, or nothing can be released.
-        """
+        """The release by contacts in a step that has been solved; None without. Collective."""
         if not self._met or not seen.bodies:
             return None
         if not (changed := self.memory.contacts.changed(touches())):
@@ -145,12 +132,7 @@ class Policy:
         return self._release(seen, ASKED, cells)
 
     def after(self, seen: Observation, report: Report) -> Decision | None:
-        """Decide on a release or a freeze after a step; None if there is none. Collective.
-
-        Args:
-            seen: The state after it.
-            report: The argument of a user's condition.
-        """
+        """The release or freeze after a step; None if there is none. Collective."""
         self.memory.contacts.follow(report.touches)
         reasons, cells = self.releases.asked(seen.t, report, seen.bodies)
         if changed := self.memory.loads.declared(seen.t):
@@ -161,13 +143,7 @@ class Policy:
         return self._freeze(seen) if self.memory.window.over else None
 
     def outgrown(self, seen: Observation, cells: Bools, reason: str) -> Decision:
-        """The release of cells of bodies that shapes do not follow, and their ring. Collective.
-
-        Args:
-            seen: The state before the step.
-            cells: Owned cells that wake.
-            reason: Why, in words.
-        """
+        """The release of cells that shapes do not follow, and their ring. Collective."""
         above = cells & self._planner.free(seen)
         leaving = self._graph.touching(self._graph.largest_at_nodes(above.astype(np.float64)) > 0)
         decision = self._release(seen, reason, leaving)
@@ -202,13 +178,7 @@ class Policy:
             decision = self._worth(plan, seen, able, barred)
         return replace(decision, qualified=qualified, closeness=closeness, loads_at=t)
 
-    def _worth(
-        self,
-        plan: Callable[[Bools, Bools], Decision],
-        seen: Observation,
-        able: Bools,
-        barred: Bools,
-    ) -> Decision:
+    def _worth(self, plan: Plan, seen: Observation, able: Bools, barred: Bools) -> Decision:
         """The freeze of cells that are able and not barred. Collective."""
         return plan(able, barred)
 
@@ -306,16 +276,11 @@ class GrowingPolicy(Policy):
         found = np.isin(groups, groups[parts])
         return np.asarray(found[self._scene.parts.of_cell[: self._graph.owned]])
 
-    def _worth(
-        self,
-        plan: Callable[[Bools, Bools], Decision],
-        seen: Observation,
-        able: Bools,
-        barred: Bools,
-    ) -> Decision:
+    def _worth(self, plan: Plan, seen: Observation, able: Bools, barred: Bools) -> Decision:
         """The freeze of parts that have cost as much as their switches. Collective."""
-        known = self._graph, self._criterion, self.memory, seen, self.rule.tol
-        return paying(plan, *known, able, barred)
+        if not self._criterion.patience > 1:
+            return plan(able, barred)
+        return paying(plan, self.memory, seen, able, barred, self._graph.comm)
 
 
 def policy_of(scene: Scene, criterion: Criterion, timeline: Timeline) -> Policy:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import names, number, positive, shown, whole
@@ -20,7 +20,6 @@ from rigidfx.scene.timeline import Timeline
 CHANGE = 0.1  # part of its largest value so far by which a load has changed, by default
 LEAST = 2  # cells of a body: one alone hardly saves anything
 WORTH = 0.05  # of all cells: what is less saves less than its switches cost
-ENCLOSED = 1.5  # tolerances, up to which a cell may strain that others enclose
 
 
 @dataclass(frozen=True)
@@ -94,7 +93,6 @@ class Criterion:
     since: float = 0.0
     until: float = inf
     release: Sequence[Release] | Release = ()
-    enclosing: ClassVar[float] = inf  # tolerances, up to which enclosed cells may strain
 
     @property
     def owner(self) -> str:
@@ -232,7 +230,6 @@ class StrainRate(Criterion):
     grow: bool | None = field(default=None, kw_only=True)
     since: float = field(default=0.0, kw_only=True)
     until: float = field(default=inf, kw_only=True)
-    enclosing: ClassVar[float] = ENCLOSED
 
     def __post_init__(self) -> None:
         """Check all values, and take them.
