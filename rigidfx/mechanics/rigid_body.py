@@ -6,7 +6,7 @@ to the centre of mass, and x_i = r + R Vᵢ from then on; r + R (Vᵢ + Φᵢ q)
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -233,6 +233,13 @@ class Body:
         if self.data.shapes is None:
             return rigid
         return np.asarray(rigid + self._bent(self.motion.q_rate) @ self.motion.R.T)
+
+    def with_shapes(self, shapes: Shapes) -> Body:
+        """The body with shapes, of which it has had the first ones; others are at q = q̇ = 0."""
+        q, rate = np.zeros((2, len(shapes)))
+        q[: self.motion.q.size], rate[: self.motion.q.size] = self.motion.q, self.motion.q_rate
+        data = replace(self.data, shapes=shapes)
+        return Body(data, replace(self.motion, q=q, q_rate=rate))
 
 
 def at_rest(body: RigidBody) -> BodyMotion:

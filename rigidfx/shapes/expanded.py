@@ -26,6 +26,7 @@ from rigidfx.flexible.kernels import add_vector
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.mechanics.rigid_motions import free_motions, rigid_motions
+from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.orthonormal import Basis, columns, normalised
 from rigidfx.shapes.stiffness import times
@@ -107,6 +108,19 @@ class Expanded:
         sizes = np.sqrt(np.asarray(self._scene.sum(np.einsum("nak,nak->k", vectors, images))))
         basis.vectors, basis.images = np.asarray(vectors / sizes), np.asarray(images / sizes)
         return basis
+
+    def moments(self, offsets: Array, modes: Array) -> Array:
+        """G of ξ, shape (nodes, 3), and Φ, shape (nodes, 3, m): see `Shapes`. Collective."""
+        fields = np.concatenate([offsets[:, :, None], modes], axis=2)
+        images = self.times_mass(fields)
+        found = np.asarray(self._scene.sum(np.einsum("nak,nbl->klab", fields, images)))
+        found[0, 0] = 0.0  # it is that of the rigid body
+        return found
+
+    def rates(self, shapes: Shapes, v: Array) -> Array:
+        """q̇ of shapes that take over what they can of v, shape (nodes, 3) [m/s]. Collective."""
+        modes, mass = shapes.modes.swapaxes(1, 2), np.einsum("klii->kl", shapes.moments[1:, 1:])
+        return np.linalg.solve(mass, self.dot(modes, self.times_mass(v[:, :, None]))[:, 0])
 
     @contextmanager
     def _displaced(self, d: Array) -> Iterator[None]:

@@ -80,21 +80,15 @@ class Found(Expanded):
             stiffness[:m, :m] = data.shapes.stiffness
             on = np.r_[data.shapes.force, on]
             images = np.concatenate([data.shapes.images.swapaxes(1, 2), K], axis=2)
-        fields = np.concatenate([data.offsets[:, :, None], modes], axis=2)
-        moved = self.times_mass(fields)
-        moments = np.asarray(self._scene.sum(np.einsum("nak,nbl->klab", fields, moved)))
-        moments[0, 0] = 0.0  # it is that of the rigid body
         shapes = Shapes(
             data.nodes,
             modes.swapaxes(1, 2).copy(),
-            moments,
+            self.moments(data.offsets, modes),
             0.5 * (stiffness + stiffness.T),
             on,
             images=images.swapaxes(1, 2).copy(),
         )
-        q, rate = np.zeros((2, modes.shape[2]))
-        q[:m], rate[:m] = body.motion.q, body.motion.q_rate
-        return Body(replace(data, shapes=shapes), replace(body.motion, q=q, q_rate=rate))
+        return body.with_shapes(shapes)
 
     def _new(self, old: Array, vectors: Array, followers: int) -> Array:
         """The new part of vectors, their largest displacement 1, (nodes, 3, k). Collective."""
@@ -113,9 +107,9 @@ class Found(Expanded):
         """
         data, shapes = body.data, body.data.shapes
         assert shapes is not None
-        lost, modes = data.frozen.velocities, shapes.modes.swapaxes(1, 2)
-        D = np.einsum("kkii->k", shapes.moments[1:, 1:])
-        rates = self.dot(modes, self.times_mass(lost[:, :, None]))[:, 0] / D
-        vibration = data.frozen.vibration - 0.5 * float(rates @ (D * rates))
-        left = Frozen(data.nodes, lost - modes @ rates, data.frozen.strain, max(vibration, 0.0))
+        rates = self.rates(shapes, data.frozen.velocities)
+        mass = np.einsum("klii->kl", shapes.moments[1:, 1:])
+        vibration = max(data.frozen.vibration - 0.5 * float(rates @ mass @ rates), 0.0)
+        lost = data.frozen.velocities - np.einsum("nka,k->na", shapes.modes, rates)
+        left = Frozen(data.nodes, lost, data.frozen.strain, vibration)
         return Body(replace(data, frozen=left), replace(body.motion, q_rate=rates))

@@ -69,15 +69,7 @@ class Shaping:
         until: float,
         dt: float,
     ) -> None:
-        """Nothing is computed.
-
-        Args:
-            scene: The problem.
-            forces: Internal forces, which know the cells of each material.
-            acting: The effects with a time window that act at the start.
-            until: When the run ends [s].
-            dt: Shortest of its steps, whose frequencies shapes follow [s].
-        """
+        """Nothing is computed; shapes follow frequencies of the shortest step until the end [s]."""
         self._scene, self._forces, self._acting, self._until = scene, forces, acting, until
         self._dt = dt
         self.start: Array | None = None
@@ -91,10 +83,7 @@ class Shaping:
         self._growing = {e.name for e in scene.named(Reduced) if touches and e.shapes is None}
 
     def _bind(self, state: State) -> Responses:
-        """Responses of the structure about its start, with one factor for a run. Collective.
-
-        Its rigid parts and faces stay rigid.
-        """
+        """Responses of the structure about its start, with one factor for a run. Collective."""
         if self.start is None:
             self.start = state.u.x.array[: 3 * self._scene.owned_nodes].copy()
         if self._responses is None:
@@ -144,19 +133,15 @@ class Shaping:
         memory = found.modes.itemsize * 3 * m * nodes / MEGA
         text = f"{effect.owner}: {m} shapes of {nodes} nodes, which take {memory:.1f} MB"
         tell(self._scene.comm, text)
-        rates = self._rates(state, body, found, held)
         spun = part.spun(found.modes) if self._spins(body, found) else None
-        return self._with(body, found, rates, held=held, spun=spun, given=given)
+        made = self._with(body, found, held, spun, given)
+        v = state.v.x.array.reshape(-1, 3)[body.data.nodes]
+        v = v - body.motion.velocities(body.data.offsets)
+        assert made.data.shapes is not None
+        return Body(made.data, replace(made.motion, q_rate=part.rates(made.data.shapes, v)))
 
     def _guides(self, data: RigidBody, hold: Hold | None) -> Array:
         """Static responses of the whole to unit motions of guides, at a body's nodes. Collective.
-
-        Args:
-            data: The body.
-            hold: The supports in it, if any.
-
-        Returns:
-            Shape (nodes, 3, n).
 
         Raises:
             SceneError: On every rank, if a support holds a `Rigid` part in it beside another one.
@@ -179,10 +164,9 @@ class Shaping:
 
     def _spins(self, body: Body, part: PartShapes) -> bool:
         """Whether a body spins fast enough for its shapes to be stiffer by that. Collective."""
-        modes = part.modes.swapaxes(1, 2)
-        images = self._images(body.data, modes)
-        mass = np.asarray(self._scene.sum(np.einsum("nka,nka->k", modes, images)))
-        lowest = float((np.diag(part.stiffness) / mass).min())
+        own = self._part(body.data)
+        mass = own.dot(part.modes, own.times_mass(part.modes))
+        lowest = float((np.diag(part.stiffness) / np.diag(mass)).min())
         spin = float(body.motion.angular_velocity @ body.motion.angular_velocity)
         turned = any(isinstance(e, PrescribedRotation) for e in self._acting)
         return spin > STIFFENING * lowest or turned
@@ -196,57 +180,27 @@ class Shaping:
         return np.concatenate([loads, self._responses.balanced(more)], axis=2)
 
     def _with(
-        self,
-        body: Body,
-        part: PartShapes,
-        rates: Array | None = None,
-        held: bool | None = None,
-        spun: Array | None = None,
-        given: int | None = None,
+        self, body: Body, part: PartShapes, held: bool, spun: Array | None, given: int
     ) -> Body:
         """A body with other shapes, of which the first ones are those that it has. Collective.
 
         Args:
             body: The body.
             part: All its shapes, zero where a support holds its frame.
-            rates: Their rates; those that it has, and zero for others, if None [m/s].
-            held: Whether a support holds its frame; as before if None.
+            held: Whether a support holds its frame.
             spun: N of the shapes: see `Part.spun`; none if None.
-            given: Number of the first ones that follow supports; as before if None.
+            given: Number of the first ones that follow supports.
         """
-        scene, data, motion, drift = self._scene, body.data, body.motion, None
-        if held is None:
-            held = data.shapes is not None and data.shapes.drift is not None
-        if given is None:
-            given = 0 if data.shapes is None else data.shapes.given
-        fields = np.concatenate([data.offsets[:, None], part.modes.swapaxes(1, 2)], axis=1)
-        images = self._images(data, fields)
+        data, own, drift = body.data, self._part(body.data), None
+        modes = part.modes
         if held:
-            drift = np.asarray(scene.sum(images[:, 1:].sum(axis=0))) / data.mass
-            fields[:, 1:] -= drift
-            images = self._images(data, fields)
-        moments = np.asarray(scene.sum(np.einsum("nka,nlb->klab", fields, images)))
-        moments[0, 0] = 0.0  # it is that of the rigid body
-        m, shapes = fields.shape[1] - 1, fields[:, 1:].copy()
-        known = data.nodes, shapes, moments, part.stiffness, part.force
-        made = Shapes(*known, drift, spun, given=given)
+            drift = np.asarray(self._scene.sum(own.times_mass(modes).sum(axis=0)).T) / data.mass
+            modes = modes - drift.T
+        moments, fields = own.moments(data.offsets, modes), modes.swapaxes(1, 2).copy()
+        known = data.nodes, fields, moments, part.stiffness, part.force
+        made = body.with_shapes(Shapes(*known, drift, spun, given=given))
         kept = replace(NOTHING, strain=data.frozen.strain)
-        q, rate = np.zeros((2, m))
-        q[: motion.q.size], rate[: motion.q.size] = motion.q, motion.q_rate
-        motion = replace(motion, q=q, q_rate=rate if rates is None else rates)
-        return Body(replace(data, shapes=made, frozen=kept), motion)
-
-    def _rates(self, state: State, body: Body, part: PartShapes, held: bool) -> Array:
-        """What shapes take over of the velocities of nodes [m/s]. Collective."""
-        data, modes = body.data, part.modes.swapaxes(1, 2)
-        v = state.v.x.array.reshape(-1, 3)[data.nodes] - body.motion.velocities(data.offsets)
-        images = self._images(data, modes)
-        if held:
-            modes = modes - self._scene.sum(images.sum(axis=0)) / data.mass
-            images = self._images(data, modes)
-        local = np.einsum("nka,nla->kl", images, np.concatenate([modes, v[:, None]], axis=1))
-        sums = np.asarray(self._scene.sum(local))
-        return np.linalg.solve(sums[:, :-1], sums[:, -1])
+        return Body(replace(made.data, frozen=kept), made.motion)
 
     def _part(self, data: RigidBody) -> Part:
         """Stiffness and mass of a part, once responses are bound. Collective."""
@@ -255,10 +209,6 @@ class Shaping:
             cells = self._forces.cells(data.cells)
             self._parts[data.name] = Part(self._responses, cells, data.nodes, data.name)
         return self._parts[data.name]
-
-    def _images(self, data: RigidBody, fields: Array) -> Array:
-        """M times fields at nodes, by the body's own mass, shape (nodes, k, 3). Collective."""
-        return self._part(data).times_mass(fields.swapaxes(1, 2)).swapaxes(1, 2)
 
     # Growing --------------------------------------------------------------------------------------
 
@@ -324,15 +274,7 @@ class Shaping:
     def _with_more(
         self, responses: Responses, body: Body, nodes: Ints, ways: Array, dt: float
     ) -> Body:
-        """A body with shapes for nodes that press, as far as its own do not span them. Collective.
-
-        Args:
-            responses: Of the whole structure.
-            body: The body.
-            nodes: Owned nodes.
-            ways: See `grown`.
-            dt: See `grown`.
-        """
+        """A body with shapes for nodes that press, as far as its own lack some. Collective."""
         data = body.data
         if data.name not in self._growing:
             return body
@@ -353,9 +295,11 @@ class Shaping:
             return body
         new, _ = to_one(self._scene.comm, basis.vectors[:, :, m:])
         every = np.concatenate([whole_modes(data).swapaxes(1, 2), new], axis=2)
-        spins = data.shapes is not None and data.shapes.spun is not None
-        spun = part.spun(every) if spins else None
-        return self._with(body, part.projected(every), spun=spun)
+        own, projected = data.shapes, part.projected(every)
+        if own is None:
+            return self._with(body, projected, False, None, 0)
+        spun = None if own.spun is None else part.spun(every)
+        return self._with(body, projected, own.drift is not None, spun, own.given)
 
     def _tell_more(self, name: str, before: int, now: int, all_of_them: bool) -> None:
         """Log new shapes; warn once of forces for which there is no room. Collective."""
