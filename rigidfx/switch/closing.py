@@ -44,14 +44,6 @@ class Closing:
     ) -> None:
         """Find the effects of unit impulses. Collective.
 
-        Args:
-            linkage: The joints, at the places in question.
-            prolongation: Map between unknowns and dofs there.
-            mass: M of the unknowns.
-            solve: M⁻¹ of momenta of this rank's unknowns.
-            t: Time that motors have their speeds of [s].
-            dt: See `Motor.speed_at`.
-
         Raises:
             SceneError: On every rank, if the function of a motor cannot be used.
         """

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rigidfx.base.types import Array, Bools
+from rigidfx.base.types import Array
 from rigidfx.decide.bodies import PlannedBody
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
@@ -25,12 +25,7 @@ from rigidfx.switch.exchange import freeze
 
 
 def collapse(
-    scene: Scene,
-    forces: InternalForces,
-    state: State,
-    numbers: Set[int],
-    prescribed: Bools,
-    scales: bool,
+    scene: Scene, forces: InternalForces, state: State, numbers: Set[int], scales: bool
 ) -> None:
     """Make bodies with shapes rigid as they are deformed. Collective.
 
@@ -38,8 +33,7 @@ def collapse(
         scene: The problem.
         forces: Internal forces, which know the strain energy.
         state: Its bodies are replaced.
-        numbers: Of bodies that are about to be released.
-        prescribed: For each owned dof, whether a support prescribes it.
+        numbers: Of bodies that are about to be released; no support holds nodes of those found.
         scales: Whether the release scales what bodies keep so that it has the energy that they
             keep; it gives it back as it is otherwise.
     """
@@ -55,7 +49,7 @@ def collapse(
         state.move(moving)
         left[body.data.number] = rigid = _rigid(scene, forces, state, body)
         if not scales:
-            kept = _with_energy(scene, rigid, ~prescribed.reshape(-1, 3)[body.data.nodes])
+            kept = _with_energy(scene, rigid)
             left[body.data.number] = replace(rigid, data=replace(rigid.data, frozen=kept))
     state.move(velocity)
     state.group(Bodies.of_each(left[number] for number in order))
@@ -81,30 +75,18 @@ def _rigid(scene: Scene, forces: InternalForces, state: State, body: Body) -> Bo
     return replace(found, data=replace(found.data, frozen=frozen))
 
 
-def _with_energy(scene: Scene, body: Body, free: Bools) -> Frozen:
-    """What a body keeps, with the energy that it keeps. Collective.
-
-    Args:
-        scene: The problem, whose masses are lumped.
-        body: The body, its frame that of space.
-        free: Which components of its nodes no support prescribes, shape (nodes, 3).
-    """
+def _with_energy(scene: Scene, body: Body) -> Frozen:
+    """What a body keeps, with the energy that it keeps, where masses are lumped. Collective."""
     frozen, data = body.data.frozen, body.data
     everywhere = np.zeros((scene.owned_nodes, 3))
     everywhere[frozen.nodes] = frozen.velocities
     v: Array = everywhere[data.nodes]
     m = scene.nodal_mass[data.nodes, None]
-    modes = rigid_motions(data.offsets, data.length)
-
-    def unmoved(modes: Array) -> Array:
-        rows, values = modes.reshape(-1, 6), v.reshape(-1, 1)
-        motion = fitted_motion(rows, values, scene.sum, np.repeat(m, 3, axis=0))
-        return np.asarray(v - modes @ motion[:, 0])
-
-    v = unmoved(modes)  # no angular momentum about the body as it is now
-    own = np.where(free, unmoved(modes * free[:, :, None]), 0.0)
-    local = [float((m * v * v).sum()), float((m * own * own).sum())]
-    kinetic, square = 0.5 * np.asarray(scene.sum(np.array(local)))
-    part = max(1.0 + (frozen.vibration - kinetic) / square, 0.0) if square > 0 else 1.0
-    vibration = float(kinetic + (part - 1.0) * square)
-    return Frozen(data.nodes, v + (np.sqrt(part) - 1.0) * own, frozen.strain, vibration)
+    rows = rigid_motions(data.offsets, data.length).reshape(-1, 6)
+    # Without angular momentum about the body as it is now.
+    motion = fitted_motion(rows, v.reshape(-1, 1), scene.sum, np.repeat(m, 3, axis=0))
+    v = v - (rows @ motion).reshape(v.shape)
+    kinetic = 0.5 * float(scene.sum((m * v * v).sum()))
+    vibration = max(frozen.vibration, 0.0) if kinetic > 0 else 0.0
+    part = vibration / kinetic if kinetic > 0 else 1.0
+    return Frozen(data.nodes, np.sqrt(part) * v, frozen.strain, vibration)

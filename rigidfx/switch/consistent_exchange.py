@@ -21,18 +21,17 @@ closed: otherwise a freeze would give their two sides different velocities.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Sequence, Set
 from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from rigidfx.base.types import Array, Bools
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.coupling.dof_layout import nodes_of, split
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.rows import Rows
-from rigidfx.decide.bodies import PlannedBody
 from rigidfx.effects import Motor
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
@@ -40,7 +39,7 @@ from rigidfx.mechanics.rigid_body import Body, Frozen, RigidBody
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.division import Division
-from rigidfx.switch.exchange import Works, faces_within, freeze
+from rigidfx.switch.exchange import Exchange, Works
 from rigidfx.switch.faces import with_faces
 from rigidfx.switch.projected_velocities import Field, RigidFields
 
@@ -132,7 +131,7 @@ class WholeMass:
         return self._matrix
 
 
-class ConsistentExchange:
+class ConsistentExchange(Exchange):
     """The exchange with a consistent mass, or with joints.
 
     Attributes:
@@ -144,9 +143,8 @@ class ConsistentExchange:
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
         """Keep the problem."""
-        self._scene, self._forces = scene, forces
+        super().__init__(scene, forces)
         self._mass = WholeMass(scene, forces)
-        self.shape: Callable[[Body], Body] | None = None
         self.motors: tuple[Motor, ...] = ()
         self.dt = 0.0
 
@@ -154,7 +152,7 @@ class ConsistentExchange:
         return RigidFields(self._scene, state, prescribed, present.mass, self.motors, self.dt)
 
     def release(self, state: State, numbers: Set[int], prescribed: Bools) -> Works:
-        """See `rigidfx.switch.exchange.Exchange`."""
+        """See `Exchange`."""
         if not numbers:
             return Works(0.0, 0.0)
         present = self._present(state)
@@ -210,18 +208,10 @@ class ConsistentExchange:
         after.destroy()
         return Works(*(a + scale * b for a, b in zip(work, of_mode, strict=True)))
 
-    def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> Works | None:
-        """See `rigidfx.switch.exchange.Exchange`."""
-        faces = faces_within(self._scene, state, what.nodes)
-        body = freeze(self._scene, self._forces, state, what)
-        if body is not None and self.shape is not None:
-            body = self.shape(body)
-        return None if body is None else self._include(state, body, prescribed, faces=faces)
-
     def settle(self, state: State, division: Division, prescribed: Bools) -> None:
-        """See `rigidfx.switch.exchange.Exchange`."""
+        """See `Exchange`."""
         if self._scene.mass == "lumped":
-            state.group(division.bodies)
+            super().settle(state, division, prescribed)
             return
         there = {body.data.number for body in state.bodies}
         new = [body for body in division.bodies if body.data.number not in there]
@@ -253,27 +243,10 @@ class ConsistentExchange:
         gap, largest = np.max(self._scene.comm.allgather((gap, largest)), axis=0)
         return bool(gap <= CONTINUOUS * largest)
 
-    def _include(
-        self,
-        state: State,
-        body: Body,
-        prescribed: Bools,
-        named: bool = False,
-        faces: Set[int] = frozenset(),
-    ) -> Works:
-        """Add a body, which keeps the part removed from the motion. Collective.
-
-        Args:
-            state: Gains the body.
-            body: The body.
-            prescribed: For each owned dof, whether a support prescribes it.
-            named: Whether it is none that is ever released, and keeps the work of supports as well.
-            faces: Numbers of rigid faces that it takes over, with their kept velocities.
-
-        Returns:
-            Work of supports and motors.
-        """
+    def _include(self, state: State, body: Body, prescribed: Bools, named: bool = False) -> Works:
+        """See `Exchange`; a named body keeps the work of supports as well. Collective."""
         present = self._present(state)
+        faces = set() if named else _faces_within(self._scene, state, body.data.nodes)
         taken = [own for own in state.bodies if own.data.number in faces]
         state.group(Bodies.of_each(own for own in state.bodies if own.data.number not in faces))
         others = list(state.bodies)
@@ -304,16 +277,7 @@ class ConsistentExchange:
         return work
 
     def close(self, state: State, prescribed: Bools) -> float:
-        """Make velocities keep the joints closed, by impulses of these. Collective.
-
-        Args:
-            state: Its velocities are changed.
-            prescribed: For each owned dof, whether a support prescribes it.
-
-        Returns:
-            Kinetic energy that is gained, less than nothing where it is lost; zero if that is
-            rounding [J].
-        """
+        """Impulses that close joints; the energy gained, zero if rounding [J]. Collective."""
         present = self._present(state)
         fields = self._fields(state, prescribed, present)
         own = fields.given_momenta(present.bodies)
@@ -332,6 +296,15 @@ class ConsistentExchange:
         return Present(self._scene, self._forces, state, mass)
 
 
+def _faces_within(scene: Scene, state: State, nodes: Indices) -> set[int]:
+    """Numbers of the rigid faces that have some of these nodes. Collective."""
+    faces = [body for body in state.bodies.of.records if body.is_face]
+    if not faces:
+        return set()
+    inside = scene.sum([np.intersect1d(face.nodes, nodes).size for face in faces])
+    return {face.number for face, some in zip(faces, inside, strict=True) if some > 0}
+
+
 def _take(state: State, field: Field) -> None:
     """Make a field the state's velocity. Collective."""
     state.move(field.nodal)
@@ -343,13 +316,7 @@ def _take(state: State, field: Field) -> None:
 
 
 def _scale(square: float, mixed: float, missing: float) -> float:
-    """The s > 0 nearest to 1 with ½ s² square + s mixed = missing; 0 if there is none.
-
-    Args:
-        square: mode·M mode ≥ 0 [J].
-        mixed: Common part of mode and the other motion, beside the work of supports [J].
-        missing: Energy that is to be given back [J].
-    """
+    """The s > 0 nearest to 1 with ½ s² square + s mixed = missing, in J; 0 if there is none."""
     discriminant = mixed**2 + 2 * square * missing
     if not (square > 0.0 and discriminant >= 0.0):
         return 0.0

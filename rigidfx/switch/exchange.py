@@ -18,12 +18,12 @@ by the mass, see `consistent_exchange`.
 from __future__ import annotations
 
 from collections.abc import Callable, Set
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from dolfinx import fem
 
-from rigidfx.base.types import Array, Bools, Indices
+from rigidfx.base.types import Array, Bools
 from rigidfx.decide.bodies import PlannedBody
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
@@ -49,57 +49,6 @@ class Works(NamedTuple):
     def whole(self) -> float:
         """Of both [J]."""
         return self.supports + self.motors
-
-
-class Exchange(Protocol):
-    """Moves energy and momenta between nodes and bodies; both ways change the state only.
-
-    Attributes:
-        shape: Gives a body that was found its shapes; None if it stays rigid.
-        scales: Whether a release scales kept velocities so that they have the energy kept.
-    """
-
-    shape: Callable[[Body], Body] | None
-    scales: bool
-
-    def release(self, state: State, numbers: Set[int], prescribed: Bools) -> Works:
-        """Make the bodies of these numbers flexible. Collective.
-
-        Args:
-            state: Loses these bodies.
-            numbers: Numbers of bodies.
-            prescribed: For each owned dof, whether a support prescribes it.
-
-        Returns:
-            Work of supports and motors.
-        """
-        ...
-
-    def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> Works | None:
-        """Make a body of cells. Collective.
-
-        Args:
-            state: Gains the body, which takes over rigid faces among its nodes. Displacement and
-                velocity of its nodes are up to date.
-            what: Cells and nodes.
-            prescribed: For each owned dof, whether a support prescribes it.
-
-        Returns:
-            Work of supports, as of `release` [J]; None if the cells' inertia is singular, so that
-            they cannot be a body.
-        """
-        ...
-
-    def settle(self, state: State, division: Division, prescribed: Bools) -> None:
-        """Settle the bodies of a division, momenta and energy kept. Collective.
-
-        Args:
-            state: Gets these bodies. Those of them that it has not had, parts that are named
-                rigid, have the momenta of their own mass.
-            division: The division.
-            prescribed: For each owned dof, whether a support prescribes it.
-        """
-        ...
 
 
 def freeze(scene: Scene, forces: InternalForces, state: State, what: PlannedBody) -> Body | None:
@@ -147,17 +96,15 @@ def freeze(scene: Scene, forces: InternalForces, state: State, what: PlannedBody
     return Body(body, motion)
 
 
-def faces_within(scene: Scene, state: State, nodes: Indices) -> set[int]:
-    """Numbers of the rigid faces that have some of these nodes. Collective."""
-    faces = [body for body in state.bodies.of.records if body.is_face]
-    if not faces:
-        return set()
-    inside = scene.sum([np.intersect1d(face.nodes, nodes).size for face in faces])
-    return {face.number for face, some in zip(faces, inside, strict=True) if some > 0}
+class Exchange:
+    """Moves energy and momenta between nodes and bodies; both ways change the state only.
 
+    Each node has its own mass here, so that nodes outside a body are not concerned.
 
-class LumpedExchange:
-    """The exchange where each node has its own mass: nodes outside a body are not concerned."""
+    Attributes:
+        shape: Gives a body that was found its shapes; None if it stays rigid.
+        scales: Whether a release scales kept velocities so that they have the energy kept.
+    """
 
     scales = False
 
@@ -167,7 +114,16 @@ class LumpedExchange:
         self.shape: Callable[[Body], Body] | None = None
 
     def release(self, state: State, numbers: Set[int], prescribed: Bools) -> Works:
-        """See `Exchange`."""
+        """Make bodies flexible. Collective.
+
+        Args:
+            state: Loses these bodies.
+            numbers: Numbers of bodies.
+            prescribed: For each owned dof, whether a support prescribes it.
+
+        Returns:
+            Work of supports and motors.
+        """
         if not numbers:
             return Works(0.0, 0.0)
         gone = state.take_out(numbers)
@@ -180,17 +136,35 @@ class LumpedExchange:
         state.move(velocity)
         return Works(0.0, 0.0)
 
-    def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> Works | None:
-        """See `Exchange`."""
-        self.release(state, faces_within(self._scene, state, what.nodes), prescribed)
+    def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> Works:
+        """Make a body of cells, unless their inertia is singular. Collective.
+
+        Args:
+            state: Gains the body, which takes over rigid faces among its nodes. Displacement and
+                velocity of its nodes are up to date.
+            what: Cells and nodes.
+            prescribed: For each owned dof, whether a support prescribes it.
+
+        Returns:
+            Work of supports and motors.
+        """
         body = freeze(self._scene, self._forces, state, what)
         if body is None:
-            return None
-        if self.shape is not None:
-            body = self.shape(body)
+            return Works(0.0, 0.0)
+        return self._include(state, body if self.shape is None else self.shape(body), prescribed)
+
+    def _include(self, state: State, body: Body, prescribed: Bools) -> Works:
+        """Add a body with the momenta of its nodes. Collective."""
         state.group(Bodies.of_each([*state.bodies, body]))
         return Works(0.0, 0.0)
 
     def settle(self, state: State, division: Division, prescribed: Bools) -> None:
-        """See `Exchange`."""
+        """Settle the bodies of a division, momenta and energy kept. Collective.
+
+        Args:
+            state: Gets these bodies. Those of them that it has not had, parts that are named
+                rigid, have the momenta of their own mass.
+            division: The division.
+            prescribed: For each owned dof, whether a support prescribes it.
+        """
         state.group(division.bodies)

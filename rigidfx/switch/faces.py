@@ -18,11 +18,10 @@ from rigidfx.effects.joints.remote import body_of
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body, BodyMotion, RigidBody
-from rigidfx.mechanics.rotation import skew
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.switch.exchange import freeze
-from rigidfx.switch.mass_properties import THIN, mass_properties
+from rigidfx.switch.mass_properties import mass_properties
 
 
 def face_bodies(
@@ -127,32 +126,25 @@ def _without_mass(
     """A face beside cells whose mass is consistent; None if its nodes lie on a line. Collective."""
     n, nodes = scene.owned_nodes, what.nodes
     u, v = (f.x.array[: 3 * n].reshape(-1, 3) for f in (state.u, state.v))
-    x, m = state.X[nodes] + u[nodes], scene.averaging_mass[nodes, None]
-    points = mass_properties(scene, forces.cells(what.cells), nodes, state.X[:n] + u, v)
-    sums = np.asarray(scene.sum(np.r_[m.sum(), (m * x).sum(axis=0), (m * v[nodes]).sum(axis=0)]))
-    middle = sums[1:4] / sums[0]
-    arms = x - middle
-    second = np.asarray(scene.sum((m * arms).T @ arms))
-    J = np.trace(second) * np.eye(3) - second
-    moments = np.linalg.eigvalsh(second)
-    if not moments[1] > THIN * moments[2]:
+    x = state.X[:n] + u
+    points = mass_properties(scene, forces.cells(what.cells), nodes, x, v)
+    area = mass_properties(scene, {}, nodes, x, v, scene.averaging_mass[nodes])
+    if area.singular:
         return None
-    spin = np.asarray(scene.sum((m * np.cross(arms, v[nodes])).sum(axis=0)))
-    omega = np.linalg.solve(J, spin)
-    centre = points.centre if points.mass else middle
-    velocity = sums[4:] / sums[0] + skew(omega) @ (centre - middle)
-    offsets = x - centre
+    centre = points.centre if points.mass else area.centre
+    omega = area.angular_velocity
+    velocity = area.velocity + np.cross(omega, centre - area.centre)
     data = RigidBody(
         name=what.name,
         cells=what.cells,
         nodes=nodes,
-        offsets=offsets,
+        offsets=x[nodes] - centre,
         displacement=u[nodes],
         mass=points.mass,
         inertia=points.inertia,
         origin=centre,
         number=what.number,
         frozen=NOTHING,
-        extent=float(np.sqrt(np.trace(J) / (2 * sums[0]))),
+        extent=float(np.sqrt(np.trace(area.inertia) / (2 * area.mass))),
     )
     return Body(data, BodyMotion(centre.copy(), np.eye(3), velocity, omega))

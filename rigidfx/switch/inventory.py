@@ -39,10 +39,6 @@ Shape = Callable[[Any, Body, Hold | None], Body]  # of a `Reduced` part
 def check_clamps(scene: Scene, timeline: Timeline) -> bool:
     """Look ahead: will supports hold named bodies in a way that is refused? Collective.
 
-    Args:
-        scene: The problem.
-        timeline: Tells which times are the same.
-
     Returns:
         Whether a support ever clamps a named body.
 
@@ -166,15 +162,9 @@ def divide(
 def about_start(
     scene: Scene, forces: InternalForces, start: Array, acting: Sequence[Windowed]
 ) -> Responses:
-    """Responses of a structure about its start, in which rigid parts and faces stay rigid.
+    """Responses of a structure about its displacement at the start [m]. Collective.
 
-    Collective.
-
-    Args:
-        scene: The problem.
-        forces: Internal forces, which know the cells of each material.
-        start: Displacement of the owned dofs at the start [m].
-        acting: The effects with a time window that act.
+    Its rigid parts and faces stay rigid.
     """
     at_start = State(scene)
     at_start.u.x.array[: start.size] = start

@@ -27,6 +27,8 @@ from rigidfx.flexible.internal_forces import Cells
 from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.mechanics.rotation import skew
 from rigidfx.scene.scene import Scene
+from rigidfx.shapes.orthonormal import columns
+from rigidfx.shapes.stiffness import times
 
 THIN = 1e-10  # least over largest principal moment below which a body counts as a line
 
@@ -55,7 +57,7 @@ class MassProperties:
 
 
 def mass_properties(
-    scene: Scene, cells: Cells, nodes: Indices, x: Array, v: Array
+    scene: Scene, cells: Cells, nodes: Indices, x: Array, v: Array, masses: Array | None = None
 ) -> MassProperties:
     """Rigid-body data of cells and nodes, equations (34)-(39). Collective.
 
@@ -65,13 +67,21 @@ def mass_properties(
         nodes: Owned nodes, sorted; their mass counts if it is lumped, point masses always.
         x: Position of all owned nodes, shape (nodes, 3) [m].
         v: Velocity of all owned nodes, shape (nodes, 3) [m/s].
+        masses: Of the nodes, in place of all these; see there if None [kg].
     """
     total = np.asarray(scene.sum(np.r_[x[nodes].sum(axis=0), nodes.size]))
     reference = total[:3] / max(total[3], 1.0)
-    rows = Rows(scene.space, nodes)
-    operator = Mass(scene, rows, cells, np.ones(nodes.size, dtype=bool))
-    M_tot, momentum, kinetic = _project(scene, operator, rows, x[nodes] - reference, v[nodes])
-    operator.destroy()
+    # Rigid motions about the reference, and the nodes' velocities.
+    fields = np.concatenate([rigid_motions(x[nodes] - reference, 1.0), v[nodes, :, None]], axis=2)
+    if masses is None:
+        rows = Rows(scene.space, nodes)
+        operator = Mass(scene, rows, cells, np.ones(nodes.size, dtype=bool))
+        images = times(operator, columns(fields), rows.vector)
+        operator.destroy()
+    else:
+        images = columns(masses[:, None, None] * fields)
+    product = np.asarray(scene.sum(columns(fields).T @ images))
+    M_tot, momentum, kinetic = product[:6, :6], product[:6, 6], 0.5 * float(product[6, 6])
     m = np.trace(M_tot[:3, :3]) / 3  # (36)
     if not m > 0:
         zero = np.zeros(3)
@@ -88,24 +98,6 @@ def mass_properties(
         angular_velocity = np.linalg.solve(J, momentum[3:] - np.cross(c, momentum[:3]))
     velocity = momentum[:3] / m
     return MassProperties(float(m), reference + c, J, velocity, angular_velocity, kinetic, singular)
-
-
-def _project(
-    scene: Scene, operator: Mass, rows: Rows, coordinates: Array, v: Array
-) -> tuple[Array, Array, float]:
-    """Pᵀ M P, shape (6, 6), Pᵀ M v, shape (6,), about the reference point, ½ v·M v. Collective."""
-    mode, image = rows.vector(), rows.vector()
-    P = rigid_motions(coordinates, 1.0).transpose(2, 0, 1)
-    columns = []
-    for motion in (*P, v):
-        mode.array[:] = motion.reshape(-1)
-        operator.mult(mode, image)
-        columns.append(P.reshape(6, -1) @ image.array_r)
-    kinetic = 0.5 * float(scene.sum(mode.array_r @ image.array_r))  # the last motion is v
-    mode.destroy()
-    image.destroy()
-    product = np.asarray(scene.sum(np.stack(columns, axis=1)))
-    return product[:, :6], product[:, 6], kinetic
 
 
 def excess_of_lumping(scene: Scene, cells: Indices, x: Array) -> Array:

@@ -160,12 +160,7 @@ class RigidFields:
         return fixed
 
     def work(self, found: Field, v_prescribed: Array) -> float:
-        """Work of the impulses of joints by which a projection was found [J]. Collective.
-
-        Args:
-            found: What `project` has given.
-            v_prescribed: Velocity of the held dofs [m/s].
-        """
+        """Work of the impulses by which a projection has closed joints [J]. Collective."""
         if self._closing is None or found.impulses is None:
             return 0.0
         return self._closing.work(found.impulses, self._fixed(v_prescribed))

@@ -43,10 +43,6 @@ class Spent:
         Motions that rounding makes have none, and parts with less than `LACKING`² of the largest
         strain energy do not count. Collective.
 
-        Args:
-            state: At the end of a step.
-            part_of: Responses of the structure, and stiffness of a part. Collective.
-
         Raises:
             SceneError: On every rank, if a part spins too fast between joints.
         """

@@ -42,7 +42,7 @@ from rigidfx.step.watches.judge import INVERTED, remedy
 from rigidfx.switch.closing import check_stops, implied_rows, warn_of_jumps
 from rigidfx.switch.collapse import collapse
 from rigidfx.switch.consistent_exchange import ConsistentExchange
-from rigidfx.switch.exchange import Exchange, LumpedExchange, Works
+from rigidfx.switch.exchange import Exchange, Works
 from rigidfx.switch.inventory import check_clamps, divide
 from rigidfx.switch.mass_properties import mass_properties
 from rigidfx.switch.shaping import Shaping
@@ -64,13 +64,7 @@ class Switch:
     }
 
     def __init__(self, stepper: Stepper, timeline: Timeline, start: Start | None = None) -> None:
-        """Keep a stepper.
-
-        Args:
-            stepper: It is not bound to any division yet.
-            timeline: Tells which times are the same.
-            start: Where the run begins; as the scene says if None.
-        """
+        """Keep a stepper that is not bound yet; a start, if any, in place of the scene's."""
         self._stepper, self._timeline, self._start = stepper, timeline, start
         scene = stepper.scene
         joints = scene.named(Joint)
@@ -79,7 +73,7 @@ class Switch:
         grouped = scene.mass == "lumped" and not rigid_faces(scene.effects)
         self._told: set[str] = set()  # rows of joints that others imply
         self._grounded = any(joint.holds for joint in joints)
-        kind = LumpedExchange if grouped else ConsistentExchange
+        kind = Exchange if grouped else ConsistentExchange
         self._exchange: Exchange = self._joints or kind(scene, stepper.forces)
         self.acting = scene.acting(timeline.after(0.0))
         self.shaping = Shaping(scene, stepper.forces, self.acting, timeline.t_end, timeline.least)
@@ -106,11 +100,7 @@ class Switch:
             warn(scene.comm, implied_rows(tuple(linkage.rows.redundant)))
 
     def _started(self, known: Set[int] = frozenset()) -> tuple[Motor, ...]:
-        """Make velocities follow motors that prescribe a motion; the motors that start to do so.
-
-        Args:
-            known: Identities of the effects that act already.
-        """
+        """Motors that start to prescribe a motion, beside the effects known, by identity."""
         motors: tuple[Any, ...] = tuple(e for e in self.acting if e.prescribes)
         if self._joints is not None:
             self._joints.motors, self._joints.dt = motors, self._timeline.dt
@@ -195,14 +185,7 @@ class Switch:
         return found or self._stepper.state.t >= self._pending[0] - self._timeline.resolution
 
     def follow_effects(self, dt: float) -> Impact | None:
-        """Bind anew where an effect begins or ends; meet jumps of prescribed motion. Collective.
-
-        Args:
-            dt: Length of the next step [s].
-
-        Returns:
-            Velocity that supports impose; None if they do not.
-        """
+        """Bind anew where effects begin or end; the velocity that supports impose. Collective."""
         if not self.due:
             return None
         stepper, timeline = self._stepper, self._timeline
@@ -240,12 +223,7 @@ class Switch:
         return impact + begun if impact and begun else impact or begun
 
     def _closed(self, impact: Impact | None, started: Sequence[Motor] = ()) -> Impact | None:
-        """Impact with impulses of joints that keep them closed, and of motors. Collective.
-
-        Args:
-            impact: That of supports.
-            started: Motors that prescribe a motion from now on, as locks do.
-        """
+        """Impact with impulses of joints, which close them, and of new motors. Collective."""
         if self._joints is None:
             return impact
         stepper = self._stepper
@@ -320,11 +298,11 @@ class Switch:
         held_before = stepper.system.energies.held_momenta(stepper.state)
         prescribed = stepper.system.prescribed.mask
         leaving = old.keys() - kept
-        collapse(stepper.scene, stepper.forces, state, leaving, prescribed, self._exchange.scales)
+        collapse(stepper.scene, stepper.forces, state, leaving, self._exchange.scales)
         works = [self._exchange.release(state, leaving, prescribed)]
         for body in decision.bodies:
             if not body.kept:
-                works.append(self._exchange.freeze(state, body, prescribed) or Works(0.0, 0.0))
+                works.append(self._exchange.freeze(state, body, prescribed))
         work = Works(*map(sum, zip(*works, strict=True)))
         found = [body for body in state.bodies if _changes_with(body.data, decision)]
         self._bind(found)
