@@ -155,6 +155,7 @@ class ConsistentExchange(Exchange):
         """See `Exchange`."""
         if not numbers:
             return Works(0.0, 0.0)
+        self._collapse(state, numbers)
         present = self._present(state)
         before = self._fields(state, prescribed, present)
         of_given = before.given_momenta(present.bodies)

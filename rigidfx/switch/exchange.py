@@ -11,6 +11,11 @@ and momenta and total energy do not change, however the body moved in between (4
 of a body (growth, merging, loss of some cells) is a release of all bodies concerned and a new
 freeze in the same instant; handing ΔV to some of the nodes only would break all three balances.
 
+A body with shapes is released as the rigid body in its present shape. That body has its momenta and
+its energy. It keeps the velocities with which the shapes change, as a frozen body keeps vibrations,
+so that the release gives all back. The strain energy of its cells is not U(q), which is of second
+order: the difference is taken from these velocities, as far as they have it, or given to them.
+
 This holds for a lumped mass; with a consistent one velocities inside a body and outside are coupled
 by the mass, see `consistent_exchange`.
 """
@@ -18,6 +23,7 @@ by the mass, see `consistent_exchange`.
 from __future__ import annotations
 
 from collections.abc import Callable, Set
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +34,7 @@ from rigidfx.decide.bodies import PlannedBody
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, BodyMotion, Frozen, RigidBody
+from rigidfx.mechanics.rigid_motions import fitted_motion, rigid_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.division import Division
@@ -126,6 +133,7 @@ class Exchange:
         """
         if not numbers:
             return Works(0.0, 0.0)
+        self._collapse(state, numbers)
         gone = state.take_out(numbers)
         velocity = state.v.x.array.copy()
         v = velocity.reshape(-1, 3)
@@ -135,6 +143,23 @@ class Exchange:
             v[frozen.nodes] += frozen.velocities @ body.motion.R.T
         state.move(velocity)
         return Works(0.0, 0.0)
+
+    def _collapse(self, state: State, numbers: Set[int]) -> None:
+        """Make those of some bodies that have shapes rigid as they are deformed. Collective."""
+        order = [body.data.number for body in state.bodies]
+        shaped = {b.data.number for b in state.bodies if b.data.shapes is not None} & numbers
+        if not shaped:
+            return
+        left = {b.data.number: b for b in state.bodies if b.data.number not in shaped}
+        velocity = state.v.x.array.copy()
+        for body in state.take_out(shaped):
+            moving = velocity.copy()
+            moving.reshape(-1, 3)[body.data.nodes] = body.velocities
+            state.move(moving)
+            rigid = _rigid(self._scene, self._forces, state, body)
+            left[body.data.number] = rigid if self.scales else _with_energy(self._scene, rigid)
+        state.move(velocity)
+        state.group(Bodies.of_each(left[number] for number in order))
 
     def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> Works:
         """Make a body of cells, unless their inertia is singular. Collective.
@@ -168,3 +193,41 @@ class Exchange:
             prescribed: For each owned dof, whether a support prescribes it.
         """
         state.group(division.bodies)
+
+
+def _rigid(scene: Scene, forces: InternalForces, state: State, body: Body) -> Body:
+    """The rigid body with a body's momenta and energy. Collective."""
+    data, alone = body.data, Bodies.of_each([body])
+    what = PlannedBody(data.cells, data.nodes, data.name, data.number, data.named)
+    found = freeze(scene, forces, state, what)
+    assert found is not None  # its cells have been a body before
+    if data.shapes is not None and data.shapes.drift is None:  # no support holds its frame
+        W = np.linalg.solve(found.data.inertia, alone.angular_momentum[0])
+        found = replace(found, motion=replace(found.motion, angular_velocity_body=W))
+    kept = np.zeros((scene.owned_nodes, 3))
+    kept[data.frozen.nodes] = data.frozen.velocities @ body.motion.R.T
+    kept[data.nodes] += found.data.frozen.velocities
+    nodes = np.flatnonzero(kept.any(axis=1)).astype(np.int32)
+    whole = alone.kinetic_of_each[0] + alone.strain_of_each[0] + data.frozen.vibration
+    strain = found.data.frozen.strain
+    vibration = float(whole - strain - Bodies.of_each([found]).kinetic_of_each[0])
+    frozen = Frozen(nodes, kept[nodes], strain, vibration)
+    return replace(found, data=replace(found.data, frozen=frozen))
+
+
+def _with_energy(scene: Scene, body: Body) -> Body:
+    """A body that keeps velocities of the energy that it keeps, for lumped masses. Collective."""
+    frozen, data = body.data.frozen, body.data
+    everywhere = np.zeros((scene.owned_nodes, 3))
+    everywhere[frozen.nodes] = frozen.velocities
+    v: Array = everywhere[data.nodes]
+    m = scene.nodal_mass[data.nodes, None]
+    rows = rigid_motions(data.offsets, data.length).reshape(-1, 6)
+    # Without angular momentum about the body as it is now.
+    motion = fitted_motion(rows, v.reshape(-1, 1), scene.sum, np.repeat(m, 3, axis=0))
+    v = v - (rows @ motion).reshape(v.shape)
+    kinetic = 0.5 * float(scene.sum((m * v * v).sum()))
+    vibration = max(frozen.vibration, 0.0) if kinetic > 0 else 0.0
+    part = vibration / kinetic if kinetic > 0 else 1.0
+    kept = Frozen(data.nodes, np.sqrt(part) * v, frozen.strain, vibration)
+    return replace(body, data=replace(data, frozen=kept))

@@ -40,7 +40,6 @@ from rigidfx.step.load_path import apply_preload
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import INVERTED, remedy
 from rigidfx.switch.closing import check_stops, implied_rows, warn_of_jumps
-from rigidfx.switch.collapse import collapse
 from rigidfx.switch.consistent_exchange import ConsistentExchange
 from rigidfx.switch.exchange import Exchange, Works
 from rigidfx.switch.inventory import check_clamps, divide
@@ -298,7 +297,6 @@ class Switch:
         held_before = stepper.system.energies.held_momenta(stepper.state)
         prescribed = stepper.system.prescribed.mask
         leaving = old.keys() - kept
-        collapse(stepper.scene, stepper.forces, state, leaving, self._exchange.scales)
         works = [self._exchange.release(state, leaving, prescribed)]
         for body in decision.bodies:
             if not body.kept:

@@ -43,8 +43,7 @@ Added = Callable[[], tuple[Array, Array]]
 class JointForces:
     """λ* - λ of the joints of a division; arrays are equal on all ranks.
 
-    Attributes:
-        on_supports: Whether joints take hold of nodes that supports hold.
+    It has `on_supports`, whether joints take hold of nodes that supports hold.
     """
 
     def __init__(self, joints: Constraints, reduced: ReducedMass, bodies: Bodies) -> None:
