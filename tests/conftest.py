@@ -31,7 +31,7 @@ os.environ.setdefault("MPIR_CVAR_POLLS_BEFORE_YIELD", "1")
 
 # Tests compile hundreds of forms, and run each on few cells: these flags take two thirds of the
 # compiler's time that the default takes, and up to 1.5 times the kernels'. Unoptimised sums would
-# take three times. `test_kernels.py` compares them with the default's.
+# take three times. `test_form_cache.py` compares them with the default's.
 os.environ.setdefault(
     "RIGIDFX_KERNEL_FLAGS",
     "-O1 -g0 -march=native -ftree-loop-vectorize -fvect-cost-model=dynamic -ffp-contract=fast "

@@ -1,4 +1,4 @@
-"""Recipes, containers, workflows, the site and the paper agree with pyproject.toml and README."""
+"""The top level, recipes, containers, workflows, the site and the paper agree with one another."""
 
 from __future__ import annotations
 
@@ -164,3 +164,24 @@ def test_figures_of_the_paper_are_those_of_readme():
 def test_the_gallery_has_every_picture_of_the_demos():
     shown = re.findall(r'src="../demos/pictures/(\S+)"', text("docs/gallery.md"))
     assert sorted(shown) == sorted(p.name for p in (ROOT / "demos" / "pictures").glob("*.png"))
+
+
+TOP_LEVEL = {
+    "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "README.md", "pyproject.toml",
+    "demos", "docs", "fenicsx", "meshes", "rigidfx", "tests",
+}  # fmt: skip
+
+
+def test_top_level_is_small():
+    """Whatever else a project has lies in docs/ or in folders with a dot."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    if listed.returncode:
+        pytest.skip("not a checkout of git")
+    names = {name.split("/")[0] for name in listed.stdout.split("\0") if name}
+    assert {name for name in names if not name.startswith(".")} == TOP_LEVEL
+
+
+def test_changelog_is_read_in_ten_minutes():
+    assert len((ROOT / "CHANGELOG.md").read_text(encoding="utf-8").split()) <= 3000

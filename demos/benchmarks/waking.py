@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 from bench import Parser, chosen, conclude, write
 from bench.judged import PROMISED, WINDOW, CellStrains, Record, error, judged
-from bench.random_waking import random_case, seeds_of
+from bench.random_waking import random_case
 from bench.waking_scenes import CASES, LARGE, Built
 
 import rigidfx as rf
@@ -108,10 +108,14 @@ def outside(entry: dict[str, Any]) -> bool:
 
 def seeds(text: str) -> list[int]:
     """Numbers of random scenes, for --seeds."""
+    found: list[int] = []
     try:
-        return seeds_of(text)
+        for part in text.split(","):
+            first, _, last = part.partition("-")
+            found += range(int(first), int(last or first) + 1)
     except ValueError:
         raise ArgumentTypeError(f"{text!r} should be numbers such as 0-9,12") from None
+    return found
 
 
 def main() -> None:

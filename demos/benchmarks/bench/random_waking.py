@@ -15,7 +15,7 @@ import rigidfx as rf
 
 from .waking_scenes import Built, Effects, pulse, sine
 
-__all__ = ["random_case", "seeds_of"]
+__all__ = ["random_case"]
 
 STEPS = 800
 Draw = np.random.Generator
@@ -191,12 +191,3 @@ def random_case(seed: int) -> tuple[str, Built]:
     scene = rf.Scene(of.mesh, materials, effects, probes=probes, mass=mass)
     name = f"{seed}: {kind}, {load}, {cell}s, {mass} mass"
     return name, Built(lambda _: scene, tol, dt, STEPS * dt)
-
-
-def seeds_of(text: str) -> list[int]:
-    """Numbers as in "0-9,12"; else a `ValueError`."""
-    seeds: list[int] = []
-    for part in text.split(","):
-        first, _, last = part.partition("-")
-        seeds += range(int(first), int(last or first) + 1)
-    return seeds
