@@ -193,7 +193,7 @@ CEILINGS = {
     "checkpoint": 4,
     "command": 21,
     "coupling": 3,
-    "decide": 37,
+    "decide": 36,
     "domain": 61,
     "effects": 22,
     "effects/attached": 4,
