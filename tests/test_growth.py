@@ -13,6 +13,7 @@ from parallel import check_the_same, report
 import rigidfx as rf
 import rigidfx.switch.growth
 from meshes.gong import MALLET, SIDE, gong
+from rigidfx.withheld.fields import size
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
 
@@ -66,6 +67,29 @@ def test_growth_keeps_energy_and_momenta(mass):
     for name in ("linear_momentum", "angular_momentum"):
         p = np.array([getattr(r, name) for r in after])
         assert np.abs(p - p[0]).max() < EXACT * np.abs(p).max()
+
+
+@pytest.mark.parametrize("more", [{}, {"mass": "consistent"}, {"mass": "consistent", "order": 2}])
+def test_products_of_fields_are_those_of_nodes(more, monkeypatch):
+    """What a body withholds has no resultant, nothing along its shapes, and the size told."""
+    seen, look = [], rigidfx.switch.growth.Growth.look
+
+    def looked(growth, attempt, *limits):
+        out = look(growth, attempt, *limits)
+        seen.extend((growth._scene, *own) for own in growth._withheld if own[0].data.deforms_by)
+        return out
+
+    monkeypatch.setattr(rigidfx.switch.growth.Growth, "look", looked)
+    run(bar(blow(), rf.MassDamping(0.1), **more), t_end=0.5)
+    assert len(seen) > 5
+    for scene, fields, force in seen[:: len(seen) // 5]:
+        values, shapes = fields.at_nodes(force), fields.data.shapes
+        by_mass = values / np.sqrt(scene.averaging_mass[fields.data.nodes][:, None])
+        told = size(scene, [(fields, force)])
+        assert told == pytest.approx(np.linalg.norm(by_mass), rel=1e-6)
+        whole = np.abs(force.beside).sum() + np.abs(values).sum()
+        assert np.abs(values.sum(axis=0)).max() <= 1e-9 * whole
+        assert np.abs(np.einsum("nka,na->k", shapes.modes, values)).max() <= 1e-9 * whole
 
 
 def test_a_bar_that_is_held_stays_reduced_and_exact(caplog):

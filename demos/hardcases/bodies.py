@@ -288,7 +288,8 @@ def load_on_a_frozen_part(short: bool) -> Iterator[AnyRun]:
     for part in (1e-2, 1e-3):
         criterion = rf.StrainRate(part * peak, 0.5, patience=1, until=2.0)
         close = partial(is_the_same, bound=PROMISED * part)
-        yield Run(f"shapes, {part:g}", scene(), 0.1, t_end, criterion, momentum=None, check=close)
+        yield Run(f"shapes, {part:g}", scene(), 0.1, t_end, criterion, momentum=None, check=close,
+                  tangents=8)  # fmt: skip
 
 
 @case(
