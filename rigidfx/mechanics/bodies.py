@@ -84,11 +84,10 @@ class Ensemble:
         return len(self.records)
 
     def holding(self, count: int) -> tuple[Indices, Array, Array]:
-        """Which of the first nodes are bodies', found once.
+        """Which of the first nodes are bodies', found once, and how they sit in them.
 
-        Returns:
-            Number of each node's body, -1 if it has none, its body-fixed [1, V] and its
-            displacement at the freeze, shapes (nodes,), (nodes, 4) [1, m] and (nodes, 3) [m].
+        Number of each node's body, -1 if it has none, shape (nodes,), its body-fixed [1, V], shape
+        (nodes, 4) [1, m], and its displacement at the freeze, shape (nodes, 3) [m].
         """
         if self._holding is None:
             body, n = np.full(count, -1, dtype=np.int32), self.frozen.shape[1]
@@ -131,16 +130,7 @@ class Bodies:
         q: Array | None = None,
         q_rate: Array | None = None,
     ) -> None:
-        """Keep arrays, which nobody changes from then on.
-
-        Args:
-            of: Constant data.
-            frame: Rows r and Rᵀ, shape (bodies, 4, 3) [m, 1].
-            velocity: ṙ.
-            angular_velocity_body: W.
-            q: Coordinates of the shapes; zero if None.
-            q_rate: Their rates, likewise.
-        """
+        """Keep arrays. The frame is r and Rᵀ, shape (bodies, 4, 3) [m, 1]; q is zero if None."""
         self.of, self.frame = of, read_only(np.ascontiguousarray(frame))
         self.R = self.frame[:, 1:].swapaxes(1, 2)
         self.velocity = read_only(np.ascontiguousarray(velocity))
@@ -169,13 +159,7 @@ class Bodies:
     def moving(
         self, velocity: Array, angular_velocity_body: Array, q_rate: Array | None = None
     ) -> Bodies:
-        """These bodies in the same pose with other velocities, shapes (bodies, 3), (bodies, m).
-
-        Args:
-            velocity: ṙ [m/s].
-            angular_velocity_body: W [rad/s].
-            q_rate: Rates of shapes; those that they have if None [m/s].
-        """
+        """These bodies in the same pose with other ṙ [m/s], W [rad/s] and q̇ [m/s], or their q̇."""
         rate = self.q_rate if q_rate is None else q_rate
         return Bodies(self.of, self.frame, velocity, angular_velocity_body, self.q, rate)
 

@@ -58,13 +58,9 @@ _compiled: list[Any] = []  # the C code, once it is there
 
 
 def prepare(comm: MPI.Intracomm) -> None:
-    """Compile the C code before trials of bodies come. Collective.
+    """Compile the C code before trials of bodies come, on rank 0. Collective.
 
-    Args:
-        comm: Its rank 0 compiles code that no process has yet.
-
-    Raises:
-        CompilerError: On every rank, if the C compiler cannot be run, or fails.
+    `CompilerError` is raised on every rank if the C compiler cannot be run, or fails.
     """
     if not comm.allreduce(len(_compiled) > 0, op=MPI.LAND):
         _compiled[:] = [c_library(comm, "bodies", SOURCE.read_text(), DECLARED, ["-O2", "-g0"])]
@@ -97,14 +93,7 @@ class Step:
         damping: Array | None = None,
         given: Array | None = None,
     ) -> None:
-        """Prepare data of every trial.
-
-        Args:
-            start: The bodies at the start of the step.
-            dt: Δt [s].
-            damping: See above; none if None.
-            given: See above.
-        """
+        """Prepare data of every trial; no shapes are damped if `damping` is None."""
         self.start, self.dt, self.damping, self.given = start, dt, damping, given
 
     @cached_property
@@ -201,13 +190,7 @@ class StaticStep(Step):
 
 
 class Increments:
-    """A trial step.
-
-    Attributes:
-        step: The step.
-        unknowns: Δr, ℓθ and Δq, shape (bodies, 6 + m) [m].
-        dr: Δr, shape (bodies, 3) [m].
-    """
+    """A trial step with the unknowns Δr, ℓθ and Δq, shape (bodies, 6 + m) [m]; `dr` is Δr."""
 
     def __init__(self, step: Step, unknowns: Array) -> None:
         """Try unknowns, from then on not to be changed."""
@@ -277,22 +260,13 @@ class Increments:
         return self._part("force").copy()
 
     def blocks(self, moments: Array) -> Array:
-        """`tangent` under forces with these moments, shape (bodies, 6 + m, 6 + m) [N/m].
-
-        Args:
-            moments: Of all forces on their nodes, shape (bodies, n, 3) [N, N m].
-        """
+        """`tangent` under forces with these moments, shape (bodies, 6 + m, 6 + m) [N/m]."""
         return self.tangent(self.couples(moments))
 
     def tangent(self, couples: Array) -> Array:
-        """Derivative of the bodies' residual rows that P does not carry, shape (bodies, 6, 6).
+        """Derivative of the bodies' residual rows that P does not carry, (bodies, 6, 6) [N/m].
 
-        Args:
-            couples: See `couples`, shape (bodies, 3, 3) [N m]: how the moments Σ v_av × f change
-                with R1.
-
-        Returns:
-            In N/m.
+        Couples, shape (bodies, 3, 3) [N m], say how the moments Σ v_av × f change with R1.
         """
         rotation = (couples - skew(self.pi1 / self.step.dt)) @ self.T
         rotation += self.R1 @ self.step.inertia
@@ -323,13 +297,8 @@ class Increments:
     def led(self, a: Array, of: Ints, end: bool = False) -> Array:
         """How places follow the unknowns of their bodies: L, or P at the end of the step.
 
-        Args:
-            a: Body-fixed coordinates of the places, shape (k, places, n).
-            of: Their bodies, shape (k,).
-            end: Whether the place at the end of the step is told, not its increment.
-
-        Returns:
-            Derivatives, shape (k, places, 3, 6 + m).
+        The body-fixed coordinates have the shape (k, places, n), their bodies the shape (k,), and
+        the derivatives the shape (k, places, 3, 6 + m).
         """
         follow, columns = self.P if end else self.L, self.unknowns.shape[1]
         follow = follow[of].reshape(len(of), a.shape[2], 3 * columns)
@@ -345,19 +314,13 @@ class Increments:
         return out
 
     def resultant(self, moments: Array) -> Array:
-        """Lᵀ: Σ f and Σ v_av × f/ℓ of forces with these moments, shape (bodies, 6) [N].
-
-        Args:
-            moments: Shape (bodies, 4, 3) [N, N m].
-        """
+        """Lᵀ: Σ f and Σ v_av × f/ℓ [N] of moments (bodies, 4, 3) [N, N m], shape (bodies, 6)."""
         return self.step.resultant(self._told, moments)
 
     def balance(self, moments: Array, torques: Array) -> Array:
-        """Residual of the bodies, shape (bodies, 6) [N].
+        """Residual of the bodies [N], shape (bodies, 6), by moments of all forces on their nodes.
 
-        Args:
-            moments: Of all forces on their nodes, but for those of their own inertia; as above.
-            torques: On the bodies as such, shape (bodies, 3) [N m].
+        Moments leave out the bodies' own inertia; torques on bodies are (bodies, 3) [N m].
         """
         return self.step.balance(self._told, moments, torques)
 
@@ -370,11 +333,7 @@ class Increments:
         return np.dot(B.reshape(-1, 9), self.step.share * COUPLES).reshape(-1, 3, 3)
 
     def work_of_supports(self, rows: Array) -> float:
-        """Work of supports on frames of bodies [J]: rigid ones move freely.
-
-        Args:
-            rows: Residual of the bodies, as `balance` gives it.
-        """
+        """Work of supports on frames by residuals of `balance` [J]: rigid bodies move freely."""
         return 0.0
 
     def work(self, forces: Array) -> float:

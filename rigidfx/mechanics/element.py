@@ -67,13 +67,9 @@ class Element(Protocol):
     def virtual_work(
         self, stress: Any, portions: Sequence[Portion], at: Sequence[Any], w: Any
     ) -> Any:
-        """F S : Grad w.
+        """F S : Grad w, with F at the mean of displacements `at`.
 
-        Args:
-            stress: S.
-            portions: Its parts, the one with the displacement of derivatives last.
-            at: Displacements, one or two, at whose mean F is.
-            w: Test function.
+        The last portion of the stress S is the one with the displacement of derivatives.
         """
         ...
 
@@ -82,13 +78,8 @@ class Element(Protocol):
     ) -> Any:
         """What the tangent of F S : Grad w loses by elimination, as an integrand; None if nothing.
 
-        Args:
-            at: Displacements, at whose mean F is.
-            by: The displacement of the derivative.
-            factor: Derivative of S by the stress at `by`,
-            more: and a constant to be added to it; None if there is none.
-            w: Test function.
-            du: Trial function.
+        The mean of displacements `at` gives F. The derivative of S by the stress at `by` is factor
+        + more, a constant or None for zero.
         """
         ...
 

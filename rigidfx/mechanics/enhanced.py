@@ -126,11 +126,8 @@ class Note(ufl.Constant):
 class ProjectedWork(Note):
     """Zero, and the virtual work of a stress that is no linear function of strains.
 
-    Attributes:
-        stress: S.
-        enhancements: Those of the displacement of derivatives that it depends on.
-        middle: Numbers of displacements, at whose mean the rows are.
-        by: Number of the displacement of derivatives.
+    It depends on the enhancements of the displacement `by` of derivatives; rows are at the mean of
+    the displacements with the numbers `middle`.
     """
 
     def __init__(self, stress: Any, by: int, middle: tuple[int, ...]) -> None:
@@ -159,11 +156,7 @@ class ProjectedWork(Note):
 def projected_work(stress: Any, by: Any, at: Sequence[Any], w: Any) -> Any:
     """A term that vanishes, and brings the stress and its arguments into a form.
 
-    Args:
-        stress: S.
-        by: The displacement of derivatives.
-        at: Displacements, at whose mean virtual strains are.
-        w: Test function.
+    Virtual strains are at the mean of displacements `at`, derivatives by the displacement `by`.
     """
     zero = ProjectedWork(stress, by.count(), tuple(u.count() for u in at))
     read = dict.fromkeys([*extract_coefficients(stress), *at, by])
@@ -174,12 +167,8 @@ def projected_work(stress: Any, by: Any, at: Sequence[Any], w: Any) -> Any:
 class Elimination(Note):
     """Zero, and what a tangent loses: (factor + more) B(left)ᵀ D⁻¹ B(right).
 
-    Attributes:
-        enhancement: The enhancement whose modes are eliminated.
-        left: Numbers of displacements, whose mean is meant.
-        right: Number of the displacement of the derivative.
-        factor: See above.
-        more: A constant, None for zero.
+    The enhancement's modes are eliminated, at the mean of the displacements with the numbers
+    `left`; `right` is that of the derivative, and `more` a constant, None for zero.
     """
 
     def __init__(
@@ -280,11 +269,7 @@ class AssumedStrains:
     thickness: str
 
     def __post_init__(self) -> None:
-        """Check the name.
-
-        Raises:
-            SceneError: If it is no text.
-        """
+        """Check that the name is a text."""
         if not isinstance(self.thickness, str):
             raise SceneError(
                 "AssumedStrains: thickness must be the name of a surface that the thickness goes "
@@ -295,10 +280,8 @@ class AssumedStrains:
 class AssumedWork(Note):
     """Zero, and the virtual work of a stress by the rows of assumed strains.
 
-    Attributes:
-        portions: The parts of the stress: law, numbers of displacements, factor and constant.
-        middle: Numbers of displacements, at whose mean the rows are.
-        by: Number of the displacement of the derivative.
+    Portions are law, numbers of displacements, factor and constant; rows are at the mean of the
+    displacements `middle`, derivatives by the displacement `by`.
     """
 
     def __init__(

@@ -44,35 +44,19 @@ class LocalRotations:
     """The cells that some nodes have around them."""
 
     def __init__(self, cells: Indices, X: Array, comm: MPI.Intracomm) -> None:
-        """Compile the C code if that is needed. Collective.
-
-        Args:
-            cells: Nodes of each cell, shape (cells, k).
-            X: Reference positions of all nodes, shape (nodes, 3) [m].
-            comm: Ranks that take part.
-        """
+        """Compile the C code if needed; cells by their nodes, X of all nodes [m]. Collective."""
         self._code = _code(comm)
         self._cells, self._X = np.ascontiguousarray(cells, dtype=np.int32), np.ascontiguousarray(X)
 
     def spread(self, u: Array, M: Array) -> None:
-        """Add M of each node.
-
-        Args:
-            u: Displacement of all nodes, one number per dof [m].
-            M: Shape (nodes, 9) [m²].
-        """
+        """Add M of each node, shape (nodes, 9) [m²], of displacements of all dofs [m]."""
         of = self._code.ffi.from_buffer
         nodes, X = of("int *", self._cells), of("double *", self._X)
         u = np.ascontiguousarray(u)
         self._code.lib.spread(*self._cells.shape, nodes, X, of("double *", u), of("double *", M))
 
     def fit(self, M: Array, R: Array) -> None:
-        """Find the rotations of matrices, in place.
-
-        Args:
-            M: Shape (n, 9).
-            R: Rotations that are near, shape (n, 3, 3).
-        """
+        """Find the rotations of M, shape (n, 9), in place of near ones, shape (n, 3, 3)."""
         of, found = self._code.ffi.from_buffer, np.zeros(len(M), dtype=np.int8)
         arrays = of("double *", M), of("double *", R), of("char *", found)
         self._code.lib.fit(len(M), ITERATIONS, ENOUGH, *arrays)
@@ -82,14 +66,7 @@ class LocalRotations:
 
 
 def turn_vectors(y: Array, starts: Indices, Q: Array, transposed: bool) -> None:
-    """Rotate vectors in place.
-
-    Args:
-        y: Numbers, three in a row to a vector.
-        starts: Where vectors begin, shape (n,).
-        Q: Rotations, shape (n, 3, 3).
-        transposed: Whether by Qᵀ.
-    """
+    """Rotate vectors in `y`, which begin at `starts`, by Q or Qᵀ, shape (n, 3, 3), in place."""
     code = _compiled[0]
     of = code.ffi.from_buffer
     at, by = of("int *", starts), of("double *", Q)
@@ -97,11 +74,7 @@ def turn_vectors(y: Array, starts: Indices, Q: Array, transposed: bool) -> None:
 
 
 def polar_factors(M: Array) -> Array:
-    """The rotations that are nearest to matrices; none where a matrix has less than two directions.
-
-    Args:
-        M: Shape (n, 3, 3).
-    """
+    """The rotations nearest to matrices (n, 3, 3); none of one with less than two directions."""
     finite = np.isfinite(M).all(axis=(1, 2), keepdims=True)
     W, size, Vt = np.linalg.svd(np.where(finite, M, IDENTITY))
     W[:, :, 2] *= np.linalg.det(W @ Vt)[:, None]

@@ -116,11 +116,7 @@ class RigidBody:
         return 0 if self.shapes is None else len(self.shapes)
 
     def coordinates(self, at: npt.NDArray[np.integer] | slice = slice(None)) -> Array:
-        """a = [1, V, Φ₁, ..., Φ_m] of some of its nodes, shape (nodes, 4 + 3 m) [1, m, 1].
-
-        Args:
-            at: Places of these among its nodes; all if left out.
-        """
+        """a = [1, V, Φ₁, ..., Φ_m] of its nodes, or some, shape (nodes, 4 + 3 m) [1, m, 1]."""
         V = self.offsets[at]
         parts = [np.ones((len(V), 1)), V]
         if self.shapes is not None:

@@ -15,11 +15,9 @@ RIGID = 1e-6  # part of a body's length by which places on a line may be off it
 
 
 def rigid_motions(places: Array, length: float | Array) -> Array:
-    """Rigid motions of places of a body, shape (places, 3, 6); rotations as lengths.
+    """Rigid motions of places relative to the centre, shape (places, 3, 6), for lengths [m].
 
-    Args:
-        places: Relative to the centre, shape (places, 3) [m].
-        length: By which rotations are multiplied [m]; one number, or shape (places, 1).
+    Rotations are multiplied by the length: one number, or shape (places, 1).
     """
     modes = np.zeros((len(places), 3, 6))
     modes[:, :, :3] = np.eye(3)
@@ -32,10 +30,7 @@ def best_motion(
 ) -> tuple[Array, Array]:
     """Rotation and shift that take places best to others (W. Kabsch, Acta Cryst. A 32 (1976) 922).
 
-    Args:
-        before: This rank's places, shape (places, 3) [m].
-        after: Where they go, likewise.
-        total: Sum over the ranks. Collective.
+    Both are this rank's, shape (places, 3) [m]; `total` sums over the ranks. Collective.
     """
     local = [len(before), *before.sum(axis=0), *after.sum(axis=0), *(after.T @ before).ravel()]
     sums = total(np.array(local))
@@ -49,11 +44,7 @@ def fitted_motion(
 ) -> Array:
     """Coefficients of the motions that fit values best, in the mean of squares, shape (k, n).
 
-    Args:
-        modes: This rank's rows of the motions, shape (rows, k).
-        values: Those of the values, shape (rows, n).
-        total: Sum over the ranks. Collective.
-        mass: Weights of the squares; one number, or shape (rows, 1).
+    This rank's rows are (rows, k) and (rows, n), and a mass per row weighs squares. Collective.
     """
     sums = np.asarray(total((mass * modes).T @ np.c_[modes, values]))
     k = modes.shape[1]
@@ -61,16 +52,10 @@ def fitted_motion(
 
 
 def free_motions(places: Array, held: Bools, length: float, comm: MPI.Intracomm) -> Array:
-    """The rigid motions of a body that supports do not prevent. Collective.
+    """The rigid motions of a body that supports do not prevent, orthonormal. Collective.
 
-    Args:
-        places: Of nodes that would move with it, relative to its centre [m], shape (nodes, 3).
-        held: Which components of these are held, likewise.
-        length: Its length [m].
-        comm: The scene's.
-
-    Returns:
-        An orthonormal basis of them, shape (6, motions).
+    Places [m], relative to the centre, and held components are of nodes that would move with it,
+    shape (nodes, 3); motions have the shape (6, motions).
     """
     own = rigid_motions(places, length)[held]
     prevented = np.concatenate(comm.allgather(own[independent(own)]))
@@ -89,10 +74,5 @@ def independent(modes: Array) -> Ints:
 
 
 def spanning(places: Array, length: float) -> Ints:
-    """Some of a body's places that tell how all of it moves, six at most.
-
-    Args:
-        places: Of nodes, shape (nodes, 3) [m].
-        length: Length of the body [m].
-    """
+    """Some of a body's places (nodes, 3) [m] that tell how all of it moves, six at most."""
     return np.unique(independent(rigid_motions(places, length).reshape(-1, 6)) // 3)

@@ -26,14 +26,7 @@ AXES = np.arange(len(IDENTITY))
 
 
 def skew(a: npt.ArrayLike) -> Array:
-    """â with â b = a × b, equation (6).
-
-    Args:
-        a: Vectors, shape (..., 3).
-
-    Returns:
-        Shape (..., 3, 3).
-    """
+    """â with â b = a × b, equation (6), shape (..., 3, 3), of vectors, shape (..., 3)."""
     a = np.asarray(a)
     return np.dot(a, UNIT_SKEWS).reshape((*a.shape, 3))
 
@@ -47,44 +40,25 @@ def cross(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
 
 
 def axial(B: Array) -> Array:
-    """Σ aᵢ × bᵢ from B = Σ aᵢ bᵢᵀ: moments, at the cost of a small product.
-
-    Args:
-        B: Shape (..., 3, 3).
-
-    Returns:
-        Shape (..., 3).
-    """
+    """Σ aᵢ × bᵢ, shape (..., 3), from B = Σ aᵢ bᵢᵀ: moments, at the cost of a small product."""
     return np.asarray(-(B.reshape(*B.shape[:-2], 9) @ UNIT_SKEWS.T))
 
 
 def cayley(theta: npt.ArrayLike) -> Array:
-    """Rotation (I - ½θ̂)⁻¹ (I + ½θ̂) = I + (θ̂ + ½θ̂²)/(1 + ¼θ·θ).
-
-    Args:
-        theta: Cayley vector θ, shape (3,).
-
-    Returns:
-        Shape (3, 3), orthonormal to rounding.
-    """
+    """Rotation (I - ½θ̂)⁻¹ (I + ½θ̂) = I + (θ̂ + ½θ̂²)/(1 + ¼θ·θ), orthonormal to rounding."""
     hat = skew(theta)
     return IDENTITY + (hat + 0.5 * hat @ hat) / (1 + 0.25 * np.dot(theta, theta))
 
 
 def orthonormalized(R: Array) -> Array:
-    """R after one Newton step of the polar decomposition: rounding does not pile up in products.
-
-    Args:
-        R: Nearly rotations, shape (..., 3, 3).
-    """
+    """R after one Newton step of the polar decomposition: rounding does not pile up in products."""
     return R @ (1.5 * IDENTITY - 0.5 * R.swapaxes(-1, -2) @ R)
 
 
 def nearest_rotations(M: Array) -> Array:
     """Rotations R that maximize tr(Rᵀ M), by singular vectors (W. Kabsch, Acta Cryst. A 32, 1976).
 
-    Args:
-        M: Shape (..., 3, 3); Σ b aᵀ gives the best rotation from arms a to arms b.
+    M = Σ b aᵀ gives the best rotation from arms a to arms b.
     """
     W, _, Vt = np.linalg.svd(M)
     W[..., :, 2] *= np.linalg.det(W @ Vt)[..., None]

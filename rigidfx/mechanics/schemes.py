@@ -64,11 +64,6 @@ def rounding_of_energy(energy: Energy, C: Any, p: dict[str, Any]) -> Any:
     """Rounding of W(C), in units of the machine precision [J/m³].
 
     C and the parameters count as exact: those are compared that know the same ones.
-
-    Args:
-        energy: Stored energy W(C, **p).
-        C: Right Cauchy-Green tensor.
-        p: Parameters of the energy.
     """
     C = _without_variables(C, set())
     exact = ufl.as_matrix([[ufl.variable(C[i, j]) for j in range(3)] for i in range(3)])
@@ -176,11 +171,6 @@ def second_piola_kirchhoff(energy: Energy, C: Any, p: dict[str, Any]) -> Any:
     components would have no symmetry, which makes energy out of nothing. The kernel of a tangent
     gets smaller, too, but for St.Venant-Kirchhoff's, which stays (operations in its source for
     hexahedra: neo-Hooke 6653 → 5933, Mooney-Rivlin 11078 → 9426).
-
-    Args:
-        energy: Stored energy W(C, **p).
-        C: Right Cauchy-Green tensor.
-        p: Parameters of the energy.
     """
     C = ufl.variable(C)
     D = ufl.diff(energy(_from_upper(C), **p), C)  # zero below the diagonal, both sides' sum above
@@ -339,11 +329,7 @@ class Trapezoidal:
 
 
 def scheme_of(given: Any) -> Scheme:
-    """The scheme that was given; the energy-momentum method if None.
-
-    Raises:
-        SceneError: If it is none.
-    """
+    """The scheme that was given; the energy-momentum method if None, `SceneError` if it is none."""
     scheme: Scheme = EnergyMomentum() if given is None else given
     asked = "virtual_work", "conserving", "damps", "couples"
     if isinstance(given, type) or not all(hasattr(scheme, name) for name in asked):
@@ -358,16 +344,10 @@ NUMBERS = classes.ConstantValue, classes.MultiIndex, classes.Label
 
 
 def evaluated(expression: Any) -> float:
-    """The value of a scalar expression of UFL that holds numbers only.
+    """The value of a scalar expression of UFL that holds numbers only and no open derivatives.
 
-    UFL itself asks a function on a mesh for its value at no point in two ways, each of which asks
-    again: it never returns.
-
-    Args:
-        expression: Without derivatives that are still to be applied.
-
-    Raises:
-        TypeError: If it depends on the place, by a function on a mesh or the shape of cells, say.
+    It raises `TypeError` where the expression depends on the place. UFL itself asks a function on a
+    mesh for its value at no point in two ways, each of which asks again: it never returns.
     """
     lowered = apply_algebra_lowering(expression)
     for o in unique_pre_traversal(lowered):
@@ -384,12 +364,9 @@ def _is_number(o: Any) -> bool:
 def rest_moduli(material: Material) -> tuple[float, float] | None:
     """λ and μ [Pa] of ℂ₀ = ∂²W/∂E² at C = I; of its isotropic part, if it has directions.
 
-    The isotropic part is the mean over all rotations: with K = ℂ_iijj/9 the mean bulk modulus,
-    μ = (ℂ_ijij - 3 K)/10 and λ = K - 2μ/3.
-
-    Returns:
-        None if UFL cannot evaluate its energy, as it depends on the place, or if they are not those
-        of a stable material.
+    The isotropic part is the mean over all rotations: with K = ℂ_iijj/9 the mean bulk modulus, μ =
+    (ℂ_ijij - 3 K)/10 and λ = K - 2μ/3. It is None if the energy depends on the place, so that UFL
+    cannot evaluate it, or if the material is not stable.
     """
     if isinstance(material, Isotropic):
         return material.parameters["lmbda"], material.parameters["mu"]

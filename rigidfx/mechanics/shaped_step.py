@@ -35,12 +35,7 @@ from rigidfx.mechanics.shapes import ShapesOfBodies, contracted, times
 
 
 def increments_of(step: Step, unknowns: Array) -> Increments:
-    """A trial step.
-
-    Args:
-        step: The step.
-        unknowns: Δr, ℓθ and Δq, shape (bodies, 6 + m) [m], from then on not to be changed.
-    """
+    """A trial step by Δr, ℓθ and Δq, shape (bodies, 6 + m) [m], from then on not to be changed."""
     kind = Increments if step.start.of.shapes is None else ShapedIncrements
     return kind(step, unknowns)
 
@@ -287,9 +282,7 @@ class ShapedIncrements(Increments):
     def work_of_supports(self, rows: Array) -> float:
         """Work of supports on the frames that they hold, and on shapes that they move [J].
 
-        Args:
-            rows: Residual of the bodies, as `balance` gives it; rows of what is given are what the
-                supports exert.
+        Rows of `balance` of what is given are what the supports exert.
         """
         given = ~self.start.of.known
         return float(np.vdot(rows[given], self._apart[given]))

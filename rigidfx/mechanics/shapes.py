@@ -107,11 +107,7 @@ class ShapesOfBodies:
     """
 
     def __init__(self, each: Sequence[Shapes | None]) -> None:
-        """Stack the bodies' data.
-
-        Args:
-            each: The shapes of each body, one of them at least; None if it is rigid.
-        """
+        """Stack the shapes of each body, of one at least; None if it is rigid."""
         self.counts = np.array([0 if own is None else len(own) for own in each])
         self.some, self.most = np.flatnonzero(self.counts), int(self.counts.max(initial=0))
         k, m = self.some.size, self.most
@@ -163,17 +159,7 @@ class ShapesOfBodies:
         return axial(E[:, 1:].reshape(len(E), -1, 3, 3)).swapaxes(1, 2)
 
     def momenta(self, q: Array, W: Array, rates: Array, E: Array) -> tuple[Array, Array]:
-        """Addition to J W by the shapes [kg m²/s], and p = Bᵀ W + D q̇ [kg m/s].
-
-        Args:
-            q: The coordinates.
-            W: Angular velocities in the bodies' frames, shape (some, 3) [rad/s].
-            rates: q̇, shape (some, most) [m/s].
-            E: See `weighted`.
-
-        Returns:
-            Shapes (some, 3) and (some, most).
-        """
+        """Addition to J W by shapes [kg m²/s], and p = Bᵀ W + D q̇ [kg m/s]; see `weighted`."""
         own, both = E[:, 1:], np.empty((len(q), 2, self.most))
         both[:, 0], both[:, 1] = q, rates
         sums = (both @ own).reshape(-1, 2, 3, 3)
@@ -182,13 +168,7 @@ class ShapesOfBodies:
         return turning, times(own, skew(-W).reshape(-1, 9)) + times(self.mass, rates)
 
     def gradient(self, E: Array, w: tuple[Array, Array], v: tuple[Array, Array]) -> Array:
-        """½ w·∂A/∂q v, shape (some, most) [N].
-
-        Args:
-            E: See `weighted`.
-            w: W and q̇, shapes (some, 3) and (some, most).
-            v: Others.
-        """
+        """½ w·∂A/∂q v, shape (some, most) [N], of w and v, each W and q̇; E is of `weighted`."""
         outer = v[1][:, :, None] * w[0][:, None] + w[1][:, :, None] * v[0][:, None]
         out = times(E[:, 1:], contracted(w[0], v[0]).reshape(-1, 9))
         out += times(self._coupled, (0.5 * outer).reshape(len(E), -1))
