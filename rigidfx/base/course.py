@@ -11,11 +11,7 @@ APART = 1.02  # factor between values that are remembered
 
 
 class Course:
-    """Remembers the growth of a largest value.
-
-    Attributes:
-        largest: The largest value so far.
-    """
+    """Remembers the growth of a largest value."""
 
     remembered: ClassVar[Remembered] = same("largest", "_times", "_sizes")
 

@@ -58,11 +58,7 @@ ANNOUNCED: set[str] = set()  # what this process has said that it compiles
 
 
 class CacheLog(logging.Filter):
-    """Listens to FFCx's log, and tells on standard error of long waits.
-
-    Attributes:
-        source: The source file that was found in the cache, if one was.
-    """
+    """Listens to FFCx's log, tells on standard error of long waits, keeps the source it found."""
 
     def __init__(self, shown: int, what: str) -> None:
         """Begin with nothing heard; records from the level `shown` on go on."""

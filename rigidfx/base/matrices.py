@@ -78,13 +78,7 @@ class Pattern:
 
 
 def distributed(rows: csr_array, sizes: object, comm: object) -> PETSc.Mat:
-    """A matrix of PETSc's by this rank's rows, sorted; the caller destroys it. Collective.
-
-    Args:
-        rows: The rows.
-        sizes: Sizes of rows and columns, as PETSc takes them.
-        comm: The communicator.
-    """
+    """A matrix of PETSc's by this rank's rows, sorted; the caller destroys it. Collective."""
     kind = PETSc.IntType
     csr = rows.indptr.astype(kind), rows.indices.astype(kind), rows.data
     return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)

@@ -13,21 +13,10 @@ from rigidfx.shapes.responses import Responses
 
 
 class Excess:
-    """The expansion of a part at one displacement: see `Expanded`.
-
-    Attributes:
-        energy: ½ d·K d [J].
-        nu: ν of the whole part.
-    """
+    """The expansion of a part at one displacement, with ½ d·K d [J] and ν of the whole part."""
 
     def __init__(self, responses: Responses, part: Part, d: Array) -> None:
-        """Evaluate. Collective.
-
-        Args:
-            responses: Of the whole structure.
-            part: The part.
-            d: Displacement by shapes at its owned nodes, shape (nodes, 3) [m].
-        """
+        """Evaluate at d by shapes, at the part's owned nodes, shape (nodes, 3) [m]. Collective."""
         self._scene, self._part, self._d = responses.scene, part, d
         self.energy = part.energy(d)
         self.nu = abs(float(self._scene.sum(part.missed(d, responses.of_nodes(part.nodes)).sum())))
@@ -36,11 +25,8 @@ class Excess:
         """A box with two thirds of ½ d·K d or more, halved as long as one half has. Collective.
 
         Cells beyond a leaf turn as it bends, and part from the expansion by that alone: it is the
-        leaf that spends ν.
-
-        Returns:
-            Number of its cells, and the corners of their box where nothing is deformed, shapes
-            (3,) and (3,) [m].
+        leaf that spends ν. Number of its cells, and the corners of their box where nothing is
+        deformed [m].
         """
         scene, cells = self._scene, self._part.cells
         X = scene.space.tabulate_dof_coordinates()

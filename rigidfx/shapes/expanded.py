@@ -52,15 +52,10 @@ class Expanded:
         state: Array,
         held: Bools | None = None,
     ) -> None:
-        """Assemble. Collective.
+        """Assemble cells of owned nodes, sorted, about their displacement [m]. Collective.
 
-        Args:
-            scene: The problem.
-            linear: Forms, whose shape is moved and brought back.
-            cells: Owned cells by subdomain id.
-            nodes: Their owned nodes, sorted.
-            state: Displacement of the nodes, about which they are expanded, shape (nodes, 3) [m].
-            held: Dofs of the nodes that supports hold, shape (nodes, 3); none if None.
+        The displacement and the dofs that supports hold have the shape (nodes, 3). The forms' shape
+        is moved and brought back.
         """
         self._scene, self._linear, self._state = scene, linear, state
         self.nodes, self.cells, self.rows = nodes, cells, Rows(scene.space, nodes)
@@ -133,11 +128,9 @@ class Expanded:
         x.array[:] = before
 
     def forces(self, d: Array, cells: Cells | None = None) -> Array:
-        """Internal forces of cells at d beside the state, shape (nodes, 3) [N]. Collective.
+        """Internal forces of its cells, or some, at d [m] beside the state, (nodes, 3) [N].
 
-        Args:
-            d: Displacement of its nodes, shape (nodes, 3) [m].
-            cells: Some of its cells; all if None.
+        Collective.
         """
         b = fem.Function(self._scene.space)
         with self._displaced(d):
@@ -155,12 +148,7 @@ class Expanded:
         return np.asarray(found - self._momenta @ moving)
 
     def stiffening(self, along: Array, fields: Array) -> Array:
-        """K'[along] of fields, the change of K by a displacement, shape (nodes, 3, k). Collective.
-
-        Args:
-            along: The displacement, shape (nodes, 3) [m].
-            fields: Fields at its nodes, shape (nodes, 3, k).
-        """
+        """K'[along] of fields, the change of K by a displacement [m], (nodes, 3, k). Collective."""
         comm, out = self._scene.comm, np.zeros_like(fields)
         size = comm.allreduce(float(np.abs(along).max(initial=0.0)), op=MPI.MAX)
         h = SMALL_WAY * self._scene.mean_cell_size / size if size > 0 else 0.0
@@ -176,14 +164,10 @@ class Expanded:
         return 0.5 * float(self.dot(d[:, :, None], self.times_stiffness(d[:, :, None]))[0, 0])
 
     def missed(self, d: Array, respond: Callable[[Array], Array]) -> Array:
-        """Energy that the expansion in d misses, by nodes, over ½ d·K d, shape (nodes,).
+        """Energy that the expansion in d [m] misses, by nodes, over ½ d·K d, shape (nodes,).
 
         Its sum is ν but for the sign, with the energy by Simpson's rule along w, which is exact
-        where it is of fourth order. Collective.
-
-        Args:
-            d: Displacement by shapes, shape (nodes, 3) [m].
-            respond: Static responses of the whole to forces on its nodes.
+        where it is of fourth order. Static responses to forces are those of the whole. Collective.
         """
         w = d - self.unmoved(respond(self.even(d))[:, :, None])[:, :, 0]
         mean = (self.forces(w) + 4 * self.forces(0.5 * w) - 5 * self.internal) / 6

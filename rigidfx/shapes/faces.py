@@ -19,10 +19,8 @@ def of_faces(responses: Responses) -> Array:
     """Unit forces on the points that joints and springs hold, and unit couples. Collective.
 
     A face whose turn matters has three forces and three couples, whatever the joint: parts turn
-    against each other, and motors come and go.
-
-    Returns:
-        In balance with inertia, of norm 1, those of all points in turn, shape (owned nodes, 3, k).
+    against each other, and motors come and go. Those of all points in turn are in balance with
+    inertia and of norm 1, shape (owned nodes, 3, k).
     """
     vectors = list(_vectors(responses.scene))
     turned = [v.face for v in vectors if v.face is not None and not v.is_place]

@@ -28,22 +28,14 @@ class Found(Expanded):
     def __init__(
         self, scene: Scene, forces: InternalForces, linear: LinearForms, data: RigidBody
     ) -> None:
-        """Assemble. Collective.
-
-        Args:
-            scene: The problem.
-            forces: Internal forces, which know the cells of each material.
-            linear: Forms, whose shape is moved and brought back.
-            data: The body.
-        """
+        """Assemble, by forms whose shape is moved and brought back. Collective."""
         cells = forces.cells(data.cells)
         super().__init__(scene, linear, cells, data.nodes, data.displacement)
 
     def modes(self, dt: float, above: float) -> tuple[Array, float]:
-        """Its own modes that Δt resolves, where it moves freely: see `resolved`. Collective.
+        """φ of the modes that Δt resolves, where it moves freely, and the lowest ω left out [1/s].
 
-        Returns:
-            φ at its nodes, shape (nodes, 3, k); and the lowest ω that is left out [1/s].
+        See `resolved`; φ has the shape (nodes, 3, k). Collective.
         """
         M = self._mass.matrix()
         y, omega, cut = resolved(self._K, M, columns(self.motions), self.rows.vector, dt)
@@ -54,13 +46,8 @@ class Found(Expanded):
     def with_shapes(self, body: Body, vectors: Array, followers: int = 0) -> Body | None:
         """A body with more shapes, all of them orthogonal by the mass, at q = q̇ = 0. Collective.
 
-        Args:
-            body: The body.
-            vectors: At its nodes in its frame, shape (nodes, 3, k).
-            followers: How many of the last ones may lack `LACKING` of themselves.
-
-        Returns:
-            None if none of the vectors is new.
+        Vectors at its nodes are in its frame, shape (nodes, 3, k), and the last ones, the
+        followers, may lack `LACKING` of themselves. None if no vector is new.
         """
         data, m = body.data, body.data.deforms_by
         old: Array = np.zeros((len(data.nodes), 3, 0))

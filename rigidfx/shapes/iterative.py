@@ -29,13 +29,7 @@ TOGETHER = {"pc_type": "bjacobi"} | {f"sub_{name}": value for name, value in ALO
 
 @dataclass(frozen=True)
 class Fixed:
-    """Equations with a matrix that stays, as a coarse grid sees them.
-
-    Attributes:
-        tangent_matrix: The matrix.
-        prolongation: Map between its unknowns and nodes.
-        positions: Places of the nodes, shape (nodes, 3) [m].
-    """
+    """Equations with a matrix that stays, at places of nodes, as a coarse grid sees them."""
 
     tangent_matrix: PETSc.Mat
     prolongation: Prolongation
@@ -58,10 +52,7 @@ class SymmetricGrid(CoarseGrid):
 def conjugate_gradients(A: PETSc.Mat, prolongation: Prolongation, places: Array) -> PETSc.KSP:
     """A solver, which owns its matrix and diverges where this is not definite. Collective.
 
-    Args:
-        A: A symmetric matrix, without motions of no stiffness.
-        prolongation: Map between its unknowns and nodes.
-        places: Of the nodes, shape (nodes, 3) [m].
+    The matrix is symmetric, without motions of no stiffness; places are of nodes, (nodes, 3) [m].
     """
     A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
     fine = PETSc.PC().create(A.comm)

@@ -24,18 +24,10 @@ DIFFERENT = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
 
 
 class Linear:
-    """Responses of a structure; forces and motions have the shape (owned nodes, 3, k).
-
-    Attributes:
-        responses: Its static ones, which stay the owner's.
-    """
+    """Responses of a structure; forces and motions have the shape (owned nodes, 3, k)."""
 
     def __init__(self, responses: Responses) -> None:
-        """Condense the matrices. Collective.
-
-        Args:
-            responses: Stiffness and mass about the start.
-        """
+        """Condense the matrices about the start; static responses stay the owner's. Collective."""
         self.responses, stiffness = responses, responses.stiffness
         p, bodies, seen = stiffness.prolongation, stiffness.bodies, stiffness.structure
         inside = np.concatenate(
@@ -49,14 +41,9 @@ class Linear:
         self._step: tuple[float, PETSc.KSP] | None = None
 
     def modes(self, dt: float) -> tuple[Array, float]:
-        """Modes that steps of Δt resolve: see `resolved`. Collective.
+        """Modes that steps of Δt resolve, and the lowest ω left out [1/s]: see `resolved`.
 
-        Returns:
-            φ at the owned nodes, φᵀMφ = 1, shape (owned nodes, 3, modes) [1/√kg]; and the lowest ω
-            left out [1/s].
-
-        Raises:
-            SceneError: On every rank, if none are found.
+        φ at the owned nodes has the shape (owned nodes, 3, modes) [1/√kg], φᵀMφ = 1. Collective.
         """
         stiffness, p = self.responses.stiffness, self.responses.stiffness.prolongation
         motions = stiffness.unknowns_of(self.responses.motions)
@@ -101,21 +88,9 @@ def resolved(
 ) -> tuple[Array, Array, float]:
     """Modes with ωΔt < 1, the lowest `MODES` of them, of which no equal ones are parted.
 
-    Collective.
-
-    Args:
-        K: Stiffness.
-        M: Mass.
-        motions: Those without stiffness, shape (unknowns of this rank, n).
-        vector: Makes vectors of the unknowns.
-        dt: Δt [s].
-
-    Returns:
-        φ, shape (unknowns of this rank, k) [1/√kg]; ω of each, shape (k,); and the lowest ω with
-        ωΔt < 1 that is left out, infinite if none is [1/s].
-
-    Raises:
-        SceneError: On every rank, if none are found.
+    φ, shape (unknowns of this rank, k) [1/√kg], ω of each, and the lowest ω with ωΔt < 1 that is
+    left out [1/s], infinite if none is. The motions have no stiffness and the shape (unknowns of
+    this rank, n). `SceneError` on every rank, if no modes are found. Collective.
     """
     known = [vector() for _ in motions.T]
     for one, column in zip(known, motions.T, strict=True):

@@ -43,10 +43,6 @@ class Motions:
         columns(self.loose)[stiffness.held] = 0.0
 
     def spins(self, c: Array) -> Array:
-        """Angular velocity of each owned node's part, shape (owned nodes, 3, k) [rad/s].
-
-        Args:
-            c: Coefficients of all motions, shape (6 · parts, k).
-        """
+        """Angular velocity of each owned node's part, (owned nodes, 3, k) [rad/s], by motions."""
         turns = c.reshape(self._sizes.size, 6, c.shape[1])[:, 3:] / self._sizes[:, None, None]
         return np.asarray(turns[self.part])

@@ -29,15 +29,10 @@ SMALL = 1e-4
 def of_supports(
     responses: Responses, span: tuple[float, float], hold: Hold | None = None
 ) -> list[Array]:
-    """Patterns by the supports that act. Collective.
+    """Patterns by the supports that act in a span [s]; none if no support moves. Collective.
 
-    Args:
-        responses: Of the whole structure.
-        span: From when to when [s].
-        hold: The supports in the part that bears the forces; none if None.
-
-    Returns:
-        Shape (owned nodes, 3, k) each; none if no support moves.
+    `hold` are the supports in the part that bears the forces. Each has the shape (owned nodes, 3,
+    k).
     """
     scene, stiffness = responses.scene, responses.stiffness
     held, u = stiffness.prescribed, stiffness.structure.u
@@ -72,13 +67,7 @@ def of_supports(
 
 
 def _spun(responses: Responses, V: Array, rigid: Array) -> Array:
-    """Patterns M (ω × r) of rigid motions of the parts that spin. Collective.
-
-    Args:
-        responses: Of the whole structure.
-        V: Rigid motions of the parts, shape (owned nodes, 3, 6 · parts).
-        rigid: Their coefficients, shape (6 · parts, k).
-    """
+    """Patterns M (ω × r) of rigid motions V of the parts that spin, by coefficients. Collective."""
     turning = rigid.reshape(-1, 6, rigid.shape[1]).copy()
     turning[:, :3] = 0.0
     r, rotation = V @ rigid, V @ turning.reshape(rigid.shape)
@@ -90,12 +79,7 @@ def _spun(responses: Responses, V: Array, rigid: Array) -> Array:
 
 
 def pulled(responses: Responses, e: Array) -> Array:
-    """Forces -K e of cells on nodes. Collective.
-
-    Args:
-        responses: Of the whole structure.
-        e: Displacements, shape (owned nodes, 3, k) [m].
-    """
+    """Forces -K e of cells on nodes by displacements e, shape (owned nodes, 3, k). Collective."""
     scene, stiffness = responses.scene, responses.stiffness
     moved = np.flatnonzero(e.any(axis=(1, 2)))
     _, cells = split(scene, stiffness.cells, moved)
@@ -108,15 +92,7 @@ def pulled(responses: Responses, e: Array) -> Array:
 
 
 def of_state(responses: Responses, state: State) -> list[Array]:
-    """Patterns by the strains, the velocities and the spin of a state. Collective.
-
-    Args:
-        responses: Of the whole structure, about the state.
-        state: The state.
-
-    Returns:
-        Shape (owned nodes, 3, k) each.
-    """
+    """Patterns by the strains, the velocities and the spin of a state. Collective."""
     scene = responses.scene
     v = state.velocities(np.arange(scene.owned_nodes))[:, :, None]
     f = responses.rigid.internal[:, :, None]

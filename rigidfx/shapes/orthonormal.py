@@ -26,12 +26,7 @@ class Basis:
     """
 
     def __init__(self, nodes: int, total: Callable[[Array], Array]) -> None:
-        """Begin without vectors.
-
-        Args:
-            nodes: Number of nodes of this rank.
-            total: Sum over ranks. Collective.
-        """
+        """Begin without vectors at this rank's nodes; `total` is a sum over ranks. Collective."""
         self.vectors, self.images = np.zeros((2, nodes, 3, 0))
         self._total = total
 
@@ -42,11 +37,8 @@ class Basis:
     def grow(self, vectors: Array, images: Array, sizes: Array, most: int) -> None:
         """Add those of some vectors that are not dependent on earlier ones. Collective.
 
-        Args:
-            vectors: Shape (nodes, 3, k).
-            images: M times them.
-            sizes: Size of each by the mass, of which `INDEPENDENT` has to be left, shape (k,).
-            most: Number of vectors at which the basis is full.
+        Vectors have the shape (nodes, 3, k), and `INDEPENDENT` of the size of each by the mass has
+        to be left. The basis is full at `most` vectors.
         """
         shape, n, k = vectors.shape[:2], len(self), vectors.shape[2]
         room = min(n + k, max(most, n))
@@ -78,12 +70,7 @@ def columns(u: Array) -> Array:
 
 
 def normalised(u: Array, gram: Array) -> Array:
-    """Combinations of vectors whose products are those of an orthonormal basis.
-
-    Args:
-        u: Independent vectors, shape (nodes, 3, k).
-        gram: Their products, shape (k, k).
-    """
+    """Independent vectors, (nodes, 3, k), made orthonormal by their products, shape (k, k)."""
     return np.linalg.solve(np.linalg.cholesky(gram), columns(u).T).T.reshape(u.shape)
 
 
@@ -95,24 +82,18 @@ def to_one(comm: MPI.Intracomm, u: Array) -> tuple[Array, Array]:
 
 
 def slowest(comm: MPI.Intracomm, flexibility: Array) -> tuple[Array, Array]:
-    """Eigenvalues of a symmetric matrix, the largest first, and its eigenvectors. Collective.
+    """Eigenvalues and eigenvectors of a symmetric matrix, the largest first. Collective.
 
-    Args:
-        comm: Ranks that have the same matrix but for rounding.
-        flexibility: Shape (k, k).
+    Ranks have the same matrix, shape (k, k), but for rounding.
     """
     values, vectors = comm.bcast(np.linalg.eigh(0.5 * (flexibility + flexibility.T)))
     return values[::-1], vectors[:, ::-1]
 
 
 def whole_groups(values: Array, most: int) -> int:
-    """How many of some eigenvalues, at most, without parting any that may be one.
+    """How many eigenvalues, the largest first, up to a limit, parting none that may be one.
 
     Vectors of such a group are any that span the same, as rounding has it.
-
-    Args:
-        values: The largest first.
-        most: Upper limit.
     """
     count = min(values.size, most)
     while 0 < count < values.size and values[count] > (1 - APART) * values[count - 1]:

@@ -56,11 +56,7 @@ class Part(Expanded):
     def __init__(
         self, responses: Responses, cells: Cells, nodes: Indices, name: str = "the part"
     ) -> None:
-        """Assemble stiffness, mass and internal forces. Collective.
-
-        Raises:
-            SceneError: On every rank, if it is a single cell, or supports hold all of it.
-        """
+        """Assemble stiffness, mass and internal forces; `SceneError` if it cannot deform."""
         self._responses, self._name = responses, name
         stiffness = responses.stiffness
         held, state = stiffness.held.reshape(-1, 3)[nodes], stiffness.linear.shape.x.array
@@ -88,14 +84,9 @@ class Part(Expanded):
     def shapes(self, vectors: Array, count: int = MOST, block: int = 1) -> PartShapes:
         """Shapes from vectors of the whole; dependent ones are left out. Collective.
 
-        Args:
-            vectors: The most important first, shape (owned nodes, 3, k).
-            count: How many, at most.
-            block: A multiple of which they are to be, if they are more.
-
-        Raises:
-            SceneError: On every rank, if it can have no such number of shapes, or its stiffness is
-                not definite for one.
+        Vectors have the shape (owned nodes, 3, k), the most important first. There are `count` at
+        most, and a multiple of the block if they are more. `SceneError` on every rank, if it can
+        have no such number of shapes, or its stiffness is not definite for one.
         """
         scene, own = self._scene, vectors[self.nodes]
         if count > self.room:
@@ -127,14 +118,10 @@ class Part(Expanded):
         return PartShapes(Y, np.diag(squares / largest**2), force)
 
     def extend(self, basis: Basis, vectors: Array, loads: int, room: int = 0) -> None:
-        """Add vectors of the whole to a basis of vectors at its nodes. Collective.
+        """Add vectors of the whole, (owned nodes, 3, k), to a basis at its nodes. Collective.
 
-        Args:
-            basis: The basis.
-            vectors: Those of loads first, which count as far as they are independent, and then
-                their followers, of which `LACKING` may be left out, shape (owned nodes, 3, k).
-            loads: How many are those of loads.
-            room: How many vectors more than `MOST` the basis may have.
+        Those of loads come first and count as far as they are independent; of their followers
+        `LACKING` may be left out. The basis may have `room` more than `MOST`.
         """
         own = self.unmoved(vectors[self.nodes])
         images = self.times_mass(own)
@@ -167,17 +154,11 @@ class Part(Expanded):
     def unspanned(self, shapes: PartShapes, F: Array, most: int = MOST) -> tuple[Array, bool]:
         """Forces that strain it by more than `LACKING` otherwise than its shapes can. Collective.
 
-        With δ the response less its rigid motion, ½ δ·Kδ is its strain energy and ½ h·Ω⁻¹h that
-        of shapes, h = ΦᵀKδ. In a part that is the whole these are f·K⁻¹f and g·Ω⁻¹g, g = Φᵀf.
+        With δ the response less its rigid motion, ½ δ·Kδ is its strain energy and ½ h·Ω⁻¹h that of
+        shapes, h = ΦᵀKδ. In a part that is the whole these are f·K⁻¹f and g·Ω⁻¹g, g = Φᵀf.
 
-        Args:
-            shapes: Its shapes.
-            F: Forces on the whole, shape (owned nodes, 3, k) [N].
-            most: How many forces at most.
-
-        Returns:
-            Combinations of the forces, those first which shapes lack most, shape (owned nodes, 3,
-            n); and whether these are all.
+        Combinations of forces on the whole, (owned nodes, 3, k) [N], those first which shapes lack
+        most, and whether these are all.
         """
         u = self._responses.solve(F)
         deformed = self.unmoved(u[self.nodes])

@@ -34,18 +34,9 @@ from rigidfx.step.equations.division import Hold
 def patterns(responses: Responses, state: State, until: float, hold: Hold | None = None) -> Array:
     """Forces on nodes by all that acts from the present time on. Collective.
 
-    Args:
-        responses: Of the whole structure, about the state.
-        state: The state.
-        until: When the run ends [s].
-        hold: The supports in the part that bears them; none if None.
-
-    Returns:
-        Patterns of norm 1, the main ones of all effects first, shape (owned nodes, 3, k). Those
-        that inertia balances are left out.
-
-    Raises:
-        SceneError: On every rank, if a function of time or place fails on any.
+    Patterns of norm 1, the main ones of all effects first, shape (owned nodes, 3, k), less those
+    that inertia balances. `hold` are the supports in the part that bears them. `SceneError` on
+    every rank, if a function of time or place fails on any.
     """
     scene, span = responses.scene, (state.t, until)
     each = [compressed(scene, F) for F in _of_loads(responses, span)]
@@ -55,11 +46,7 @@ def patterns(responses: Responses, state: State, until: float, hold: Hold | None
 
 
 def of_springs(responses: Responses) -> Array:
-    """Forces of springs by each rigid motion of connected parts. Collective.
-
-    Returns:
-        Patterns as of `patterns`, those of each spring apart.
-    """
+    """Forces of springs by each rigid motion of connected parts, each apart. Collective."""
     effects = [e for e in responses.scene.effects if e.is_lasting and not e.is_windowed]
     return interleaved(
         responses, [compressed(responses.scene, _resisting(responses, e)) for e in effects]
@@ -67,14 +54,9 @@ def of_springs(responses: Responses) -> Array:
 
 
 def unit_loads(responses: Responses, nodes: Ints) -> Array:
-    """Unit forces along x, y and z on some nodes. Collective.
+    """Unit forces along x, y and z on some nodes, by global numbers alike on all ranks. Collective.
 
-    Args:
-        responses: Of the whole structure.
-        nodes: Global numbers of nodes, the same on all ranks.
-
-    Returns:
-        In balance with inertia, shape (owned nodes, 3, 3 · nodes) [N].
+    In balance with inertia they have the shape (owned nodes, 3, 3 · nodes) [N].
     """
     scene = responses.scene
     first, end = scene.space.dofmap.index_map.local_range

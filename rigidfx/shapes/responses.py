@@ -47,17 +47,10 @@ class Responses:
         acting: Sequence[Windowed],
         bodies: Bodies | None = None,
     ) -> None:
-        """Bind forms and effects; nothing is factored yet. Collective.
+        """Bind forms and effects that act; nothing is factored yet. Collective.
 
-        Args:
-            scene: The problem.
-            forces: Internal forces, which know the cells of each material.
-            state: The state; its displacements are taken over.
-            acting: The effects with a time window that act.
-            bodies: Those that stay rigid; none if None.
-
-        Raises:
-            SceneError: If supports hold everything.
+        Displacements of the state are taken over; bodies stay rigid. `SceneError` if supports hold
+        all.
         """
         self.scene = scene
         self.stiffness = Stiffness(scene, forces, state, acting, bodies)
@@ -83,17 +76,10 @@ class Responses:
         return np.asarray(out)
 
     def solve(self, F: Array) -> Array:
-        """Displacements by forces on nodes. Collective.
+        """Displacements [m] by forces on nodes, the same number on each rank [N]. Collective.
 
-        Args:
-            F: Forces, the same number on each rank [N].
-
-        Returns:
-            Displacements, zero where supports hold, orthogonal by mass to motions that nothing
-            prevents [m].
-
-        Raises:
-            SceneError: If the state is not stable.
+        They are zero where supports hold and orthogonal by mass to motions that nothing prevents.
+        `SceneError` if the state is not stable.
         """
         if self._solver is None:
             stressed = bool(self.scene.sum(np.count_nonzero(self.rigid.internal)))
@@ -101,12 +87,7 @@ class Responses:
         return self._solver.solve(self.balanced(F))
 
     def of_nodes(self, nodes: Indices, Q: Array | None = None) -> Callable[[Array], Array]:
-        """Responses of some owned nodes to forces on them, both of the shape (nodes, 3).
-
-        Args:
-            nodes: The nodes.
-            Q: Rotation to the frame of the forces, shape (3, 3); none if None.
-        """
+        """Responses of owned nodes to forces on them, both (nodes, 3), in the frame turned by Q."""
 
         def respond(force: Array) -> Array:
             F = np.zeros((self.scene.owned_nodes, 3, 1))

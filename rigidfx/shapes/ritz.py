@@ -30,21 +30,14 @@ def ritz(
 ) -> tuple[Array, int]:
     """Ritz vectors of forces: first the responses to all, then those to these' inertia. Collective.
 
-    What Δt does not resolve follows forces at once, and has no followers. Besides, these would be
-    rounding: each response to inertia makes the slowest motions' part in it larger by the square
-    of its frequency over theirs.
+    What Δt does not resolve, by 1/ω [s], follows forces at once, and has no followers. Besides,
+    these would be rounding: each response to inertia makes the slowest motions' part in it larger
+    by the square of its frequency over theirs.
 
-    Args:
-        responses: Of the whole structure.
-        loads: Patterns of forces, the most important first, shape (owned nodes, 3, k) [N], and the
-            number of responses in a row.
-        resolved: 1/ω above which motions have more than one follower, the slowest first [s].
-        most: Number of vectors from which on there are no followers.
-
-    Returns:
-        Vectors Y with YᵀMY = 1, dependent ones left out, shape (owned nodes, 3, n) [1/√kg], and the
-        number of those that are called for: a few that are not resolved follow, which may fill a
-        block.
+    Each load has patterns, the most important first, shape (owned nodes, 3, k) [N], and the number
+    of responses in a row; there are no followers from `most` vectors on. Vectors Y with YᵀMY = 1,
+    shape (owned nodes, 3, n) [1/√kg], dependent ones left out, and the number of those that are
+    called for: a few that are not resolved follow, which may fill a block.
     """
     basis, late = Basis(responses.scene.owned_nodes, responses.scene.sum), []
     next_loads = [F for F, _ in loads]
@@ -88,23 +81,12 @@ def shapes_of(
     faces: Array | None = None,
     resolved: float = 0.0,
 ) -> PartShapes:
-    """Shapes of a part by the forces that act on the whole. Collective.
+    """Shapes of a part by patterns F, the most important first, that act on the whole. Collective.
 
-    Args:
-        part: The part.
-        responses: Of the whole structure.
-        F: Patterns of forces, the most important first, shape (owned nodes, 3, k).
-        count: How many shapes; if None as many as are resolved, `DEPTH` for each pattern at most,
-            `FACE_DEPTH` for each one of faces and one for each slow one, `MOST` in all, in threes.
-        slow: Patterns of forces that vary slowly, whose responses have no followers; none if None.
-        faces: Patterns of forces of joints: see `of_faces`; none if None.
-        resolved: 1/ω above which responses to patterns have followers, if `count` is None [s].
-
-    Returns:
-        The shapes; fewer than asked for where the forces lead to no more.
-
-    Raises:
-        SceneError: On every rank, if it can have no such number of shapes.
+    If `count` is None there are as many as are resolved, by 1/ω [s]: `DEPTH` for each pattern at
+    most, `FACE_DEPTH` for each one of faces, see `of_faces`, and one for each slow one, which has
+    no followers; `MOST` in all, in threes. There are fewer where the forces lead to no more.
+    `SceneError` on every rank, if it can have no such number of shapes.
     """
     none = F[:, :, :0]
     each = (F, none if faces is None else faces, none if slow is None else slow)

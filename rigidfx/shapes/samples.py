@@ -24,15 +24,7 @@ INSTANTS = 20
 
 
 def compressed(scene: Scene, F: Array) -> Array:
-    """An orthonormal basis of forces, the main pattern first. Collective.
-
-    Args:
-        scene: The problem.
-        F: Forces, shape (owned nodes, 3, k) [N].
-
-    Returns:
-        Of the same shape with as many as differ, none of vanishing forces.
-    """
+    """An orthonormal basis of forces, (owned nodes, 3, k) [N], the main one first. Collective."""
     flat = columns(F)
     squares, turn = scene.comm.bcast(np.linalg.eigh(scene.sum(flat.T @ flat)))
     some = squares > DIFFERS**2 * squares.max(initial=np.finfo(np.float64).tiny)
@@ -40,14 +32,9 @@ def compressed(scene: Scene, F: Array) -> Array:
 
 
 def interleaved(responses: Responses, each: Sequence[Array]) -> Array:
-    """All patterns in balance with inertia, the first ones of all effects first. Collective.
+    """Patterns of all effects in balance with inertia, the first ones of each first. Collective.
 
-    Args:
-        responses: Of the whole structure.
-        each: Patterns of each effect, shape (owned nodes, 3, k).
-
-    Returns:
-        Those that do not vanish, of norm 1, likewise.
+    They have the shape (owned nodes, 3, k) and the norm 1; those that vanish are left out.
     """
     none = np.zeros((responses.scene.owned_nodes, 3, 0))
     rank = np.concatenate([np.arange(F.shape[2]) for F in (none, *each)])
@@ -63,16 +50,9 @@ def instants(
     span: tuple[float, float],
     of: Callable[[float], Array] | None = None,
 ) -> Array:
-    """Instants while all of some effects act, sorted; none if they do not act together [s].
+    """Instants in a span while all of some effects act, sorted; none if they do not [s].
 
-    Collective.
-
-    Args:
-        scene: The problem.
-        effects: The effects.
-        span: From when to when [s].
-        of: Numbers of this rank at an instant, all of whose patterns are to be met; none if None.
-            Collective.
+    `of` gives numbers of this rank at an instant, all of whose patterns are to be met. Collective.
     """
     start, end = span
     windowed: list[Any] = [effect for effect in effects if effect.is_windowed]
@@ -91,12 +71,7 @@ def instants(
 
 
 def _spanning(scene: Scene, values: Array) -> npt.NDArray[np.intp]:
-    """Columns of which all others are combinations, on all ranks, but for `DIFFERS`. Collective.
-
-    Args:
-        scene: The problem.
-        values: Of this rank, shape (rows, n).
-    """
+    """Columns of which all others are combinations, on all ranks, but for `DIFFERS`. Collective."""
     gram = np.asarray(scene.sum(values.T @ values))
     least = max(DIFFERS**2 * gram.diagonal().max(), np.finfo(np.float64).tiny)
     _, order, count, _ = dpstrf(gram, tol=least)  # Cholesky's, the largest that is left first

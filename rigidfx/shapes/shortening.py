@@ -44,12 +44,9 @@ ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))  # of q, over the length of 
 
 @dataclass(frozen=True)
 class About:
-    """The expansion of a body.
+    """The expansion of a body: its cells about the frozen shape, responses about the start.
 
-    Attributes:
-        responses: Of the whole structure about its start.
-        part: The cells of the body about the shape in which it is frozen.
-        Q: Rotation of the body from the start to the freeze, shape (3, 3).
+    Q is its rotation from the start to the freeze, shape (3, 3).
     """
 
     responses: Responses
@@ -80,13 +77,7 @@ class Shortening:
     def __init__(
         self, scene: Scene, points: Mapping[str, Point], about: Callable[[Body], About]
     ) -> None:
-        """Nothing is computed.
-
-        Args:
-            scene: The problem.
-            points: Its probes.
-            about: The expansion of a body with shapes. Collective.
-        """
+        """Nothing is computed; `about` expands a body with shapes, collectively."""
         self._scene, self._points, self._about = scene, points, about
         self._small: dict[Key, float] = {}  # Σ |q| of each body up to which δ counts for little [m]
         self._counting: dict[Key, float] = {}  # Σ |q| from which it is shown [m]
@@ -168,13 +159,7 @@ class Shortening:
         return self._scene.comm.allreduce(here, op=MPI.MAX)
 
     def _response(self, body: Body, about: About, forces: Array) -> list[Array]:
-        """-K⁺ f in space of forces on a body in its frame, each (owned nodes, 3). Collective.
-
-        Args:
-            body: The body.
-            about: Its expansion.
-            forces: Shape (nodes, 3, k) [N].
-        """
+        """-K⁺ f in space of forces on a body in its frame, each (owned nodes, 3). Collective."""
         assert body.data.shapes is not None
         modes, weighted, inverse = _followed(body.data.shapes, about)
         forces = forces - weighted @ (inverse @ about.part.dot(modes, forces))

@@ -33,16 +33,10 @@ class Solver:
     def __init__(
         self, stiffness: Stiffness, motions: Array, momenta: Array, stressed: bool
     ) -> None:
-        """Factor. Collective.
+        """Factor by R without stiffness, RᵀMR = 1, and M R, shape (owned nodes, 3, n). Collective.
 
-        Args:
-            stiffness: The stiffness.
-            motions: R without stiffness, RᵀMR = 1, shape (owned nodes, 3, n).
-            momenta: M R, likewise.
-            stressed: Whether the state has stresses, which turn with it and give R stiffness.
-
-        Raises:
-            SceneError: On every rank, if it is not definite.
+        In a state with stresses these turn with it and give R stiffness. `SceneError` on every
+        rank, if it is not definite.
         """
         self._of, p = stiffness, stiffness.prolongation
         self._motions = stiffness.unknowns_of(motions)
@@ -66,13 +60,7 @@ class Solver:
             self._border()
 
     def _pinned(self, motions: Array) -> Ints:
-        """Unknowns of this rank that determine motions together with those of other ranks.
-
-        Collective.
-
-        Args:
-            motions: Of the unknowns of this rank, shape (owned, n).
-        """
+        """Unknowns of this rank that determine motions, with those of other ranks. Collective."""
         comm = self._of.prolongation.comm
         own = independent(motions)
         every = comm.allgather(motions[own])
@@ -92,18 +80,11 @@ class Solver:
         self._bordered[: E.shape[1], E.shape[1] :] += total(E.T @ self._momenta)
 
     def solve(self, F: Array) -> Array:
-        """Displacements by forces on nodes, orthogonal to the motions by mass. Collective.
+        """Displacements [m] by forces on nodes, orthogonal to the motions by mass. Collective.
 
         With stresses, [K, M R; RᵀM, 0] is solved by the factors and a small system for the pins.
-
-        Args:
-            F: In balance with inertia, shape (owned nodes, 3, k) [N].
-
-        Returns:
-            Of the same shape [m].
-
-        Raises:
-            SceneError: On every rank, if there are no such displacements.
+        Forces are in balance with inertia; `SceneError` on every rank, if there are no such
+        displacements.
         """
         right = self._of.on_unknowns(F)
         found, left = self._once(right)

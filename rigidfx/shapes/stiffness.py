@@ -108,11 +108,7 @@ class Stiffness:
     # Between nodes and unknowns -----------------------------------------------------------------
 
     def on_unknowns(self, F: Array) -> Array:
-        """Lᵀ F of forces on nodes, shape (owned unknowns, k). Collective.
-
-        Args:
-            F: Shape (owned nodes, 3, k).
-        """
+        """Lᵀ F of forces on nodes (owned nodes, 3, k), shape (owned unknowns, k). Collective."""
         p, none = self.prolongation, np.zeros((len(self.bodies), 6))
         out, f, y = np.empty((p.owned, F.shape[2])), self.structure.rows.vector(), p.unknowns()
         for k, column in enumerate(columns(F).T):
@@ -140,11 +136,7 @@ class Stiffness:
         return out.reshape(*self.places.shape, y.shape[1])
 
     def unknowns_of(self, u: Array) -> Array:
-        """Unknowns in motions in which bodies are rigid, shape (owned unknowns, k). Collective.
-
-        Args:
-            u: Of nodes, shape (owned nodes, 3, k) [m].
-        """
+        """Unknowns, (owned unknowns, k), in motions in which bodies are rigid [m]. Collective."""
         p, k = self.prolongation, u.shape[2]
         out, y = np.empty((p.owned, k)), p.unknowns()
         six = np.zeros((len(self.bodies), 6, k))
@@ -165,13 +157,7 @@ class Stiffness:
 
 
 def times(operator: Mass | PETSc.Mat, u: Array, vector: Callable[[], PETSc.Vec]) -> Array:
-    """A matrix times the columns of another one of this rank's rows. Collective.
-
-    Args:
-        operator: The matrix.
-        u: The columns, shape (rows, k).
-        vector: Makes vectors of the rows.
-    """
+    """A matrix times the columns, (rows, k), of another one of this rank's rows. Collective."""
     if isinstance(operator, PETSc.Mat) and u.shape[1] > 1:
         return product(operator.matMult, u, operator.comm)
     out, a, b = np.empty_like(u), vector(), vector()
