@@ -33,7 +33,7 @@ from rigidfx.domain.cell_quality import (
 )
 from rigidfx.domain.domain import CELLS, KINDS, Domain, EntitySet, Marker, by_corners, replace_sets
 
-MOST = 2**31 - 1  # cells of a box
+MOST = np.iinfo(np.int32).max  # cells of a box
 
 
 def box(

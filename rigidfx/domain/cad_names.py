@@ -14,6 +14,7 @@ from rigidfx.base.types import Array
 from rigidfx.domain.domain import KINDS
 
 ROWS = 40  # of volumes and of surfaces in a message
+CLOSE = 1e-6  # of the largest extent: gmsh's boxes are a little large
 CALLED = {3: "volumes", 2: "surfaces"}
 
 
@@ -57,7 +58,7 @@ class CadEntity:
             lower: Corner with the least coordinates [m].
             upper: Opposite corner [m].
         """
-        margin = 1e-6 * float(np.max(self.upper - self.lower))  # gmsh's boxes are a little large
+        margin = CLOSE * float(np.max(self.upper - self.lower))
         inside = (self.lower >= np.asarray(lower) - margin) & (
             self.upper <= np.asarray(upper) + margin
         )
@@ -66,7 +67,7 @@ class CadEntity:
     def __str__(self) -> str:
         """One line with all that tells it from others."""
         extent = self.upper - self.lower
-        flat = extent < 1e-6 * extent.max()
+        flat = extent < CLOSE * extent.max()
         box = " × ".join(f"{x:.4g}" for x in np.where(flat, 0.0, extent))
         shape = f"{self.measure:.4g} m³" if self.dim == 3 else f"{self.measure:.4g} m²"
         if np.isfinite(self.normal).all():

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 import basix
@@ -28,8 +29,8 @@ from rigidfx.base.errors import agree
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.base.warning import warn
 
-CORNERS = {"hexahedron": 8, "tetrahedron": 4}
-SECOND = {"hexahedron": 27, "tetrahedron": 10}  # nodes of a cell of second order
+KINDS = basix.CellType.hexahedron, basix.CellType.tetrahedron
+CORNERS = {kind.name: len(basix.geometry(kind)) for kind in KINDS}
 ROUND = (0, 1, 3, 2, 4, 5, 7, 6)  # of a hexahedron round its bottom and its top: DOLFINx's order
 MOST = 5000  # cells that are looked at
 
@@ -47,9 +48,13 @@ ADVICE = {20: TWENTY} | dict.fromkeys((5, 6, 13, 15), WEDGES)
 SHAPES = ("a tetrahedron", "a pyramid", "a wedge", "a brick with an edge of no length")
 
 
+@cache
 def widths(cell: str) -> tuple[int, int]:
     """Numbers of nodes that a cell may have."""
-    return CORNERS[cell], SECOND[cell]
+    second = basix.create_element(
+        basix.ElementFamily.P, basix.CellType[cell], 2, basix.LagrangeVariant.equispaced
+    )
+    return CORNERS[cell], second.dim
 
 
 def advice_on(cell: str, width: int) -> str:
@@ -73,7 +78,7 @@ def collapsed(corners: Ints) -> tuple[int, str] | None:
 
 def degree_of(cell: str, width: int) -> int:
     """Order of the geometry of cells with so many nodes."""
-    return 2 if width == SECOND[cell] else 1
+    return 1 + widths(cell).index(width)
 
 
 def in_dolfinx_order(x: Array, rows: Ints, cell: str) -> tuple[Ints, str | None]:

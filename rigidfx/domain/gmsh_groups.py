@@ -19,10 +19,10 @@ from rigidfx.base.text_files import decoded
 from rigidfx.domain.arrays import FileMesh
 from rigidfx.domain.domain import KINDS
 
-# gmsh's numbers of the cells that DOLFINx and rigidfx know, and of their facets.
+# gmsh's numbers of the cells that DOLFINx and rigidfx know.
 KNOWN = {4: "tetrahedra", 5: "hexahedra", 11: "second-order tetrahedra", 12: "27-node hexahedra"}
-FACETS = {4: 2, 5: 3, 11: 9, 12: 10}
 CELL = {"Tetrahedron": "tetrahedron", "Hexahedron": "hexahedron"}  # by gmsh's names
+FACET = {"Tetrahedron": "Triangle", "Hexahedron": "Quadrangle"}
 
 SHOWN = 10  # numbers of volumes in a message
 UNLISTED = 1000  # numbers, from 1 and from the last group's on, at which empty ones are looked for
@@ -112,7 +112,7 @@ def mesh_of_model(gmsh: Any, source: str, header: Header, scale: float) -> FileM
     order = compat.gmsh_order(cell, width)
     points = scale * np.reshape(flat, (-1, 3))[np.argsort(tags)]
     mesh = FileMesh(cell, points, np.concatenate(tables)[:, order])
-    corners = {2: model.mesh.getElementProperties(FACETS[kind])[5], 1: 2, 0: 1}
+    corners = {2: model.mesh.getElementProperties(_facet(model, kind))[5], 1: 2, 0: 1}
     for (dim, name), own in entities.items():
         mesh.sets[dim][name] = (
             np.concatenate([ends[:0], *(rows[e] for e in own)])
@@ -210,7 +210,7 @@ def _kind_of_cells(
             f"kind, out of {', '.join(KNOWN.values())}.{_advice(_shown(model, kinds))}"
         )
     kind = kinds.pop()
-    facet = FACETS[kind]
+    facet = _facet(model, kind)
     for (dim, name), own in entities.items():
         of_facets = {int(k) for e in own for k in model.mesh.getElements(dim, e)[0]}
         if dim == 2 and not of_facets <= {facet}:
@@ -219,6 +219,12 @@ def _kind_of_cells(
                 f"Facets of the volume cells there are of the kind {_shown(model, {facet})}."
             )
     return kind
+
+
+def _facet(model: Any, kind: int) -> int:
+    """gmsh's number of the facets of cells of a kind."""
+    name, _, order, *_ = model.mesh.getElementProperties(kind)
+    return int(model.mesh.getElementType(FACET[name.split()[0]], order))
 
 
 def _shown(model: Any, kinds: set[int]) -> str:

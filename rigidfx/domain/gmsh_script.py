@@ -34,8 +34,6 @@ from rigidfx.domain.cell_quality import check_points
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_model import domain_of, find_file, silent
 
-DEEPEST = 20  # files that include each other
-
 LAST: dict[Path, tuple[float, bytes]] = {}  # of each file, the last size and a mesh's digest
 LEAST = 0.1  # of the straight cell's det J: gmsh's Mesh.HighOrderThresholdMin; also the least t
 CURVED = np.sqrt(np.finfo(float).eps)  # of a cell's size: nodes farther off are of curved edges
@@ -329,16 +327,17 @@ def _check_parameters(path: Path, given: Mapping[str, float | str]) -> None:
         )
 
 
-def _text(path: Path, depth: int = 0) -> str:
-    """The text of a script and of those it includes, without comments."""
-    if depth > DEEPEST or not path.is_file():
+def _text(path: Path, above: tuple[Path, ...] = ()) -> str:
+    """The text of a script, and of those it includes but those `above` it, without comments."""
+    path = path.resolve()
+    if path in above or not path.is_file():
         return ""
     text = decoded(path.read_bytes())
     text = re.sub(
         r'("(?:\\.|[^"\\])*")|//[^\n]*|/\*.*?\*/', lambda m: m[1] or " ", text, flags=re.DOTALL
     )
     included = re.findall(r'\b(?:Include|Merge)\s*"([^"]+\.geo)"', text)
-    return text + "".join(_text(path.parent / name, depth + 1) for name in included)
+    return text + "".join(_text(path.parent / name, (*above, path)) for name in included)
 
 
 def _constants(text: str) -> list[str]:

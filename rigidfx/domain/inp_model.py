@@ -25,7 +25,6 @@ from rigidfx.base.inputs import shown
 from rigidfx.base.text_files import Decoder
 from rigidfx.base.types import Array, Ints
 
-DEEPEST = 9  # files that include each other
 BEFORE = "**"  # which begins a comment, and no card
 BLANKS = " \t\v\f"  # others may be halves of letters, in encodings that are not known
 
@@ -132,21 +131,25 @@ def cards_of(path: Path, decoder: Decoder) -> Iterator[Card]:
         )
 
 
-def _lines(path: Path, decoder: Decoder, depth: int = 0) -> Iterator[tuple[Where, str]]:
+def _lines(
+    path: Path, decoder: Decoder, above: tuple[Path, ...] = ()
+) -> Iterator[tuple[Where, str]]:
     """Lines of a file, each with its place; those of files that it includes stand in for these."""
     try:
         text = decoder.read(path)
     except OSError as error:
         raise SceneError(f"read_inp: '{path}' cannot be read: {error.strerror}.") from None
+    within = *above, path.resolve()
     for number, line in _joined(text):
         at = path, number
         card = _begun(line, at) if line.startswith("*") else None
         if card is None or card.keyword != "INCLUDE":
             yield at, line
-        elif depth == DEEPEST:
+            continue
+        included = path.parent / card.named("INPUT")
+        if included.resolve() in within:
             raise card.wrong("files include each other without end.")
-        else:
-            yield from _lines(path.parent / card.named("INPUT"), decoder, depth + 1)
+        yield from _lines(included, decoder, within)
 
 
 def _joined(text: str) -> Iterator[tuple[int, str]]:

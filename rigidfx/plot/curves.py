@@ -309,5 +309,5 @@ def prefixed(unit: str, largest: float) -> tuple[float, str]:
     if not unit or unit[0].isdigit() or not isfinite(largest) or largest <= 0:
         return 1.0, unit
     middle = len(PREFIXES) // 2
-    thousands = min(max(floor(log10(largest) / 3 + 1e-12), -middle), middle)
+    thousands = min(max(floor(log10(largest) / 3), -middle), middle)
     return 10.0 ** (-3 * thousands), PREFIXES[thousands + middle] + unit

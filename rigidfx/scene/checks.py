@@ -25,8 +25,6 @@ from rigidfx.effects import rigid_faces
 from rigidfx.mechanics.schemes import Scheme
 from rigidfx.scene.mesh_checks import warn_of_bending
 
-# Degree of the one quadrature rule that W, H and the residual share, by polynomial degree.
-STIFFNESS_DEGREE = {1: 2, 2: 4}
 NEARLY_INCOMPRESSIBLE = 0.49  # ν above which first-order cells are warned of
 
 
@@ -99,7 +97,7 @@ def check_discretisation(scene: Any) -> None:
     """Refuse an order or a mass that is none, or does not go with the mesh."""
     order, mass = scene.order, scene.mass
     whole = isinstance(order, (int, np.integer)) and not isinstance(order, bool)
-    if not whole or order not in STIFFNESS_DEGREE:
+    if not whole or order not in (1, 2):
         raise SceneError(f"Scene: order must be 1 or 2, got {shown(order)}.")
     if mass not in ("lumped", "consistent"):
         raise SceneError(f"Scene: mass must be 'lumped' or 'consistent', got {shown(mass)}.")

@@ -34,7 +34,6 @@ from rigidfx.mechanics.materials import Material
 from rigidfx.mechanics.schemes import Scheme, scheme_of
 from rigidfx.scene.cells import assign, element_of
 from rigidfx.scene.checks import (
-    STIFFNESS_DEGREE,
     cells_of,
     check_discretisation,
     check_masses,
@@ -185,7 +184,7 @@ class Scene:
 
         In first-order tetrahedra the strain is constant, and one point is enough.
         """
-        return 1 if self.simplex and self.order == 1 else STIFFNESS_DEGREE[self.order]
+        return 1 if self.simplex and self.order == 1 else 2 * self.order
 
     @property
     def cell_measure(self) -> ufl.Measure:

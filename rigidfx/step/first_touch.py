@@ -21,9 +21,9 @@ from typing import ClassVar
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.effects import Contact
 from rigidfx.effects.motion import Instant
+from rigidfx.step.length.time_error import SETTLED
 from rigidfx.step.stepper import Stepper
 
-SETTLED = 4  # steps that a contact has been open before its next touch is a first one
 LEAST = 1e-2  # of a step: shorter ones are not worth it, at its start or its end
 
 

@@ -23,8 +23,7 @@ from rigidfx.effects.contacts.obstacles import TINY, Approach, AskedObstacle, Ob
 from rigidfx.effects.contacts.surface import CLOSED, ContactForces, ContactSurface, secant, soonest
 from rigidfx.effects.motion import Instant, Motion, Tangent
 from rigidfx.effects.nodes import Nodes
-
-IDENTITY = np.eye(3)
+from rigidfx.mechanics.rotation import IDENTITY
 
 
 @dataclass(frozen=True)

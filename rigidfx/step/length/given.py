@@ -32,9 +32,10 @@ Signal = Callable[[float, float], npt.ArrayLike]
 NODES = 1000  # at which a function of place is evaluated, at most
 ROUNDING = 1e-12  # of a component's size, by which none has changed
 SMOOTH = 0.05  # of its change, by which the middle of a smooth load may be off its mean
-INSIDE = 1e-6  # of a step: so far from its ends loads are evaluated, where windows may begin or end
+# Of a step: so far from its ends loads are evaluated, where windows may begin or end, and so close
+# bisection finds its end.
+INSIDE = 1e-6
 AHEAD = 1e-4  # of a step, the length for which a path gives its velocity: not to see beyond its end
-CLOSE = 1e-6  # of a step, to which bisection finds its end
 STRETCH = 0.1  # of Δt, by which a step may be longer to end at a breakpoint
 
 
@@ -246,7 +247,7 @@ def _end_of(given: Given, t: float, end: float, shortest: float, tol: float) -> 
     if given.off(t, end, tol) <= 1:
         return None
     good, last = t, end
-    while last - good > CLOSE * (end - t):
+    while last - good > INSIDE * (end - t):
         middle = (good + last) / 2
         good, last = (middle, last) if given.off(t, middle, tol) <= 1 else (good, middle)
     jumps = given.jumps(good - 2 * INSIDE * (good - t), last)  # no sample is nearer to an end

@@ -39,7 +39,7 @@ DIFFERENCES = 3  # that ĵ is the mean of: two let a ringing from step to step t
 TURN = 3.0  # over ω, the time in which squares fade: half a period
 LONGER = 4.0  # times a step: the force in one so long tells nothing of that at its ends, but is
 # next to nothing where it gives less than this step: a step that ends at a touch may press a little
-SETTLED = 4  # steps that a contact has been open before it closes with a blow
+SETTLED = 4  # steps that a contact has been open before it closes anew, and with a blow
 
 
 class TimeError:

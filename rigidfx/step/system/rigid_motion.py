@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from rigidfx.base.matrices import dense
-from rigidfx.base.types import Array, Ints
+from rigidfx.base.types import TINY, Array, Ints
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.effects import Joint, SpringDamper, Windowed
 from rigidfx.effects.joints.averages import Vector
@@ -98,7 +98,7 @@ def free_to_move(
         K = effect.ground_stiffness
         if K is None:
             continue
-        values, vectors = np.linalg.eigh(K / max(float(np.linalg.norm(K)), 1e-300))
+        values, vectors = np.linalg.eigh(K / max(float(np.linalg.norm(K)), TINY))
         root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
         if effect.face is not None:
             at_points.append((root, effect.remote.place))
@@ -118,7 +118,7 @@ def free_to_move(
     if parts.count > 1:
         _add_hinges(scene, gram, parts)
     values, vectors = np.linalg.eigh(gram)
-    if values[0] > FREE * max(values[-1], 1e-300):
+    if values[0] > FREE * max(values[-1], TINY):
         return ""
     moving = np.linalg.norm(vectors[:, 0].reshape(-1, 6), axis=1)
     return parts.place(int(np.argmax(moving))) if parts.count > 1 else "the whole"

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import basix
 import numpy as np
 from mpi4py import MPI
 
@@ -28,9 +29,6 @@ TOO_FAR = 1.0  # |θ|, where a free rotation is 7 % too slow
 ONE_PER_CENT = 0.33  # |θ| where, also after Δt is rounded for a message, it is 1 % too slow
 CORNERS = {"hexahedron": [0, 3, 5, 6], "tetrahedron": [0, 1, 2, 3]}  # a tetrahedron in each cell
 LEAST = 0.75  # stretch that is warned of
-
-# Derivatives of shape functions at the centre by coordinates from 0 to 1; nodes: x fastest.
-SLOPES = np.array([[(n >> k & 1) * 0.5 - 0.25 for k in range(3)] for n in range(8)])
 
 
 class CellWatch(WarnsOnce):
@@ -111,8 +109,9 @@ class Compression(CellWatch):
     def bind(self, flexible: Cells) -> None:
         """Measure these cells from now on."""
         super().bind(flexible)
-        J = np.einsum("cni,nk->cik", self._X[self._nodes], SLOPES)
-        self._gradients = np.einsum("nk,ckj->cnj", SLOPES, np.linalg.inv(J))
+        slopes = _slopes()
+        J = np.einsum("cni,nk->cik", self._X[self._nodes], slopes)
+        self._gradients = np.einsum("nk,ckj->cnj", slopes, np.linalg.inv(J))
 
     def accept(self, attempt: Attempt) -> None:
         """Measure stretches in every eighth step. Collective."""
@@ -131,6 +130,12 @@ class Compression(CellWatch):
             "standard ones of StVenantKirchhoff are not stable either below 0.65. Take "
             "element='standard' and NeoHooke for strong compression.",
         )
+
+
+def _slopes() -> Array:
+    """Derivatives of shape functions of a hexahedron at its centre, shape (nodes, 3)."""
+    brick = basix.create_element(basix.ElementFamily.P, basix.CellType.hexahedron, 1)
+    return brick.tabulate(1, np.full((1, 3), 0.5))[1:, 0, :, 0].T
 
 
 def cell_rotations(x0: Array, d: Array) -> Array:
