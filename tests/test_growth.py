@@ -13,7 +13,7 @@ from parallel import check_the_same, report
 import rigidfx as rf
 import rigidfx.switch.growth
 from meshes.gong import MALLET, SIDE, gong
-from rigidfx.withheld.fields import size
+from rigidfx.withheld.fields import Fields, size
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
 
@@ -72,17 +72,18 @@ def test_growth_keeps_energy_and_momenta(mass):
 @pytest.mark.parametrize("more", [{}, {"mass": "consistent"}, {"mass": "consistent", "order": 2}])
 def test_products_of_fields_are_those_of_nodes(more, monkeypatch):
     """What a body withholds has no resultant, nothing along its shapes, and the size told."""
-    seen, look = [], rigidfx.switch.growth.Growth.look
+    seen, outside = [], Fields.outside
 
-    def looked(growth, attempt, *limits):
-        out = look(growth, attempt, *limits)
-        seen.extend((growth._scene, *own) for own in growth._withheld if own[0].data.deforms_by)
-        return out
+    def kept(fields, force):
+        seen.append((fields, outside(fields, force)))
+        return seen[-1][1]
 
-    monkeypatch.setattr(rigidfx.switch.growth.Growth, "look", looked)
-    run(bar(blow(), rf.MassDamping(0.1), **more), t_end=0.5)
+    monkeypatch.setattr(Fields, "outside", kept)
+    scene = bar(blow(), rf.MassDamping(0.1), **more)
+    run(scene, t_end=0.5)
+    seen = [own for own in seen if own[0].data.deforms_by]
     assert len(seen) > 5
-    for scene, fields, force in seen[:: len(seen) // 5]:
+    for fields, force in seen[:: len(seen) // 5]:
         values, shapes = fields.at_nodes(force), fields.data.shapes
         by_mass = values / np.sqrt(scene.averaging_mass[fields.data.nodes][:, None])
         told = size(scene, [(fields, force)])

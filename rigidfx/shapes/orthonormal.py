@@ -42,9 +42,10 @@ class Basis:
         """
         shape, n, k = vectors.shape[:2], len(self), vectors.shape[2]
         room = min(n + k, max(most, n))
-        Y, MY = np.empty((2, 3 * shape[0], room))
+        Y, MY = np.empty((2, room, 3 * shape[0])).swapaxes(1, 2)  # a vector lies in a row
         Y[:, :n], MY[:, :n] = columns(self.vectors), columns(self.images)
-        more, of_more, m = columns(vectors).copy(), columns(images).copy(), n
+        more, of_more = (np.array(columns(of), order="F") for of in (vectors, images))
+        m = n
         for _ in range(2):  # once more for what rounding leaves
             parts = self._total(MY[:, :n].T @ more)
             more -= Y[:, :n] @ parts

@@ -31,7 +31,6 @@ from rigidfx.effects import Joint
 from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
-from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.expanded import Expanded
@@ -39,6 +38,7 @@ from rigidfx.shapes.part import LACKING
 from rigidfx.shapes.responses import Responses
 
 Key = tuple[float, ...]
+Followed = tuple[Array, Array, Array]
 ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))  # of q, over the length of a body
 
 
@@ -83,6 +83,7 @@ class Shortening:
         self._counting: dict[Key, float] = {}  # Σ |q| from which it is shown [m]
         self._shown: dict[Key, int] = {}  # for how many steps, with forces along d
         self._terms: dict[Key, Terms] = {}  # of each body
+        self._follows: dict[Key, Followed] = {}  # how forces bend each body along its shapes
         self._units: dict[int, tuple[Responses, Array]] = {}  # g, (owned nodes, 3, 3 · probes)
         self._seen: dict[Key, tuple[int, Array]] = {}  # m of a body, and g without its shapes
 
@@ -161,12 +162,24 @@ class Shortening:
     def _response(self, body: Body, about: About, forces: Array) -> list[Array]:
         """-K⁺ f in space of forces on a body in its frame, each (owned nodes, 3). Collective."""
         assert body.data.shapes is not None
-        modes, weighted, inverse = _followed(body.data.shapes, about)
+        modes, weighted, inverse = self._followed(body, about)
         forces = forces - weighted @ (inverse @ about.part.dot(modes, forces))
         F = np.zeros((self._scene.owned_nodes, 3, forces.shape[2]))
         F[body.data.nodes] = np.einsum("ba,nbk->nak", about.Q, forces)
         found, turn = about.responses.solve(F), (body.motion.R @ about.Q).T
         return [-found[:, :, k] @ turn for k in range(forces.shape[2])]
+
+    def _followed(self, body: Body, about: About) -> Followed:
+        """Φ, KΦ and (ΦᵀKΦ)⁻¹: forces that bend it along its shapes alone. Collective."""
+        key, shapes = _key(body), body.data.shapes
+        assert shapes is not None
+        known = self._follows.get(key)
+        if known is None or known[0].shape[2] != len(shapes):
+            modes = shapes.whole.swapaxes(1, 2)
+            weighted = about.part.times_stiffness(modes)
+            inverse = np.linalg.inv(about.part.dot(modes, weighted))
+            self._follows[key] = known = modes, weighted, np.asarray(inverse)
+        return known
 
     def _forces(self, body: Body, part: Expanded) -> Array:
         """½ K'[d] d of a body and its rate, shape (nodes, 3, 2) [N, N/s]. Collective."""
@@ -198,7 +211,7 @@ class Shortening:
         part, shapes, m = about.part, body.data.shapes, body.data.deforms_by
         assert shapes is not None
         g = self._unit(body, about)
-        modes, weighted, inverse = _followed(shapes, about)
+        modes, weighted, inverse = self._followed(body, about)
         h = np.sqrt(SMALL_WAY) * self._scene.mean_cell_size  # strains by h φ are small
         first, at, along = 0, np.zeros((g.shape[2], m, m)), np.zeros((m, m, m))
         if known is not None:
@@ -229,7 +242,7 @@ class Shortening:
         assert shapes is not None
         m, g = self._seen.get(key, (0, np.empty(0)))
         if m < len(shapes):
-            modes, weighted, inverse = _followed(shapes, about)
+            modes, weighted, inverse = self._followed(body, about)
             g = self._unit(body, about)
             g = g - modes @ (inverse @ about.part.dot(weighted, g))
             self._seen[key] = len(shapes), g
@@ -251,13 +264,6 @@ class Shortening:
 def _set(symmetric: Array, at: tuple[int, ...], value: float) -> None:
     for order in permutations(at):
         symmetric[order] = value
-
-
-def _followed(shapes: Shapes, about: About) -> tuple[Array, Array, Array]:
-    """Φ, KΦ and (ΦᵀKΦ)⁻¹: forces that bend it along its shapes alone. Collective."""
-    modes = shapes.whole.swapaxes(1, 2)
-    weighted = about.part.times_stiffness(modes)
-    return modes, weighted, np.asarray(np.linalg.inv(about.part.dot(modes, weighted)))
 
 
 def _key(body: Body) -> Key:
