@@ -131,11 +131,9 @@ class Action:
         """Add dead loads to the external forces of a step: asked once in each."""
 
     def resist(self, motion: Any, forces: Any) -> None:
-        """Add the resistance at an iterate: asked in each iteration. Collective.
+        """Add the resistance at an iterate, a `Motion`: asked in each iteration. Collective.
 
-        Args:
-            motion: A `Motion`; a `RemoteMotion` of actions on remote points.
-            forces: `Forces`, or `ForcesOfNodes`; of those an array.
+        It adds to `Forces` or `ForcesOfNodes`; of a `RemoteMotion` to an array.
         """
 
     def stiffen(self, motion: Any, tangent: Any) -> None:

@@ -40,11 +40,7 @@ class FirstTouch:
         self._told: dict[str, tuple[float, float]] = {}  # t and τ of the step before [s]
 
     def before(self, target: float) -> float:
-        """End of the next step, or the first touch before it [s]. Collective.
-
-        Args:
-            target: Where the step is to end [s].
-        """
+        """Where the next step is to end, or the first touch before that [s]. Collective."""
         if not self._any:
             return target
         state, system = self._stepper.state, self._stepper.system

@@ -187,17 +187,10 @@ class LoadPath:
     ) -> None:
         """Begin at the state as it is, the u₀ of the forces. Collective.
 
-        Args:
-            scene: The problem.
-            state: Where the path begins.
-            forces: Internal forces.
-            effects: All effects that take part.
-            divide: Divides the cells under the effects that act.
-            owner: Who asks, for messages.
-            fixed: Time at which functions of time are taken [s]: then loads grow in proportion to
-                the path, supports and obstacles rest. The time of the path if None.
-            control: When a load step is cut.
-            loose: Whether contacts or loads alone hold a rigid motion: see `Settling`.
+        All effects that take part are given; `divide` divides the cells under those that act, and
+        the owner asks, in messages. Functions of time are taken at the time of the path, or at a
+        fixed one [s]: then loads grow in proportion to the path, supports and obstacles rest.
+        Contacts or loads alone may hold a loose rigid motion: see `Settling`.
         """
         self._settling = Settling(scene) if loose else None
         self._fixed, self.t = fixed, state.t

@@ -170,10 +170,9 @@ def _unit(v: Array) -> Array:
 
 
 def projected(p: Array, corners: Array) -> tuple[Array, Array, Array]:
-    """Gaps, normals and weights of points p, shape (n, 3), over planes of triangles, (n, 3, 3) [m].
+    """Gaps [m], normals and weights N of points p, (n, 3), over planes of triangles, (n, 3, 3) [m].
 
-    Returns:
-        Shapes (n,) [m], (n, 3) and (n, 3); p - Σ N corners is the gap along the normal.
+    p - Σ N corners is the gap along the normal.
     """
     a, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normal = np.cross(e1, e2)

@@ -99,11 +99,9 @@ def _weights(scene: Any, where: str, owner: str, density: fem.Function | None = 
 
 
 def triangles_of(scene: Any, where: str, owner: str) -> tuple[Ints, Ints]:
-    """Flat triangles between the nodes of a named set's owned boundary facets. Collective.
+    """Flat triangles of a named set's owned boundary facets: cells behind, and nodes. Collective.
 
-    Returns:
-        The cell behind each, shape (n,), and its three local nodes, in such an order that normals
-        point out of the cell, shape (n, 3).
+    Local nodes, shape (n, 3), are in such an order that normals point out of the cell.
     """
     facets, dofs = scene.boundary(where, owner), scene.space.dofmap.list
     cells, nodes = [np.empty(0, np.int64)], [np.empty((0, 3), np.int64)]

@@ -286,11 +286,9 @@ class PathAndVelocity:
         return max(wrong)[1] if len(wrong) > 1 else ""
 
     def _wrong(self, t: Array, ends: Array, share: float) -> list[tuple[float, str]]:
-        """Instants at which no quotient before their ends is near the velocity.
+        """By how much quotients before the ends of instants are off the velocity, and in words.
 
-        Returns:
-            By how much, of each that is off by more than a share of the largest velocity [m/s], and
-            that in words.
+        Only instants count where all are off by more than a share of the largest velocity [m/s].
         """
         h = np.minimum(SPANS, 0.5 * (ends - t)[:, None])
         at = t[:, None]

@@ -148,18 +148,12 @@ def lowest(
     control: EigenControl | None = None,
     scale: float = 0.0,
 ) -> Eigenpairs:
-    """The lowest eigenpairs, zero ones left out; the last cluster is whole. Collective.
+    """The lowest eigenpairs, at least so many, zero ones left out. Collective.
 
-    Args:
-        K: Symmetric stiffness; zero eigenvalues are those of motions without energy.
-        M: Symmetric positive definite mass.
-        count: How many, at least; fewer where there are no more.
-        motions: Rigid motions, some combinations of which may take no energy.
-        control: Limits of the search.
-        scale: λ of loads, whose rounding may be all of an eigenvalue [1/s²].
-
-    Raises:
-        SceneError: If SLEPc is not installed, or finds no eigenpairs.
+    The last cluster is whole; there are fewer where there are no more. K and M are symmetric, M is
+    positive definite; zero eigenvalues are those of motions without energy, to which combinations
+    of the rigid motions may belong. Rounding of loads may be all of an eigenvalue below their λ,
+    the scale [1/s²]. `SceneError` if SLEPc is not installed, or finds no eigenpairs.
     """
     control = EigenControl() if control is None else control
     check_installed()

@@ -77,11 +77,8 @@ def free_to_move(
 ) -> str:
     """Where a part is that some rigid motion is left to, "" if there is none. Collective.
 
-    Args:
-        scene: The problem.
-        prescribed: Dofs that supports hold.
-        further: Owned nodes, and directions in which they are held too, shape (nodes, n, 3).
-        acting: The effects with a time window that act, locks of joints among them.
+    Owned nodes may be held in `further` directions, shape (nodes, n, 3). Of the effects with a time
+    window those given act, locks of joints among them.
     """
     parts = connected_parts(scene.mesh, 2)
     n = scene.owned_nodes

@@ -70,12 +70,7 @@ class Alternation(WarnsOnce):
     remembered: ClassVar[Remembered] = WarnsOnce.remembered
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
-        """Begin before the first step. Collective.
-
-        Args:
-            scene: The problem.
-            forces: Internal forces, whose u₀ and u₁ hold start and end of a step.
-        """
+        """Begin before the first step; u₀ and u₁ of the forces hold its ends. Collective."""
         super().__init__(scene.comm)
         self._scene, self._forces = scene, forces
         self._floor = NEGLIGIBLE * scene.mean_cell_size
