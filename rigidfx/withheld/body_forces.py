@@ -48,11 +48,7 @@ class Withheld:
     ) -> None:
         """Bind the effects to the bodies' nodes. Collective.
 
-        Args:
-            stepper: Solves the steps.
-            parts: The bodies.
-            mass: Mass operator of the rows.
-            of_each: The fields of each body; None of one whose forces nobody asks for.
+        The mass operator is that of the rows; a body whose forces nobody asks for has no fields.
         """
         self._stepper, self._parts, self._mass, self._fields = stepper, parts, mass, of_each
         scene, forces = stepper.scene, stepper.forces
@@ -92,14 +88,9 @@ class Withheld:
         u.x.scatter_forward()
 
     def force(self, t: float, dt: float) -> dict[int, tuple[Fields, Force]]:
-        """ρ of the step that has been solved last, by numbers of bodies. Collective.
+        """Fields, and ρ without forces that would move a body, by numbers of bodies. Collective.
 
-        Args:
-            t: Time at its start [s].
-            dt: Its length [s].
-
-        Returns:
-            The fields of each, and ρ without forces that would move it.
+        They are of the step that has been solved last, of Δt from t [s].
         """
         increments = self._stepper.system.prolongation.increments
         start, end = increments.start, increments.end
@@ -198,10 +189,8 @@ class BodyForces(Watch):
     def __init__(self, stepper: Stepper, in_pieces: frozenset[str]) -> None:
         """Compile the forms. Collective.
 
-        Args:
-            stepper: Solves the steps.
-            in_pieces: Parts named rigid whose cells are not connected through facets: forces from
-                piece to piece are unknown, and ρ of their bodies is not known.
+        Of parts named rigid that are `in_pieces`, whose cells are not connected through facets,
+        forces from piece to piece are unknown, and so is ρ of their bodies.
         """
         self._stepper, self._in_pieces = stepper, in_pieces
         self._linear = LinearForms(stepper.scene, stepper.forces)
@@ -215,12 +204,7 @@ class BodyForces(Watch):
         self._system: object = None
 
     def bear(self, t: float, dt: float) -> None:
-        """Find ρ of the step that has been solved. Collective.
-
-        Args:
-            t: Time at its start [s].
-            dt: Its length [s].
-        """
+        """Find ρ of the step of Δt from t [s] that has been solved. Collective."""
         with _BEARING:
             self._follow()
             self.borne = {} if self._force is None else self._force.force(t, dt)

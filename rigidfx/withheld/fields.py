@@ -79,14 +79,9 @@ class Fields:
     def __init__(
         self, scene: Scene, rows: Rows, data: RigidBody, mass: Mass, frozen: Array
     ) -> None:
-        """Find the products of the fields. Collective.
+        """Find the products of the fields of a body. Collective.
 
-        Args:
-            scene: The problem.
-            rows: Those of the mass operator.
-            data: The body.
-            mass: Mass operator of rows.
-            frozen: f⁰, forces of the shape that it keeps, in its frame, shape (nodes, 3) [N].
+        Frozen are f⁰, forces of the shape that it keeps, in its frame, shape (nodes, 3) [N].
         """
         self.data, self._scene = data, scene
         self._m = m = scene.averaging_mass[data.nodes][:, None]
@@ -130,13 +125,9 @@ class Fields:
     ) -> Force:
         """ρ without what would move the body as a whole.
 
-        Args:
-            gained: Gain of the numbers of [1, V, Φ] in the body's frame in a second, shape (4 + 3
-                m, 3) [m/s², 1/s²].
-            shorter: Mean of the rotations in that frame, shape (3, 3).
-            q: Of the shapes in the middle of the step [m].
-            beside: f, shape (nodes, 3) [N].
-            products: h: see `products`.
+        In the body's frame, numbers of [1, V, Φ] gain in a second what has the shape (4 + 3 m, 3)
+        [m/s², 1/s²], and the mean of the rotations is `shorter`, (3, 3). In the middle of the step
+        shapes have q [m]; f, of `products` h, is `beside`, (nodes, 3) [N].
         """
         known = np.zeros((self.count, 3))
         known[:3] = -shorter

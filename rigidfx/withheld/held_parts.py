@@ -28,10 +28,8 @@ class HeldParts(Watch):
     def __init__(self, stepper: Stepper, in_pieces: frozenset[str]) -> None:
         """Read them from the stepper's state.
 
-        Args:
-            stepper: Solves the steps.
-            in_pieces: Parts named rigid whose cells are not connected through facets: forces from
-                piece to piece are unknown.
+        Of parts named rigid that are `in_pieces`, whose cells are not connected through facets,
+        forces from piece to piece are unknown.
         """
         self._stepper, self._in_pieces = stepper, in_pieces
         self._known: dict[int, RigidBody] = {}  # by their numbers
@@ -103,8 +101,7 @@ class HeldParts(Watch):
     def borne(self, data: RigidBody) -> Array:
         """Forces that a part's nodes have to resist in the step that was solved last. Collective.
 
-        Returns:
-            Forces in its frame, shape (nodes, 3) [N].
+        They are in its frame, shape (nodes, 3) [N].
         """
         system = self._stepper.system
         rows = self._rows_of(data, system)
@@ -124,10 +121,9 @@ class HeldParts(Watch):
         return known[data.number]
 
     def loaded(self) -> list[tuple[RigidBody, Array]]:
-        """The parts, and the resistance of their nodes in the last step. Collective.
+        """The parts, and the resistance of their nodes in the last step, if any. Collective.
 
-        Returns:
-            Forces in the parts' frames, shape (nodes, 3) [N]; nothing before a step.
+        Forces are in the parts' frames, shape (nodes, 3) [N].
         """
         self.remember()
         records = self.records()

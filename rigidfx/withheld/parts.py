@@ -35,13 +35,7 @@ class Parts:
         forces: InternalForces,
         bodies: Sequence[RigidBody],
     ) -> None:
-        """Number the rows. Collective.
-
-        Args:
-            scene: The problem.
-            forces: Internal forces, which know the cells of each material.
-            bodies: The bodies' data.
-        """
+        """Number the rows. Collective."""
         self.bodies = tuple(bodies)
         self._scene = scene
         none: list[Indices] = [np.empty(0, np.int32)]
@@ -78,11 +72,8 @@ class Parts:
     def linear(self, numbers: Array) -> Array:
         """What is linear in a node's place in its body: [1, V, Φ₁, ...] times numbers of that.
 
-        Args:
-            numbers: Of each body, shape (bodies, n, k); those that are missing are zero.
-
-        Returns:
-            At the nodes of the rows, shape (nodes, k).
+        Numbers have the shape (bodies, n, k), those that are missing are zero, and what they give
+        at the nodes of the rows (nodes, k).
         """
         out = np.empty((len(self.V), numbers.shape[2]))
         n = min(numbers.shape[1], self._places.shape[1])
@@ -100,14 +91,8 @@ class Parts:
     def rigid_motion(self, u: Array, free: Sequence[Array]) -> Array:
         """Of the rigid motions that are free the one that fits displacements best, by masses.
 
-        Collective.
-
-        Args:
-            u: Of the nodes of the rows, in the bodies' frames, shape (nodes, 3) [m].
-            free: Of each body, those that are: see `free_motions`.
-
-        Returns:
-            Its value by `linear`, shape (bodies, 4, 3).
+        Nodes of the rows move by u in the bodies' frames, shape (nodes, 3) [m]; each body is free
+        as `free_motions` says. The motion is one of `linear`, shape (bodies, 4, 3). Collective.
         """
         local = np.zeros((len(self.bodies), 4, 3))
         for total, own in zip(local, self._spans, strict=True):
@@ -130,8 +115,7 @@ class Parts:
     def held(self, free: Sequence[Array]) -> Ints:
         """Numbers of rows on all ranks that keep each body from moving, six at most. Collective.
 
-        Args:
-            free: Of each body, how it could move: see `free_motions`.
+        How each could move `free_motions` says.
         """
         out, comm = [], self._scene.comm
         for body, at, motions in zip(self.bodies, self.at, free, strict=True):
@@ -155,9 +139,7 @@ def _span(at: Ints) -> slice | Ints:
 def watched(bodies: Sequence[RigidBody], in_pieces: frozenset[str]) -> list[RigidBody]:
     """The bodies whose ρ is known, with cells and with the mass and inertia of these.
 
-    Args:
-        bodies: All bodies.
-        in_pieces: Parts named rigid whose cells are not connected through facets.
+    Parts named rigid that are `in_pieces` are none: facets do not connect their cells.
     """
     own = (body for body in bodies if not body.given and not body.is_face)
     return [body for body in own if in_pieces.isdisjoint(body.named)]

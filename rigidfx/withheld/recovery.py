@@ -39,13 +39,9 @@ class AtRest:
     def __init__(
         self, stepper: Stepper, linear: LinearForms, bodies: Sequence[RigidBody], held: Bools
     ) -> None:
-        """Factor the stiffness. Collective.
+        """Factor the stiffness by forms that get the shape of the bodies. Collective.
 
-        Args:
-            stepper: Knows the cells of each material.
-            linear: Forms, which get the shape of the bodies.
-            bodies: Their data; they share no node.
-            held: For each owned node, which components supports hold.
+        Bodies share no node; held are, of each owned node, the components that supports hold.
         """
         scene, comm = stepper.scene, stepper.scene.comm
         self.bodies = tuple(bodies)
@@ -69,12 +65,8 @@ class AtRest:
     def strained(self, forces: Sequence[Array]) -> list[Array]:
         """Displacements of their nodes, without a rigid motion that nothing prevents. Collective.
 
-        Args:
-            forces: On the nodes of each, in its frame, shape (nodes, 3) [N]; in balance where no
-                support holds it.
-
-        Returns:
-            In the frame of each, shape (nodes, 3) [m].
+        They, and the forces on the nodes, have the shape (nodes, 3) in the frame of each [m, N].
+        Forces are in balance where no support holds the body.
         """
         parts = self._parts
         self._right.array[:] = parts.of_each(forces).reshape(-1)
@@ -125,13 +117,7 @@ class Recovery:
         forces: BodyForces,
         held: HeldParts | None,
     ) -> None:
-        """Nothing is known yet.
-
-        Args:
-            stepper: Solves the steps.
-            forces: Those on bodies.
-            held: Parts named rigid that supports hold; None if none ever do.
-        """
+        """Nothing is known yet; held are parts named rigid, None if supports never hold one."""
         self._stepper, self._forces, self._held = stepper, forces, held
         self._asked = -1  # the state that is known, by how often it had been written into
         self._known: Carried | None = None
@@ -188,14 +174,10 @@ class Recovery:
         return self._rest[held]
 
     def _balanced(self, u: Array, loaded: Sequence[tuple[RigidBody, Array]]) -> Indices:
-        """Put in strains of parts in the whole structure, where these differ. Collective.
+        """Put in strains of parts in the whole structure, where these differ: their owned cells.
 
-        Args:
-            u: Displacements of owned nodes, written where parts are, shape (nodes, 3) [m].
-            loaded: The parts, and ρ at their nodes in space, shape (nodes, 3) [N].
-
-        Returns:
-            Owned cells of these parts; none where they are as they were.
+        Displacements u of owned nodes, shape (nodes, 3) [m], are written where parts are, which
+        come with ρ at their nodes in space, likewise [N]. Collective.
         """
         stepper, parts = self._stepper, [data for data, _ in loaded]
         none = np.empty(0, np.int32)

@@ -79,12 +79,9 @@ class Whole:
         return Bodies.of_each(body for body in every if id(body.data) not in which)
 
     def take(self, dt: float) -> None:
-        """Bind the present state; the first one's tangent is factored. Collective.
+        """Bind the present state, after a step of Δt [s]; the first tangent is factored.
 
-        The coefficients u₀ and u₁ of the forms are its own until `leave`.
-
-        Args:
-            dt: Length of the last step [s].
+        The coefficients u₀ and u₁ of the forms are its own until `leave`. Collective.
         """
         state, forces = self._stepper.state, self._forces
         state.rebuild()
@@ -117,10 +114,8 @@ class Whole:
     def energy(self, forces: Sequence[Array]) -> float:
         """½ ρᵀe, e how far the forces move the parts [J]. Collective.
 
-        Where no balance is found e is that of the stiffness at present.
-
-        Args:
-            forces: ρ at the nodes of each part, in space, shape (nodes, 3) [N].
+        Where no balance is found e is that of the stiffness at present. ρ is at the nodes of each
+        part, in space, shape (nodes, 3) [N].
         """
         given = self._collapsed(forces)
         balanced, at_first = self._balance(given)
@@ -133,10 +128,9 @@ class Whole:
         return float(self._stepper.scene.sum(out))
 
     def displaced(self, forces: Sequence[Array]) -> list[Array] | None:
-        """How far forces move the nodes of each part. Collective.
+        """How far forces move the nodes of each part, shape (nodes, 3) [m]. Collective.
 
-        Returns:
-            Shape (nodes, 3) [m] of each part; None where no balance is found.
+        None where no balance is found.
         """
         given = self._collapsed(forces)
         balanced, _ = self._balance(given)
@@ -145,12 +139,10 @@ class Whole:
         return [e[data.nodes] for data in self._parts] if balanced else None
 
     def _balance(self, given: PETSc.Vec) -> tuple[bool, float]:
-        """Go where forces on the unknowns lead, by Newton's method. Collective.
+        """Whether Newton's method finds a balance, and ½ ρᵀe of its first solve [J]. Collective.
 
-        Contacts open and close. Factors are made anew where a solve leaves too much.
-
-        Returns:
-            Whether a balance is found, and ½ ρᵀe of the first solve [J].
+        Unknowns go where forces on them lead, contacts open and close, and factors are made anew
+        where a solve leaves too much.
         """
         factors = self._factors
         assert factors is not None
