@@ -117,15 +117,8 @@ class Step:
             code.trial(len(six), self.dt, *self._given, at(np.ascontiguousarray(six)), at(out))
         return out
 
-    def resultant(self, told: Array, moments: Array) -> Array:
-        """See `Increments.resultant`; by the results of the trial."""
-        return self._collected("resultant", told, moments)
-
-    def balance(self, told: Array, moments: Array, torques: Array) -> Array:
-        """See `Increments.balance`; by the results of the trial."""
-        return self._collected("balance", told, moments, torques)
-
-    def _collected(self, what: str, *arrays: Array) -> Array:
+    def collected(self, what: str, *arrays: Array) -> Array:
+        """`Increments.resultant` or `balance` by the results of the trial, and by moments."""
         n = len(self.start)
         out = np.empty((n, 6))
         if n:
@@ -315,14 +308,14 @@ class Increments:
 
     def resultant(self, moments: Array) -> Array:
         """Lᵀ: Σ f and Σ v_av × f/ℓ [N] of moments (bodies, 4, 3) [N, N m], shape (bodies, 6)."""
-        return self.step.resultant(self._told, moments)
+        return self.step.collected("resultant", self._told, moments)
 
     def balance(self, moments: Array, torques: Array) -> Array:
         """Residual of the bodies [N], shape (bodies, 6), by moments of all forces on their nodes.
 
         Moments leave out the bodies' own inertia; torques on bodies are (bodies, 3) [N m].
         """
-        return self.step.balance(self._told, moments, torques)
+        return self.step.collected("balance", self._told, moments, torques)
 
     def couples(self, moments: Array) -> Array:
         """Σ ½ f̂ᵢ v̂₁,ᵢ of forces with these moments, shape (bodies, 3, 3) [N m]: see `tangent`.

@@ -200,13 +200,8 @@ class Body:
     @property
     def offsets(self) -> Array:
         """V + Φ q of its owned nodes in its frame, shape (nodes, 3) [m]."""
-        data = self.data
-        return data.offsets if data.shapes is None else data.offsets + self._bent(self.motion.q)
-
-    def _bent(self, q: Array) -> Array:
-        """Φ q at its owned nodes, shape (nodes, 3)."""
-        assert self.data.shapes is not None
-        return np.asarray(np.einsum("nka,k->na", self.data.shapes.modes, q))
+        offsets, shapes = self.data.offsets, self.data.shapes
+        return offsets if shapes is None else offsets + shapes.bent(self.motion.q)
 
     @property
     def positions(self) -> Array:
@@ -219,16 +214,16 @@ class Body:
         data, motion = self.data, self.motion
         moved = motion.r - data.origin + data.offsets @ (motion.R - np.eye(3)).T
         if data.shapes is not None:
-            moved = moved + self._bent(motion.q) @ motion.R.T
+            moved = moved + data.shapes.bent(motion.q) @ motion.R.T
         return np.asarray(data.displacement + moved)
 
     @property
     def velocities(self) -> Array:
         """Velocities of its owned nodes, shape (nodes, 3) [m/s]."""
-        rigid = self.motion.velocities(self.offsets)
-        if self.data.shapes is None:
+        rigid, shapes = self.motion.velocities(self.offsets), self.data.shapes
+        if shapes is None:
             return rigid
-        return np.asarray(rigid + self._bent(self.motion.q_rate) @ self.motion.R.T)
+        return np.asarray(rigid + shapes.bent(self.motion.q_rate) @ self.motion.R.T)
 
     def with_shapes(self, shapes: Shapes) -> Body:
         """The body with shapes, of which it has had the first ones; others are at q = q̇ = 0."""

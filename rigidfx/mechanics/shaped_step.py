@@ -132,17 +132,13 @@ class ShapedIncrements(Increments):
         return self._shapes.momenta(self._q[1], *self._rates, self._weighted)
 
     @cached_property
-    def _pi1(self) -> Array:
+    def pi1(self) -> Array:
+        """Angular momenta at the end of the step, with those of shapes, shape (bodies, 3)."""
         out = super().pi1.copy()
         if self.step.rate:
             W = times(self.start.of.inertia[self._some], self._rates[0])
             out[self._some] = times(self._R[1], W + self._momenta[0])
         return out
-
-    @property
-    def pi1(self) -> Array:
-        """Angular momenta at the end of the step, with those of shapes, shape (bodies, 3)."""
-        return self._pi1
 
     @cached_property
     def end(self) -> Bodies:

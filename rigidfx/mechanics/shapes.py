@@ -84,6 +84,15 @@ class Shapes:
         return len(self.force)
 
     @property
+    def mass(self) -> Array:
+        """D, shape (m, m) [kg]."""
+        return np.asarray(np.einsum("klii->kl", self.moments[1:, 1:]))
+
+    def bent(self, q: Array) -> Array:
+        """Φ q at the nodes, shape (nodes, 3)."""
+        return np.asarray(np.einsum("nka,k->na", self.modes, q))
+
+    @property
     def whole(self) -> Array:
         """Φ with the drift, zero where a support holds the frame, shape (nodes, m, 3)."""
         return self.modes if self.drift is None else self.modes + self.drift

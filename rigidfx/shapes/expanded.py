@@ -91,6 +91,10 @@ class Expanded:
         """aᵀb of all columns of fields, shape (k, l). Collective."""
         return np.asarray(self._scene.sum(columns(a).T @ columns(b)))
 
+    def sizes(self, u: Array, images: Array) -> Array:
+        """The size of each of some fields by their images M u, shape (k,). Collective."""
+        return np.sqrt(np.asarray(self._scene.sum(np.einsum("nak,nak->k", u, images))))
+
     def unmoved(self, own: Array) -> Array:
         """Fields at its nodes without their rigid motion, shape (nodes, 3, k). Collective."""
         for _ in range(2):  # once more for what rounding leaves
@@ -100,7 +104,7 @@ class Expanded:
     def begun(self, vectors: Array) -> Basis:
         """A basis of fields that are orthogonal by the mass. Collective."""
         images, basis = self.times_mass(vectors), Basis(self.nodes.size, self._scene.sum)
-        sizes = np.sqrt(np.asarray(self._scene.sum(np.einsum("nak,nak->k", vectors, images))))
+        sizes = self.sizes(vectors, images)
         basis.vectors, basis.images = np.asarray(vectors / sizes), np.asarray(images / sizes)
         return basis
 
@@ -114,8 +118,9 @@ class Expanded:
 
     def rates(self, shapes: Shapes, v: Array) -> Array:
         """q̇ of shapes that take over what they can of v, shape (nodes, 3) [m/s]. Collective."""
-        modes, mass = shapes.modes.swapaxes(1, 2), np.einsum("klii->kl", shapes.moments[1:, 1:])
-        return np.linalg.solve(mass, self.dot(modes, self.times_mass(v[:, :, None]))[:, 0])
+        modes = shapes.modes.swapaxes(1, 2)
+        momenta = self.dot(modes, self.times_mass(v[:, :, None]))[:, 0]
+        return np.asarray(np.linalg.solve(shapes.mass, momenta), dtype=np.float64)
 
     @contextmanager
     def _displaced(self, d: Array) -> Iterator[None]:

@@ -81,8 +81,7 @@ class Found(Expanded):
         """The new part of vectors, their largest displacement 1, (nodes, 3, k). Collective."""
         basis, m = self.begun(old), old.shape[2]
         own = self.unmoved(vectors)
-        squares = self._scene.sum(np.einsum("nak,nak->k", vectors, self.times_mass(vectors)))
-        sizes = np.sqrt(np.asarray(squares))
+        sizes = self.sizes(vectors, self.times_mass(vectors))
         sizes[sizes.size - followers :] *= LACKING / INDEPENDENT
         basis.grow(own, self.times_mass(own), sizes, m + own.shape[2])
         return to_one(self._scene.comm, basis.vectors[:, :, m:])[0]
@@ -95,8 +94,7 @@ class Found(Expanded):
         data, shapes = body.data, body.data.shapes
         assert shapes is not None
         rates = self.rates(shapes, data.frozen.velocities)
-        mass = np.einsum("klii->kl", shapes.moments[1:, 1:])
-        vibration = max(data.frozen.vibration - 0.5 * float(rates @ mass @ rates), 0.0)
-        lost = data.frozen.velocities - np.einsum("nka,k->na", shapes.modes, rates)
+        vibration = max(data.frozen.vibration - 0.5 * float(rates @ shapes.mass @ rates), 0.0)
+        lost = data.frozen.velocities - shapes.bent(rates)
         left = Frozen(data.nodes, lost, data.frozen.strain, vibration)
         return Body(replace(data, frozen=left), replace(body.motion, q_rate=rates))

@@ -15,6 +15,7 @@ from petsc4py import PETSc
 from rigidfx.base.types import Array
 from rigidfx.coupling.mass import Mass
 from rigidfx.shapes.responses import Responses
+from rigidfx.shapes.stiffness import by_columns
 from rigidfx.step.linear.eigenpairs import EigenControl, clusters, lowest
 from rigidfx.step.linear.linear_solver import solver_of
 
@@ -58,18 +59,10 @@ class Linear:
             A.scale(0.5)
             A.axpy(2 / dt**2, self._M, DIFFERENT)
             self._step = dt, solver_of(A)
-        stiffness, ksp = self.responses.stiffness, self._step[1]
-        p = stiffness.prolongation
-        right, out = p.unknowns(), p.unknowns()
+        stiffness, vector = self.responses.stiffness, self.responses.stiffness.prolongation.unknowns
         every = stiffness.on_unknowns(F)
-        found = np.empty_like(every)
-        for k in range(every.shape[1]):
-            right.array[:] = every[:, k]
-            ksp.solve(right, out)
-            found[:, k] = out.array_r
-        right.destroy()
-        out.destroy()
-        return stiffness.at_nodes(found)
+        solved = by_columns(self._step[1].solve, every, np.empty_like(every), (vector, vector))
+        return stiffness.at_nodes(solved)
 
     def _drop(self) -> None:
         if self._step is not None:

@@ -125,7 +125,7 @@ class Part(Expanded):
         """
         own = self.unmoved(vectors[self.nodes])
         images = self.times_mass(own)
-        sizes = np.sqrt(np.asarray(self._scene.sum(np.einsum("nak,nak->k", own, images))))
+        sizes = self.sizes(own, images)
         sizes[loads:] *= LACKING / INDEPENDENT
         basis.grow(own, images, sizes, MOST + room)
 

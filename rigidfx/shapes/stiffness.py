@@ -110,30 +110,23 @@ class Stiffness:
     def on_unknowns(self, F: Array) -> Array:
         """Lᵀ F of forces on nodes (owned nodes, 3, k), shape (owned unknowns, k). Collective."""
         p, none = self.prolongation, np.zeros((len(self.bodies), 6))
-        out, f, y = np.empty((p.owned, F.shape[2])), self.structure.rows.vector(), p.unknowns()
-        for k, column in enumerate(columns(F).T):
-            f.array[:] = column
+
+        def restrict(f: PETSc.Vec, y: PETSc.Vec) -> None:
             p.restrict(f, none, y)
-            out[:, k] = y.array_r
-        f.destroy()
-        y.destroy()
-        return out
+
+        out = np.empty((p.owned, F.shape[2]))
+        return by_columns(restrict, columns(F), out, (self.structure.rows.vector, p.unknowns))
 
     def at_nodes(self, y: Array) -> Array:
         """Displacements of nodes by unknowns, shape (owned nodes, 3, k). Collective."""
         p, still = self.prolongation, np.zeros(self.prolongation.prescribed.size)
-        out, d, x = (
-            np.empty((self.places.size, y.shape[1])),
-            self.structure.rows.vector(),
-            p.unknowns(),
-        )
-        for k in range(y.shape[1]):
-            x.array[:] = y[:, k]
+
+        def apply(x: PETSc.Vec, d: PETSc.Vec) -> None:
             p.apply(x, p.bodies_part(x), still, d)
-            out[:, k] = d.array_r
-        d.destroy()
-        x.destroy()
-        return out.reshape(*self.places.shape, y.shape[1])
+
+        out = np.empty((*self.places.shape, y.shape[1]))
+        by_columns(apply, y, columns(out), (p.unknowns, self.structure.rows.vector))
+        return out
 
     def unknowns_of(self, u: Array) -> Array:
         """Unknowns, (owned unknowns, k), in motions in which bodies are rigid [m]. Collective."""
@@ -160,10 +153,20 @@ def times(operator: Mass | PETSc.Mat, u: Array, vector: Callable[[], PETSc.Vec])
     """A matrix times the columns, (rows, k), of another one of this rank's rows. Collective."""
     if isinstance(operator, PETSc.Mat) and u.shape[1] > 1:
         return product(operator.matMult, u, operator.comm)
-    out, a, b = np.empty_like(u), vector(), vector()
-    for k in range(u.shape[1]):
-        a.array[:] = u[:, k]
-        operator.mult(a, b)
+    return by_columns(operator.mult, u, np.empty_like(u), (vector, vector))
+
+
+def by_columns(
+    act: Callable[[PETSc.Vec, PETSc.Vec], None],
+    u: Array,
+    out: Array,
+    vectors: tuple[Callable[[], PETSc.Vec], Callable[[], PETSc.Vec]],
+) -> Array:
+    """What an action makes of the columns of a matrix, in those of `out`. Collective."""
+    a, b = (vector() for vector in vectors)
+    for k, column in enumerate(u.T):
+        a.array[:] = column
+        act(a, b)
         out[:, k] = b.array_r
     a.destroy()
     b.destroy()

@@ -296,7 +296,7 @@ class Growth(Watch):
                 continue
             known[number] = energy
             found, Q = self._of(body.data)
-            d = np.einsum("nka,k->na", shapes.modes, q)
+            d = shapes.bent(q)
             respond = self._bound().responses.of_nodes(body.data.nodes, Q)
             missed = found.missed(d, respond)
             nu = abs(float(self._scene.sum(missed.sum())))

@@ -88,5 +88,4 @@ class SpinLimits:
         faces = [a.nodes for joint in self._joints for a in joint.averages]
         if not self._scene.sum(sum(np.isin(nodes, own).sum() for nodes in faces)):
             return np.inf
-        mass = np.einsum("klii->kl", shapes.moments[1:, 1:])
-        return float(np.sqrt(max(eigvalsh(shapes.stiffness, mass)[0], 0.0)))
+        return float(np.sqrt(max(eigvalsh(shapes.stiffness, shapes.mass)[0], 0.0)))
