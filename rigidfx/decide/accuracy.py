@@ -248,11 +248,7 @@ class Accuracy:
             )
 
     def criterion(self, scene: Scene) -> Budgeted | None:
-        """What judges cells; None if nothing is worth to be rigid, or named so. Collective.
-
-        Args:
-            scene: The problem.
-        """
+        """What judges cells; None if nothing is worth to be rigid, or named so. Collective."""
         cells = scene.mesh.topology.index_map(3).size_global
         found = Budgeted(float(self.budget), self.never, self.min_cells)
         return found if found.least_cells(scene) <= cells or scene.named(Rigid) else None

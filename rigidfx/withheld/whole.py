@@ -79,9 +79,9 @@ class Whole:
         return Bodies.of_each(body for body in every if id(body.data) not in which)
 
     def take(self, dt: float) -> None:
-        """Bind the present state, after a step of Δt [s]; the first tangent is factored.
+        """Bind the state after a step of dt [s]; the first one's tangent is factored. Collective.
 
-        The coefficients u₀ and u₁ of the forms are its own until `leave`. Collective.
+        The coefficients u₀ and u₁ of the forms are its own until `leave`.
         """
         state, forces = self._stepper.state, self._forces
         state.rebuild()
@@ -111,47 +111,26 @@ class Whole:
         self._forces.u1.x.array[:] = self._end
         self._forces.set_rate(1 / self._dt)
 
-    def energy(self, forces: Sequence[Array]) -> float:
-        """½ ρᵀe, e how far the forces move the parts [J]. Collective.
-
-        Where no balance is found e is that of the stiffness at present. ρ is at the nodes of each
-        part, in space, shape (nodes, 3) [N].
-        """
-        given = self._collapsed(forces)
-        balanced, at_first = self._balance(given)
-        given.destroy()
-        if not balanced:
-            return at_first
-        e, out = self._u - self._kept.u, 0.0
-        for data, force in zip(self._parts, forces, strict=True):
-            out += 0.5 * float(np.vdot(force, e.reshape(-1, 3)[data.nodes]))
-        return float(self._stepper.scene.sum(out))
-
     def displaced(self, forces: Sequence[Array]) -> list[Array] | None:
-        """How far forces move the nodes of each part, shape (nodes, 3) [m]. Collective.
-
-        None where no balance is found.
-        """
+        """How far forces move the nodes of each part [m]; None without a balance. Collective."""
         given = self._collapsed(forces)
-        balanced, _ = self._balance(given)
+        balanced = self._balance(given)
         given.destroy()
         e = (self._u - self._kept.u).reshape(-1, 3)
         return [e[data.nodes] for data in self._parts] if balanced else None
 
-    def _balance(self, given: PETSc.Vec) -> tuple[bool, float]:
-        """Whether Newton's method finds a balance, and ½ ρᵀe of its first solve [J]. Collective.
+    def _balance(self, given: PETSc.Vec) -> bool:
+        """Go where forces on the unknowns lead, by Newton's method; whether they do. Collective.
 
-        Unknowns go where forces on them lead, contacts open and close, and factors are made anew
-        where a solve leaves too much.
+        Contacts open and close. Factors are made anew where a solve leaves too much.
         """
         factors = self._factors
         assert factors is not None
         r, more = given.copy(), given.duplicate()
-        size, left, tried, at_first = given.norm(), 1.0, 0, 0.0
+        size, left, tried = given.norm(), 1.0, 0
         while size > 0 and BALANCED < left < np.inf and tried < SOLVES:
             factors.solve(r, more)
             more.scale(0.5)
-            at_first = at_first if tried else 0.5 * float(given.dot(more))
             self._go(more, r)
             r.axpy(-1.0, self._rest)
             r.aypx(-1.0, given)
@@ -161,7 +140,7 @@ class Whole:
                 factors.renew()
         r.destroy()
         more.destroy()
-        return size == 0 or left <= BALANCED, at_first
+        return bool(size == 0 or left <= BALANCED)
 
     def _go(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
         """Move all by increments of the unknowns, and have the residual there. Collective."""
