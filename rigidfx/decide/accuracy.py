@@ -45,13 +45,8 @@ def beside(
 ) -> Iterator[Report]:
     """Reports with the largest distance of probes from where they are in a finer run. Collective.
 
-    The finer run goes along, and ends with them.
-
-    Args:
-        reports: Of a run with ledgers.
-        finer: Of the other run.
-        names: Which probes count.
-        budget: Their permitted distance, over the largest displacement.
+    The finer run goes along, and ends with them. The run has ledgers; probes of some names count,
+    and their permitted distance over the largest displacement is the budget.
     """
     known: deque[tuple[float, Array]] = deque(maxlen=KNOWN)
     worst = 0.0
@@ -181,11 +176,7 @@ class Accuracy:
         take_fields(self)
 
     def finer(self, control: StepControl) -> StepControl:
-        """How Δt of the flexible twin is chosen: a quarter as long, or so.
-
-        Args:
-            control: How that of the run is.
-        """
+        """How Δt of the flexible twin is chosen, by that of the run: a quarter as long, or so."""
         tol, largest = float(control.tol) / FINER**2, control.most / FINER
         return StepControl(
             tol, control.at, largest=largest, smallest=control.least / FINER, of=control.of
@@ -200,11 +191,7 @@ class Accuracy:
     ) -> Iterator[Report]:
         """The reports of a run; at its end it is said whether it has kept the budget. Collective.
 
-        Args:
-            reports: The reports.
-            scene: The problem.
-            rigid: Whether cells may become rigid.
-            twin: Begins the twin.
+        Cells may become `rigid`, and `twin` begins the twin.
         """
         if self.check:
             names, finer = tuple(self.at or scene.probes), twin(progress=False, verbose=False)

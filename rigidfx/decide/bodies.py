@@ -83,15 +83,9 @@ Plan = Callable[[Bools, Bools], Decision]  # of cells that are able, without tho
 def qualify(worst: Array, tol: Array, observed: Bools, comm: MPI.Intracomm) -> tuple[Bools, float]:
     """Cells whose largest strain rate in a window is at most the tolerance. Collective.
 
-    Args:
-        worst: Largest strain rate of each owned cell in the window.
-        tol: Tolerance of each owned cell, in the same unit.
-        observed: Owned cells that were flexible in the whole window.
-        comm: Ranks that share the cells.
-
-    Returns:
-        The cells that qualify, and how close the nearest decision was: the least |worst/tol - 1|,
-        infinity where nothing was compared.
+    Only owned cells count that were observed, flexible in the whole window. The second result is
+    how close the nearest decision was: the least |worst/tol - 1|, infinity where nothing was
+    compared.
     """
     compared = observed & (tol > 0)
     closeness = np.abs(worst[compared] / tol[compared] - 1).min(initial=np.inf)
@@ -110,18 +104,12 @@ def plan_bodies(
 
     A cluster takes the number of the oldest body in it, unless another cluster that comes before
     has taken it (the body has been divided); otherwise it gets a new one. It is called by the first
-    set in it that is rigid always, or by its number.
+    set in it that is rigid always, or by its number. Bodies come by increasing number, with the
+    next number that is free.
 
-    Args:
-        clusters: Bodies after the change, in a fixed order.
-        origin: For each owned cell the number of the body it was in, or -1.
-        sizes: Number of cells, over all ranks, of each body before the change, by its number.
-        always: Owned cells of each set that is rigid always, by name.
-        next_number: First number that no body has had.
-        comm: Ranks that share the cells.
-
-    Returns:
-        The bodies after the change by increasing number, and the next number that is free.
+    The origin of an owned cell is the number of the body it was in, or -1; sizes are numbers of
+    cells, over all ranks, of bodies before the change, and the next number is the first that no
+    body has had.
     """
     taken: set[int] = set()
     bodies = []
@@ -283,16 +271,10 @@ class Planner:
         barred: Bools,
         next_number: int,
     ) -> Decision:
-        """Find the bodies. Collective.
+        """Find the bodies of owned cells that are able to be rigid. Collective.
 
-        Args:
-            kind: Its kind in the report.
-            reason: Why, in words.
-            seen: The state.
-            able: Owned cells that may be rigid.
-            existing: For each owned cell the number of the body that it stays in, or NONE.
-            barred: Owned cells that have to stay flexible if they are in no existing body.
-            next_number: First number that no body has had.
+        A cell stays in the existing body of a number, or NONE; if it is barred, it has to stay
+        flexible unless it is in one. The next number is the first that no body has had.
         """
         while True:
             clusters = find_clusters(self._graph, able, existing, barred, self._least)
@@ -326,15 +308,10 @@ def paying(
     barred: Bools,
     comm: MPI.Intracomm,
 ) -> Decision:
-    """The freeze of the parts that pay. Collective.
+    """The freeze of the parts that pay, of the state at the end of a window. Collective.
 
-    Args:
-        plan: Finds bodies of the cells that are able, without those that are barred.
-        memory: Knows for how long cells have been quiet.
-        seen: The state at the end of a window.
-        able: Owned cells that may freeze.
-        barred: Owned cells that may not.
-        comm: Ranks that share the cells.
+    Bodies are found of the owned cells that are able to freeze, without those that are barred; the
+    memory knows for how long cells have been quiet.
     """
     window, observed = memory.window, memory.back_off.observed
     quiet = np.asarray(window.steps * (1 + observed / (seen.t - window.start)))

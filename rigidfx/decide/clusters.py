@@ -117,15 +117,10 @@ class CellGraph:
         return np.asarray(nodes[self._nodes[: self.owned]].any(axis=1))
 
     def components(self, members: Bools, groups: Ints) -> Ints:
-        """Connected components of cells through facets. Collective.
+        """The least number of a cell in each owned cell's component, NONE without one. Collective.
 
-        Args:
-            members: Owned cells that take part.
-            groups: For each owned cell, the number ≥ 0 of a group that is connected in any case;
-                NONE for the others.
-
-        Returns:
-            For each owned cell the least number of a cell in its component, NONE without one.
+        Members are connected through facets; those of a group, a number ≥ 0, are so in any case.
+        Cells of none have NONE.
         """
         inside = self.with_ghosts(members) > 0
         a, b = self._pairs[:, inside[self._pairs].all(axis=0)]
@@ -192,18 +187,11 @@ def find_clusters(
     barred: Bools,
     min_cells: int = 2,
 ) -> tuple[Cluster, ...]:
-    """Bodies by the rules above. Collective.
+    """Bodies by the rules above, ordered by their labels. Collective.
 
-    Args:
-        graph: Neighbours of the cells.
-        rigid: For each owned cell, whether it may be rigid.
-        existing: For each owned cell, the number ≥ 0 of the existing body it belongs to, or NONE.
-            No two of these share a node.
-        barred: For each owned cell, whether it has to stay flexible if it is in no existing body.
-        min_cells: Least number of cells of a new body.
-
-    Returns:
-        The bodies, ordered by their labels.
+    Of each owned cell is known whether it may be rigid; the number ≥ 0 of the existing body it
+    belongs to, or NONE; and whether it is barred, flexible unless it is in an existing body. No two
+    of these share a node. New bodies have `min_cells` at least.
     """
     old = existing >= 0
     new = rigid & ~barred & ~old
@@ -223,10 +211,9 @@ def find_clusters(
 
 
 def _large_enough(graph: CellGraph, labels: Ints, old: Bools, min_cells: int) -> tuple[Ints, Ints]:
-    """The cells that remain, without small components that hold no existing body. Collective.
+    """Labels of cells, NONE in small components that hold no existing body. Collective.
 
-    Returns:
-        Ints, and the labels that are left in the order of precedence, the last goes first.
+    Those that are left come second, in the order of precedence: the last goes first.
     """
     kept = set(np.concatenate(graph.comm.allgather(np.unique(labels[old]))).tolist())
     left = {k: n for k, n in graph.sizes(labels).items() if n >= min_cells or k in kept}
@@ -238,11 +225,7 @@ def _large_enough(graph: CellGraph, labels: Ints, old: Bools, min_cells: int) ->
 def _loose(graph: CellGraph, labels: Ints, precedence: Ints, old: Bools) -> Bools:
     """Owned cells to be taken out since another body keeps a node of theirs. Collective.
 
-    Args:
-        graph: Neighbours of the cells.
-        labels: Component of each owned cell.
-        precedence: Their labels; the last goes first.
-        old: Owned cells of existing bodies; these are never taken out.
+    The last label of the precedence goes first; old cells, of existing bodies, always stay.
     """
     count = max(len(precedence), 1)
     by_label = np.argsort(precedence)

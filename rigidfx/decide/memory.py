@@ -67,13 +67,9 @@ class LoadChanges:
     remembered: ClassVar[Remembered] = same("reference", "largest", "resting_since", "_resting")
 
     def __init__(self, scene: Scene, timeline: Timeline, fraction: float, every: bool) -> None:
-        """Collect breakpoints and loads. Collective.
+        """Collect breakpoints, of loads if `every` one counts, and loads. Collective.
 
-        Args:
-            scene: The problem.
-            timeline: Where steps end.
-            fraction: Change of a load that counts, relative to its largest value so far.
-            every: Whether breakpoints of loads count; those of supports alone if not.
+        The change of a load that counts is a fraction of its largest value so far.
         """
         self._comm, self._timeline, self._fraction = scene.comm, timeline, fraction
         windowed = [effect for effect in scene.named(Windowed) if effect.is_load]
@@ -186,15 +182,9 @@ class BackOff:
         self.windows[failed], self.observed[failed] = 0, 0.0
 
     def switched(self, rigid: Bools, t: float, counts: bool) -> bool:
-        """Record which cells are rigid after an event.
+        """Record which cells are rigid after an event at t [s]: whether one has to wait longer.
 
-        Args:
-            rigid: Cells in bodies.
-            t: Time [s].
-            counts: Whether a hasty release counts; one that was planned does not.
-
-        Returns:
-            Whether a cell has to wait longer from now on.
+        Hasty releases count, but not planned ones.
         """
         was = self.rigid
         released, frozen = was & ~rigid, rigid & ~was
@@ -341,14 +331,9 @@ class Signals:
 
 
 def longest_period(t: Array, signals: Array) -> float:
-    """The longest period at which signals of one kind oscillate.
+    """The longest period [s] at which signals of one kind, shape (n, signals), oscillate.
 
-    Args:
-        t: Times [s], increasing, shape (n,).
-        signals: Shape (n, signals).
-
-    Returns:
-        Period [s]; 0 if nothing oscillates, NaN if the record is too short to tell.
+    Times increase. The period is 0 if nothing oscillates, NaN if the record is too short to tell.
     """
     if signals.shape[1:] == (0,):
         return 0.0
