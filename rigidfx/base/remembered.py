@@ -50,12 +50,7 @@ class MeshOrder:
 
 
 class Rows(NamedTuple):
-    """Arrays over some cells or nodes.
-
-    Attributes:
-        numbers: Numbers of these in the mesh, sorted, each once.
-        columns: Arrays with a row for each.
-    """
+    """Arrays with a row for each cell or node of some, by its number: sorted, each once."""
 
     numbers: Ints
     columns: tuple[Array, ...]

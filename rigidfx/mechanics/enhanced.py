@@ -101,10 +101,9 @@ _PAIRS = (0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2)  # as in `Enhancement`
 class Enhancement(ufl.Coefficient):
     """η = M α at the integration points: components 11, 22, 33, 12, 23, 13.
 
-    Attributes:
-        law: Function whose first two values at a cell are λ and μ [Pa].
-        end: Number of the displacement that it belongs to.
-        start: Number of the displacement whose enhancement is taken off; None if none is.
+    The first two values of the law at a cell are λ and μ [Pa]. `end` is the number of the
+    displacement that it belongs to, `start` that of the one whose enhancement is taken off; None if
+    none is.
     """
 
     def __init__(self, law: Any, end: int, start: int | None = None) -> None:
@@ -188,13 +187,11 @@ class EnhancedElement:
     buckles: ClassVar[bool] = True
 
     def __init__(self, elastic: Any, viscous: Any, linear: bool = True) -> None:
-        """Keep the data of the elimination of modes.
+        """Keep the data of the elimination of modes; all stresses may be linear in strains.
 
-        Args:
-            elastic: Function on the integration points with six components, whose first two values
-                at a cell are λ and μ of its material at rest [Pa], and the third one 0.
-            viscous: The same with 0 and ½, which make the identity of ℂ.
-            linear: Whether stresses of all materials are linear functions of strains.
+        Laws are functions on the integration points with six components, whose first two values at
+        a cell are λ and μ of its material at rest [Pa], and the third one 0. The viscous one has 0
+        and ½, which make the identity of ℂ.
         """
         self._linear = linear
         self.laws = {"elastic": elastic, "viscous": viscous}

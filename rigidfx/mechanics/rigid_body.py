@@ -187,12 +187,7 @@ class BodyMotion:
 
 @dataclass(frozen=True)
 class Body:
-    """A body at an instant.
-
-    Attributes:
-        data: Its constant data.
-        motion: Pose and velocity.
-    """
+    """A body at an instant: its constant data, and its pose and velocity."""
 
     data: RigidBody
     motion: BodyMotion

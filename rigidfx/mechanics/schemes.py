@@ -217,12 +217,9 @@ def discrete_gradient(energy: Energy, p: dict[str, Any], C0: Any, C1: Any) -> An
 
 @dataclass(frozen=True)
 class Law:
-    """The stored energy of some cells.
+    """The stored energy W(C, **parameters) [J/m³] of some cells, and whether it is quadratic in E.
 
-    Attributes:
-        energy: W(C, **parameters) [J/m³].
-        quadratic: Whether W is quadratic in E.
-        parameters: UFL constants or functions by name.
+    Parameters are UFL constants or functions by name.
     """
 
     energy: Energy

@@ -15,21 +15,19 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
-from dolfinx import fem, la
 from mpi4py import MPI
 
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import Cells
-from rigidfx.flexible.kernels import add_vector
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.mechanics.rigid_motions import free_motions, rigid_motions
 from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.orthonormal import Basis, columns, normalised
-from rigidfx.shapes.stiffness import times
+from rigidfx.shapes.stiffness import on_nodes, times
 
 
 class Expanded:
@@ -137,11 +135,9 @@ class Expanded:
 
         Collective.
         """
-        b = fem.Function(self._scene.space)
         with self._displaced(d):
-            add_vector(b.x.array, self._force if cells is None else self._linear.force(cells))
-        b.x.scatter_reverse(la.InsertMode.add)
-        return np.array(b.x.array.reshape(-1, 3)[self.nodes])
+            form = self._force if cells is None else self._linear.force(cells)
+            return on_nodes(self._scene, form)[self.nodes]
 
     def even(self, d: Array) -> Array:
         """½ [f(d) + f(-d)] - f(0), the forces of second order, shape (nodes, 3) [N]. Collective.

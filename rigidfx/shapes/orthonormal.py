@@ -18,12 +18,7 @@ APART = 1e-6
 
 
 class Basis:
-    """Vectors Y with YᵀMY = 1 and their images MY.
-
-    Attributes:
-        vectors: Y at this rank's nodes, shape (nodes, 3, n).
-        images: MY, likewise.
-    """
+    """Vectors Y at this rank's nodes with YᵀMY = 1 and their images MY, shape (nodes, 3, n)."""
 
     def __init__(self, nodes: int, total: Callable[[Array], Array]) -> None:
         """Begin without vectors at this rank's nodes; `total` is a sum over ranks. Collective."""

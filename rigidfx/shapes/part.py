@@ -49,8 +49,7 @@ class PartShapes:
 class Part(Expanded):
     """Cells and nodes of a part about the state of the whole; `destroy` frees matrices.
 
-    Attributes:
-        room: Number of its free unknowns less its rigid motions.
+    Its room for shapes is the number of its free unknowns less its rigid motions.
     """
 
     def __init__(

@@ -96,10 +96,7 @@ class Stiffness:
 
     def internal_forces(self, cells: Cells) -> Array:
         """Forces of cells in the state, on the owned nodes, shape (nodes, 3) [N]. Collective."""
-        b = fem.Function(self.scene.space)
-        add_vector(b.x.array, self.linear.force(cells))
-        b.x.scatter_reverse(la.InsertMode.add)
-        return np.array(b.x.array[: self.places.size].reshape(-1, 3))
+        return on_nodes(self.scene, self.linear.force(cells))
 
     def times_mass(self, u: Array) -> Array:
         """M u, shape (owned nodes, 3, k). Collective."""
@@ -147,6 +144,14 @@ class Stiffness:
         """Free the PETSc objects. Collective."""
         for item in (self._K, self.mass):
             item.destroy()
+
+
+def on_nodes(scene: Scene, form: fem.Form) -> Array:
+    """Forces of a form on the owned nodes, shape (nodes, 3) [N]. Collective."""
+    b = fem.Function(scene.space)
+    add_vector(b.x.array, form)
+    b.x.scatter_reverse(la.InsertMode.add)
+    return np.array(b.x.array.reshape(-1, 3)[: scene.owned_nodes])
 
 
 def times(operator: Mass | PETSc.Mat, u: Array, vector: Callable[[], PETSc.Vec]) -> Array:
