@@ -15,10 +15,7 @@ RIGID = 1e-6  # part of a body's length by which places on a line may be off it
 
 
 def rigid_motions(places: Array, length: float | Array) -> Array:
-    """Rigid motions of places relative to the centre, shape (places, 3, 6), for lengths [m].
-
-    Rotations are multiplied by the length: one number, or shape (places, 1).
-    """
+    """Rigid motions of places about a centre [m], (places, 3, 6), with turns times lengths."""
     modes = np.zeros((len(places), 3, 6))
     modes[:, :, :3] = np.eye(3)
     modes[:, :, 3:] = np.cross(np.eye(3)[:, None], places / length).transpose(1, 2, 0)

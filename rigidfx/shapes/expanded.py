@@ -131,10 +131,7 @@ class Expanded:
         x.array[:] = before
 
     def forces(self, d: Array, cells: Cells | None = None) -> Array:
-        """Internal forces of its cells, or some, at d [m] beside the state, (nodes, 3) [N].
-
-        Collective.
-        """
+        """Forces of its cells, or some, at d [m] beside the state, (nodes, 3) [N]. Collective."""
         with self._displaced(d):
             form = self._force if cells is None else self._linear.force(cells)
             return on_nodes(self._scene, form)[self.nodes]

@@ -58,10 +58,8 @@ class About:
 class Terms:
     """Forces F_kl = K'[φ_k] φ_l of a body, against responses to unit forces at probes and shapes.
 
-    Attributes:
-        at: g·F_kl of the whole response, shape (3 · probes, m, m) [1/m].
-        along: φ_j·F_kl, the same in any order, shape (m, m, m) [N/m²].
-        C: the same without the part along the shapes, shape (3 · probes, m, m) [1/m].
+    `at` is g·F_kl of the whole response, shape (3 · probes, m, m) [1/m], and C the same without the
+    part along the shapes. `along` is φ_j·F_kl, the same in any order, shape (m, m, m) [N/m²].
     """
 
     at: Array
