@@ -153,6 +153,7 @@ class ConsistentExchange(Exchange):
 
     def release(self, state: State, numbers: Set[int], prescribed: Bools) -> Works:
         """See `Exchange`."""
+        self._owed, self._shaped = 0.0, set()
         if not numbers:
             return Works(0.0, 0.0)
         self._collapse(state, numbers)
@@ -198,7 +199,9 @@ class ConsistentExchange(Exchange):
         missing = wanted - 0.5 * after.product(merged, merged)
         if abs(missing) > ROUNDING * abs(wanted):
             mixed = after.product(merged, mode) - of_mode.whole
-            scale = _scale(after.product(mode, mode), mixed, missing)
+            square = after.product(mode, mode)
+            scale = _scale(square, mixed, missing)
+            self._owed = missing - scale * (mixed + 0.5 * scale * square)
         else:
             scale = 1.0
         _take(state, merged.plus(scale, mode))

@@ -119,6 +119,8 @@ class Exchange:
         """Keep the problem."""
         self._scene, self._forces = scene, forces
         self.shape: Callable[[Body], Body] | None = None
+        # Energy that the velocities of bodies released last lack, and numbers of those with shapes.
+        self._owed, self._shaped = 0.0, set[int]()
 
     def release(self, state: State, numbers: Set[int], prescribed: Bools) -> Works:
         """Make bodies flexible. Collective.
@@ -131,6 +133,7 @@ class Exchange:
         Returns:
             Work of supports and motors.
         """
+        self._owed, self._shaped = 0.0, set()
         if not numbers:
             return Works(0.0, 0.0)
         self._collapse(state, numbers)
@@ -148,6 +151,7 @@ class Exchange:
         """Make those of some bodies that have shapes rigid as they are deformed. Collective."""
         order = [body.data.number for body in state.bodies]
         shaped = {b.data.number for b in state.bodies if b.data.shapes is not None} & numbers
+        self._shaped = shaped
         if not shaped:
             return
         left = {b.data.number: b for b in state.bodies if b.data.number not in shaped}
@@ -157,12 +161,18 @@ class Exchange:
             moving.reshape(-1, 3)[body.data.nodes] = body.velocities
             state.move(moving)
             rigid = _rigid(self._scene, self._forces, state, body)
-            left[body.data.number] = rigid if self.scales else _with_energy(self._scene, rigid)
+            if not self.scales:
+                wanted, rigid = rigid.data.frozen.vibration, _with_energy(self._scene, rigid)
+                self._owed += wanted - rigid.data.frozen.vibration
+            left[body.data.number] = rigid
         state.move(velocity)
         state.group(Bodies.of_each(left[number] for number in order))
 
     def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> Works:
         """Make a body of cells, unless their inertia is singular. Collective.
+
+        One of shapes that gains or loses cells keeps the energy of its expansion: what velocities
+        could not take of its difference to that of the cells stays with the strain energy.
 
         Args:
             state: Gains the body, which takes over rigid faces among its nodes. Displacement and
@@ -176,6 +186,9 @@ class Exchange:
         body = freeze(self._scene, self._forces, state, what)
         if body is None:
             return Works(0.0, 0.0)
+        if what.number in self._shaped:
+            frozen = replace(body.data.frozen, strain=body.data.frozen.strain + self._owed)
+            body, self._owed = replace(body, data=replace(body.data, frozen=frozen)), 0.0
         return self._include(state, body if self.shape is None else self.shape(body), prescribed)
 
     def _include(self, state: State, body: Body, prescribed: Bools) -> Works:
