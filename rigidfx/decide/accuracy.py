@@ -176,7 +176,7 @@ class Accuracy:
         take_fields(self)
 
     def finer(self, control: StepControl) -> StepControl:
-        """How Δt of the flexible twin is chosen, by that of the run: a quarter as long, or so."""
+        """How Δt of the flexible twin is chosen: a quarter as long as that of the run, or so."""
         tol, largest = float(control.tol) / FINER**2, control.most / FINER
         return StepControl(
             tol, control.at, largest=largest, smallest=control.least / FINER, of=control.of

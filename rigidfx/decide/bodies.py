@@ -81,10 +81,9 @@ Plan = Callable[[Bools, Bools], Decision]  # of cells that are able, without tho
 
 
 def qualify(worst: Array, tol: Array, observed: Bools, comm: MPI.Intracomm) -> tuple[Bools, float]:
-    """Cells whose largest strain rate in a window is at most the tolerance. Collective.
+    """Observed cells with rates in a window up to tolerances in the same unit. Collective.
 
-    Only owned cells count that were observed, flexible in the whole window. The second result is
-    how close the nearest decision was: the least |worst/tol - 1|, infinity where nothing was
+    And how close the nearest decision was: the least |worst/tol - 1|, infinity where nothing was
     compared.
     """
     compared = observed & (tol > 0)
@@ -100,16 +99,12 @@ def plan_bodies(
     next_number: int,
     comm: MPI.Intracomm,
 ) -> tuple[tuple[PlannedBody, ...], int]:
-    """Give clusters the identity of the bodies they come from. Collective.
+    """Give clusters in a fixed order the identity of the bodies they come from. Collective.
 
-    A cluster takes the number of the oldest body in it, unless another cluster that comes before
-    has taken it (the body has been divided); otherwise it gets a new one. It is called by the first
-    set in it that is rigid always, or by its number. Bodies come by increasing number, with the
-    next number that is free.
-
-    The origin of an owned cell is the number of the body it was in, or -1; sizes are numbers of
-    cells, over all ranks, of bodies before the change, and the next number is the first that no
-    body has had.
+    A cluster takes the number of the oldest body in it, by the origin of its cells, unless another
+    cluster that comes before has taken it (the body has been divided); otherwise it gets a new one.
+    It is called by the first set in it that is rigid always, or by its number. The result are the
+    bodies by increasing number, and the next number that is free.
     """
     taken: set[int] = set()
     bodies = []
@@ -271,10 +266,10 @@ class Planner:
         barred: Bools,
         next_number: int,
     ) -> Decision:
-        """Find the bodies of owned cells that are able to be rigid. Collective.
+        """Find the bodies of a decision of some kind and reason. Collective.
 
-        A cell stays in the existing body of a number, or NONE; if it is barred, it has to stay
-        flexible unless it is in one. The next number is the first that no body has had.
+        Cells that are able may be rigid, and those barred stay flexible if they are in no existing
+        body, whose number is given, or NONE.
         """
         while True:
             clusters = find_clusters(self._graph, able, existing, barred, self._least)
@@ -308,11 +303,7 @@ def paying(
     barred: Bools,
     comm: MPI.Intracomm,
 ) -> Decision:
-    """The freeze of the parts that pay, of the state at the end of a window. Collective.
-
-    Bodies are found of the owned cells that are able to freeze, without those that are barred; the
-    memory knows for how long cells have been quiet.
-    """
+    """The freeze of the parts that pay, of those that are able and not barred. Collective."""
     window, observed = memory.window, memory.back_off.observed
     quiet = np.asarray(window.steps * (1 + observed / (seen.t - window.start)))
     while True:

@@ -117,10 +117,10 @@ class CellGraph:
         return np.asarray(nodes[self._nodes[: self.owned]].any(axis=1))
 
     def components(self, members: Bools, groups: Ints) -> Ints:
-        """The least number of a cell in each owned cell's component, NONE without one. Collective.
+        """Connected components of member cells through facets, and through groups. Collective.
 
-        Members are connected through facets; those of a group, a number ≥ 0, are so in any case.
-        Cells of none have NONE.
+        Numbers of groups are at least 0, NONE for cells in none. The result is the least number of
+        a cell in the component of each owned cell, NONE without one.
         """
         inside = self.with_ghosts(members) > 0
         a, b = self._pairs[:, inside[self._pairs].all(axis=0)]
@@ -189,9 +189,9 @@ def find_clusters(
 ) -> tuple[Cluster, ...]:
     """Bodies by the rules above, ordered by their labels. Collective.
 
-    Of each owned cell is known whether it may be rigid; the number ≥ 0 of the existing body it
-    belongs to, or NONE; and whether it is barred, flexible unless it is in an existing body. No two
-    of these share a node. New bodies have `min_cells` at least.
+    For each owned cell it is given whether it may be rigid, the number of the existing body that it
+    is in, or NONE, and whether it has to stay flexible in none. No two existing bodies share a
+    node, and a new one has `min_cells` at least.
     """
     old = existing >= 0
     new = rigid & ~barred & ~old
@@ -211,9 +211,9 @@ def find_clusters(
 
 
 def _large_enough(graph: CellGraph, labels: Ints, old: Bools, min_cells: int) -> tuple[Ints, Ints]:
-    """Labels of cells, NONE in small components that hold no existing body. Collective.
+    """The cells without small components that hold no existing body, as labels. Collective.
 
-    Those that are left come second, in the order of precedence: the last goes first.
+    And the labels that are left in the order of precedence, of which the last goes first.
     """
     kept = set(np.concatenate(graph.comm.allgather(np.unique(labels[old]))).tolist())
     left = {k: n for k, n in graph.sizes(labels).items() if n >= min_cells or k in kept}
@@ -225,7 +225,8 @@ def _large_enough(graph: CellGraph, labels: Ints, old: Bools, min_cells: int) ->
 def _loose(graph: CellGraph, labels: Ints, precedence: Ints, old: Bools) -> Bools:
     """Owned cells to be taken out since another body keeps a node of theirs. Collective.
 
-    The last label of the precedence goes first; old cells, of existing bodies, always stay.
+    Of labels of components the last in precedence goes first; old cells of bodies are never taken
+    out.
     """
     count = max(len(precedence), 1)
     by_label = np.argsort(precedence)

@@ -182,9 +182,9 @@ class BackOff:
         self.windows[failed], self.observed[failed] = 0, 0.0
 
     def switched(self, rigid: Bools, t: float, counts: bool) -> bool:
-        """Record which cells are rigid after an event at t [s]: whether one has to wait longer.
+        """Record which cells are rigid after an event at t; whether one has to wait longer now.
 
-        Hasty releases count, but not planned ones.
+        A release that was planned does not count as hasty.
         """
         was = self.rigid
         released, frozen = was & ~rigid, rigid & ~was
@@ -331,9 +331,9 @@ class Signals:
 
 
 def longest_period(t: Array, signals: Array) -> float:
-    """The longest period [s] at which signals of one kind, shape (n, signals), oscillate.
+    """The longest period at which signals of one kind oscillate, shape (n, signals) [s].
 
-    Times increase. The period is 0 if nothing oscillates, NaN if the record is too short to tell.
+    Zero if nothing oscillates, NaN if the record is too short to tell.
     """
     if signals.shape[1:] == (0,):
         return 0.0

@@ -46,14 +46,8 @@ class Releases:
     ) -> tuple[list[str], Bools | None]:
         """Why cells are released at t [s], and which owned ones; None if none are. Collective.
 
-        Args:
-            t: Time [s].
-            report: The argument of a user's condition.
-            bodies: The bodies at t.
-            before: Whether the step has not been accepted yet.
-
-        Raises:
-            SceneError: If a condition fails, or names a body that there is not.
+        A user's condition gets the report, before the step is accepted if so. One that fails, or
+        names a body that there is not, is a SceneError.
         """
         reasons: list[str] = []
         released: Bools | None = None

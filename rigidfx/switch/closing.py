@@ -64,12 +64,9 @@ class Closing:
         return values
 
     def impulses(self, y: Array, fixed: Array, driven: bool) -> Array:
-        """Λ that close the joints, one per row [N s, N m s]. Collective.
+        """Λ by velocities y that close the joints, one per row [N s, N m s]. Collective.
 
-        Args:
-            y: These velocities.
-            fixed: Velocities of nodes that supports give, zero elsewhere, one per row [m/s].
-            driven: Whether motors have their speeds; they rest otherwise.
+        Supports give velocities of nodes, zero elsewhere [m/s]; motors rest if they are not driven.
         """
         rates = self._D @ self._sum(self._E.T @ y) + self._linkage.rates(fixed)
         if driven:

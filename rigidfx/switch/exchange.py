@@ -59,9 +59,11 @@ class Works(NamedTuple):
 
 
 def freeze(scene: Scene, forces: InternalForces, state: State, what: PlannedBody) -> Body | None:
-    """A rigid body of cells in their present shape, with the momenta of its own mass. Collective.
+    """Make a body of planned cells, unless their inertia is singular; see `release`. Collective.
 
-    None if its inertia is singular. The state is up to date at its nodes.
+    It takes over rigid faces among its nodes, whose displacement and velocity are up to date.
+    One of shapes that gains or loses cells keeps the energy of its expansion: what velocities could
+    not take of its difference to that of the cells stays with the strain energy.
     """
     n = scene.owned_nodes
     u, v = (f.x.array[: 3 * n].reshape(-1, 3) for f in (state.u, state.v))
@@ -123,15 +125,9 @@ class Exchange:
         self._owed, self._shaped = 0.0, set[int]()
 
     def release(self, state: State, numbers: Set[int], prescribed: Bools) -> Works:
-        """Make bodies flexible. Collective.
+        """Make bodies of a state flexible; the work of supports and motors. Collective.
 
-        Args:
-            state: Loses these bodies.
-            numbers: Numbers of bodies.
-            prescribed: For each owned dof, whether a support prescribes it.
-
-        Returns:
-            Work of supports and motors.
+        Supports prescribe some owned dofs.
         """
         self._owed, self._shaped = 0.0, set()
         if not numbers:
@@ -197,13 +193,9 @@ class Exchange:
         return Works(0.0, 0.0)
 
     def settle(self, state: State, division: Division, prescribed: Bools) -> None:
-        """Settle the bodies of a division, momenta and energy kept. Collective.
+        """Settle the bodies of a division in a state, momenta and energy kept. Collective.
 
-        Args:
-            state: Gets these bodies. Those of them that it has not had, parts that are named
-                rigid, have the momenta of their own mass.
-            division: The division.
-            prescribed: For each owned dof, whether a support prescribes it.
+        Parts named rigid that it has not had have the momenta of their own mass.
         """
         state.group(division.bodies)
 

@@ -34,16 +34,8 @@ def face_bodies(
 ) -> list[Body]:
     """The bodies of carried masses, and of the rigid faces that no other body has. Collective.
 
-    Args:
-        scene: The problem.
-        forces: Internal forces.
-        state: Current state; faces that are bodies in it keep their motion.
-        held: For each owned node, whether another body or a support that clamps a part has it.
-        first: Number of the body of the first face.
-        others: Bodies that there are already, maybe of carried masses too.
-
-    Raises:
-        SceneError: On every rank, if the nodes of a face lie on a line.
+    Faces that are bodies in the state keep their motion. Other bodies and supports that clamp a
+    part hold some owned nodes. Nodes of a face that lie on a line are a SceneError on every rank.
     """
     out: list[Body] = []
     known = {body.data.name: body for body in state.bodies}
@@ -77,15 +69,9 @@ def has_bodies(scene: Scene) -> bool:
 
 
 def with_faces(scene: Scene, forces: InternalForces, state: State) -> set[int]:
-    """Add as bodies of a state, last, all rigid faces that no other one holds. Collective.
+    """Add to a state, last, all rigid faces that no body holds; their numbers. Collective.
 
-    Args:
-        scene: The problem.
-        forces: Internal forces.
-        state: It gains the faces that it has not, with the motion that fits their nodes.
-
-    Returns:
-        Numbers of the faces that it has gained.
+    They have the motion that fits their nodes.
     """
     if not has_bodies(scene):
         return set()

@@ -100,13 +100,9 @@ class Growth(Watch):
     def __init__(
         self, stepper: Stepper, forces: BodyForces, indicator: Indicator, dt: float
     ) -> None:
-        """Nothing has grown.
+        """Nothing has grown: the present state is the start, about which the structure responds.
 
-        Args:
-            stepper: Solves the steps; its state is the start, about which the structure responds.
-            forces: Knows ρ.
-            indicator: A measure of its own for strains.
-            dt: Nominal Δt [s].
+        An indicator of its own measures strains; dt is the nominal Δt [s].
         """
         self._stepper, self._forces, self._dt = stepper, forces, dt
         scene, self.control = stepper.scene, GrowthControl()
@@ -201,11 +197,9 @@ class Growth(Watch):
     # A step ---------------------------------------------------------------------------------------
 
     def look(self, attempt: Attempt, limits: Callable[[], Limits] | None = None) -> Looked:
-        """What an attempt calls for. Collective.
+        """What an attempt that was solved calls for. Collective.
 
-        Args:
-            attempt: A step that has been solved.
-            limits: Gives the strain rates that wake cells; None where nothing may change any more.
+        Limits are those that wake cells; without them nothing may change any more.
         """
         self._forces.bear(attempt.t, attempt.dt)
         if not self._forces.borne:
@@ -389,16 +383,10 @@ class Growth(Watch):
         return float(np.sqrt(max(stiff, 0.0) / heavy)) if heavy > 0 else np.inf
 
     def _part(self, motion: Array, omega: Array, cells: Indices, limits: Limits) -> Array:
-        """Strain rates, or displacements, by a vibration over those allowed. Collective.
+        """Strain rates, or displacements, by a vibration over those allowed, by owned cells.
 
-        Args:
-            motion: Its amplitude at the owned nodes, shape (nodes, 3) [m].
-            omega: Its frequency in each owned cell [1/s].
-            cells: Owned cells that are asked for.
-            limits: Those allowed.
-
-        Returns:
-            Of all owned cells; zero in those that are not asked for.
+        Its amplitude is at the owned nodes [m], its frequency in owned cells [1/s]. Cells that are
+        not asked for have zero.
         """
         out = np.zeros(omega.size)
         if limits.rates is None:

@@ -37,14 +37,10 @@ Shape = Callable[[Any, Body, Hold | None], Body]  # of a `Reduced` part
 
 
 def check_clamps(scene: Scene, timeline: Timeline) -> bool:
-    """Look ahead: will supports hold named bodies in a way that is refused? Collective.
+    """Whether a support ever clamps a named body: all that they will hold is looked at. Collective.
 
-    Returns:
-        Whether a support ever clamps a named body.
-
-    Raises:
-        SceneError: If a support, at any time, holds a body other than by clamping it whole, or
-            clamps one whose mass is given, or that a resultant acts on then.
+    A SceneError tells of one that holds a body other than by clamping it whole, or clamps one whose
+    mass is given, or that a resultant acts on then.
     """
     windowed = [*scene.named(Support), *scene.named(Resultant)]
     times = sorted({0.0, *(t for e in windowed for t in e.ends if t > 0)})
@@ -93,18 +89,10 @@ def divide(
 ) -> Division:
     """Divide the cells into flexible ones, bodies, and those that supports move. Collective.
 
-    Args:
-        scene: The problem.
-        forces: Internal forces, which know the cells of each material.
-        state: Current state; named bodies that are in it already keep data and motion.
-        active: Supports that act now.
-        found: Further bodies. Those that hold named sets stand for these.
-        shape: Gives a body of a `Reduced` part its shapes, and is told which supports hold it, if
-            any do; such parts are flexible if None, as in modes, but for `stiff` cells.
-
-    Raises:
-        SceneError: If two bodies share a node, or a support holds a body other than by clamping
-            it whole.
+    Named bodies that are in the state keep data and motion. Found ones that hold named sets stand
+    for these. `shape` gives a body of a `Reduced` part its shapes, and is told which supports hold
+    it, if any do; such parts are flexible without it, as in modes, but for `stiff` cells. Bodies
+    that share a node, and supports that hold one other than by clamping it whole, are a SceneError.
     """
     bodies: list[Body] = []
     rigid: list[Indices] = [body.data.cells for body in found]

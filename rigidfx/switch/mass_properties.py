@@ -61,13 +61,9 @@ def mass_properties(
 ) -> MassProperties:
     """Rigid-body data of cells and nodes, equations (34)-(39). Collective.
 
-    Args:
-        scene: The problem.
-        cells: Owned cells by subdomain id; their mass counts if it is consistent.
-        nodes: Owned nodes, sorted; their mass counts if it is lumped, point masses always.
-        x: Position of all owned nodes, shape (nodes, 3) [m].
-        v: Velocity of all owned nodes, shape (nodes, 3) [m/s].
-        masses: Of the nodes, in place of all these; see there if None [kg].
+    Masses of cells count if they are consistent, of sorted owned nodes if they are lumped, point
+    masses always, or given ones of the nodes in their place [kg]. Positions x [m] and velocities v
+    [m/s] are of all owned nodes, shape (nodes, 3).
     """
     total = np.asarray(scene.sum(np.r_[x[nodes].sum(axis=0), nodes.size]))
     reference = total[:3] / max(total[3], 1.0)

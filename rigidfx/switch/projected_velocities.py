@@ -59,13 +59,8 @@ class RigidFields:
     ) -> None:
         """Make P and the reduced mass matrix. Collective.
 
-        Args:
-            scene: The problem.
-            state: Its rigid bodies are in their present pose, displacements outside of them known.
-            prescribed: For each owned dof, whether a support prescribes it.
-            mass: M of all cells but those in bodies whose mass is given.
-            motors: Motors that act and prescribe a motion.
-            dt: See `Motor.speed_at`.
+        Bodies of the state are in their present pose, displacements outside of them known. M is
+        that of all cells but those in bodies whose mass is given; for dt see `Motor.speed_at`.
         """
         self._mass, bodies = mass, state.bodies
         layout = rigid_fields(scene, bodies.of, prescribed)
@@ -132,14 +127,9 @@ class RigidFields:
     ) -> Field:
         """The field with given momenta in all its directions. Collective.
 
-        Args:
-            momenta: At all owned dofs [kg m/s].
-            of_given: Six of each body, those of its own mass where that is given [kg m/s].
-            v_prescribed: Velocity of the held dofs [m/s].
-            driven: Whether motors have their speeds; they rest otherwise.
-
-        Raises:
-            StepError: If conjugate gradients do not converge.
+        These are at all owned dofs, and six of each body whose mass is given [kg m/s]; held dofs
+        have given velocities [m/s], and motors their speeds if they are driven. A StepError tells
+        that conjugate gradients do not converge.
         """
         fixed, impulses = self._fixed(v_prescribed), None
         rest = momenta - self.momenta(fixed)

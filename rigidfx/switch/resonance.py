@@ -120,12 +120,9 @@ class Resonance:
     def advance(
         self, forces: Sequence[tuple[Fields, Force]], lacking: Mapping[int, float], dt: float
     ) -> None:
-        """Advance by a step, and forget other bodies. Collective.
+        """Advance by Δt with ρ⊥ of bodies and the lowest ω that each lacks [1/s]; forget others.
 
-        Args:
-            forces: ρ⊥ of bodies.
-            lacking: The lowest ω that each lacks, by number [1/s].
-            dt: Δt [s].
+        Collective.
         """
         known, pairs, out = [], [], {}
         for fields, force in forces:

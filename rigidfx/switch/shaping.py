@@ -92,20 +92,13 @@ class Shaping:
         return self._responses
 
     def shaped(self, state: State, effect: Reduced, body: Body, hold: Hold | None) -> Body:
-        """A body with its shapes, where it was rigid. Collective.
+        """A body that an effect names, frozen just now, with its shapes. Collective.
 
-        The shapes take over what they can of the nodes' velocities. They have no momenta beside
-        rigid motions, so that those of the body stay.
-
-        Args:
-            state: Displacements and velocities, up to date at the body's nodes.
-            effect: What names the part.
-            body: The body, frozen just now.
-            hold: The supports in it, if any, where shapes are zero but those that follow guides.
-                It moves as these do, which is for the step to say: see `HeldBodies.moving`.
-
-        Raises:
-            SceneError: On every rank, if the part cannot have as many shapes, or buckles.
+        The shapes take over what they can of the nodes' velocities, which the state has up to date.
+        They have no momenta beside rigid motions, so that those of the body stay. Where supports
+        hold it, shapes are zero, but those that follow guides; it moves as these do: see
+        `HeldBodies.moving`. If it cannot have as many shapes, or buckles, it is a SceneError on
+        every rank.
         """
         responses, count = self._bind(state), effect.shapes
         name = body.data.name
@@ -184,12 +177,8 @@ class Shaping:
     ) -> Body:
         """A body with other shapes, of which the first ones are those that it has. Collective.
 
-        Args:
-            body: The body.
-            part: All its shapes, zero where a support holds its frame.
-            held: Whether a support holds its frame.
-            spun: N of the shapes: see `Part.spun`; none if None.
-            given: Number of the first ones that follow supports.
+        All are zero where a support holds its frame, and the first ones that are given follow
+        supports; for N see `Part.spun`.
         """
         data, own, drift = body.data, self._part(body.data), None
         modes = part.modes
@@ -220,13 +209,8 @@ class Shaping:
     def grown(self, state: State, pressing: tuple[Ints, Array], dt: float) -> Bodies | None:
         """The bodies with shapes for nodes that press for the first time; None if none get any.
 
-        Collective.
-
-        Args:
-            state: Its bodies are those at the start of the step.
-            pressing: Owned nodes that contacts press, and directions of forces on each, shape
-                (nodes, 3, 3): see `ContactForces`.
-            dt: Length of the step, whose frequencies shapes follow [s].
+        Contacts press owned nodes in directions of the shape (nodes, 3, 3), see `ContactForces`;
+        shapes follow frequencies of a step of dt [s]. Collective.
         """
         new = ~self.pressed[pressing[0]]
         nodes, ways = pressing[0][new], pressing[1][new]
@@ -243,11 +227,9 @@ class Shaping:
 
         Those on its own nodes are unit forces. Others reach it through cells that deform, by their
         resultants: one and each coordinate are their weights. Nodes of the body have the order of
-        the mesh file, so that shapes are the same on any ranks.
-
-        Returns:
-            Forces along the main direction of each node, and along the others, in the body's frame,
-            shapes (owned nodes, 3, k); some of them may be zero.
+        the mesh file, so that shapes are the same on any ranks. The first result is along the main
+        direction of each node, the second along the others, in the body's frame, (owned nodes, 3,
+        k); some may be zero.
         """
         scene, own = self._scene, np.isin(nodes, body.data.nodes)
         numbers = scene.comm.allgather(self._numbers[nodes[own]])

@@ -22,12 +22,10 @@ from rigidfx.state import State
 
 
 def off_by(ratio: float) -> float:
-    """Bound of the relative error of amplitudes, by the share of energy that shapes lack.
+    """Bound of the relative error of amplitudes, by the share of energy that shapes lack: ν.
 
-    With ν forces err by 2 ν where the energy has a fourth order; with spin see above.
-
-    Args:
-        ratio: ν, or the square of a spin over that of the lowest frequency.
+    With ν forces err by 2 ν where the energy has a fourth order. With spin, see above, the share is
+    the square of it over that of the lowest frequency.
     """
     return 3 * ratio
 
@@ -42,13 +40,10 @@ class SpinLimits:
         self._slow = float(np.sqrt(LACKING / off_by(1.0)))  # spin over the lowest frequency
 
     def limit(self, body: Body, known: Array) -> float | None:
-        """Spin that a body has passed; None if it has not. Collective [rad/s].
+        """Spin that a body has passed; None if it has not [rad/s]. Collective.
 
-        Stresses by spins W are linear in WWᵀ, and shapes know those of a spin that stays.
-
-        Args:
-            body: The body.
-            known: Spin that its shapes know, in its frame, shape (3,) [rad/s].
+        Stresses by spins W are linear in WWᵀ, and shapes know those of a spin that stays, in its
+        frame.
         """
         own, W = body.data.shapes, body.motion.angular_velocity_body
         if not self._joints or own is None or own.drift is not None:

@@ -255,12 +255,9 @@ class Switch:
         return own if impact is None else impact + own
 
     def grow(self, dt: float) -> bool:
-        """Give bodies the shapes that the last attempt calls for; whether any. Collective.
+        """Give bodies shapes that the last attempt, of dt [s], calls for; whether any. Collective.
 
-        The attempt is to be made again then: a node that presses does so on shapes that yield.
-
-        Args:
-            dt: Length of the attempt [s].
+        It is to be made again then: a node that presses does so on shapes that yield.
         """
         if not self.shaping.grows:
             return False
