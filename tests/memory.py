@@ -10,22 +10,15 @@ from dolfinx import fem
 
 # Names of attributes, of all classes or of one.
 APART = {
-    *(
-        "_began",
-        "_flexible",
-        "_rigid",
-        "_switching",
-        "wall",
-        "Whereabouts._told",
-        "_compiled",
-    ),  # wall times
+    *("_began", "_flexible", "_rigid", "_switching", "wall", "_compiled"),  # wall times
+    "Whereabouts._told",
     *("changes", "_changes", "_asked", "_rotations", "_places", "_writes"),  # writes into a state
     *("scene", "_scene", "_element", "_here", "_columns"),  # as they were given, or by identity
     *("_field", "_cell_field", "_square"),  # refilled before they are read
     *("WholeMass._matrix", "WholeMass._without"),  # made when it is asked for
     *("_last", "Whereabouts._first", "held", "_seen"),  # reports, the preload, bodies by identity
     *("Growth._strains", "Growth._reached"),  # of a last look
-    *("Growth._found", "Growth._linear"),  # made when they are asked for
+    *("Growth._found", "Growth._linear", "Shortening._follows"),  # made when they are asked for
 }
 
 
