@@ -18,6 +18,7 @@ from rigidfx.decide.settings import Criterion
 from rigidfx.effects.action import Action
 from rigidfx.effects.base import Effect
 from rigidfx.effects.contacts.obstacles import Approach, Obstacle
+from rigidfx.effects.joints.sides import end_of
 from rigidfx.effects.nodes import SharedNodes
 
 MATERIAL = rf.StVenantKirchhoff(E=1e5, nu=0.3, rho=1000.0)
@@ -153,6 +154,11 @@ def test_the_spring_of_the_page(ends):
     assert np.abs(rows[:, 0] - rows[0, 0]).max() <= 1e-12 * rows[0, 0]
     assert np.abs(rows[:, 2:] - rows[0, 2:]).max() <= 1e-13 * np.abs(rows[0]).max()
     assert rows[:, 1].max() > 0.1 * rows[0, 0]
+
+
+def test_an_end_on_the_ground_needs_a_place():
+    with pytest.raises(rf.SceneError, match="Own: its end on the ground needs a place"):
+        end_of(rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (2, 1, 1)), MATERIAL), "Own", "ground")
 
 
 def test_the_spring_of_the_page_in_statics_and_modes():

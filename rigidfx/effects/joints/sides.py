@@ -123,7 +123,8 @@ def end_of(scene: Any, owner: str, side: Side, at: Point | None = None) -> Vecto
     if isinstance(side, Surface) or side == GROUND or side in rigid:
         found = side_of(scene, owner, side)
         if isinstance(found, Grounded):
-            assert given is not None
+            if given is None:
+                raise SceneError(f"{owner}: its end on the ground needs a place: give it [m].")
             return found.place(given)
         point = found.centre if given is None else given
         _check_place(scene, owner, side, found, point)
