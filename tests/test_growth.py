@@ -74,13 +74,15 @@ def test_growth_keeps_energy_and_momenta(mass):
 def test_products_of_fields_are_those_of_nodes(more, monkeypatch):
     """What a body withholds has no resultant, nothing along its shapes, and the size told."""
     seen, outside = [], Fields.outside
-    monkeypatch.setattr(
-        Fields, "outside", lambda *of: seen.append((*of, outside(*of))) or seen[-1][2]
-    )
+
+    def kept(fields, force):
+        seen.append((fields, outside(fields, force)))
+        return seen[-1][1]
+
+    monkeypatch.setattr(Fields, "outside", kept)
     run(scene := bar(blow(), rf.MassDamping(0.1), **more), t_end=0.5)
     seen = [own for own in seen if own[0].data.deforms_by]
-    assert len(seen) > 5
-    for fields, _, force in seen[:: len(seen) // 5]:
+    for fields, force in seen[:: len(seen) // 5]:
         values, shapes = fields.at_nodes(force), fields.data.shapes
         by_mass = values / np.sqrt(scene.averaging_mass[fields.data.nodes][:, None])
         assert size(scene, [(fields, force)]) == pytest.approx(np.linalg.norm(by_mass), rel=1e-6)

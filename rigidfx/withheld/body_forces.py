@@ -241,17 +241,15 @@ class BodyForces(Watch):
         fem.assemble_vector(b.x.array, self._linear.force(parts.cells))
         b.x.scatter_reverse(la.InsertMode.add)
         frozen = b.x.array[parts.rows.dofs].reshape(-1, 3)
-        self._fields = [
-            self._of(data, frozen[at], self._mass)
-            for data, at in zip(parts.bodies, parts.at, strict=True)
-        ]
-
-    def _of(self, data: RigidBody, frozen: Array, mass: Mass) -> Fields | None:
-        """The fields of a body; None of a part named `Reduced`: see ν. Collective."""
-        assert self._parts is not None
-        if data.shapes is not None and not data.shapes.images.shape[1]:
-            return None
-        return Fields(self._stepper.scene, self._parts.rows, data, mass, frozen)
+        known = {id(own.data): own for own in self._fields if own is not None}
+        self._fields = []
+        for data, at, places in zip(parts.bodies, parts.at, parts.coordinates, strict=True):
+            own = known.get(id(data))
+            # Nobody asks for the forces on a part named `Reduced`: see ν.
+            if own is None and (data.shapes is None or data.shapes.images.shape[1]):
+                inert = self._mass.of_directions(at, places)
+                own = Fields(self._stepper.scene, data, places, inert, frozen[at])
+            self._fields.append(own)
 
     def forget(self) -> None:
         """Tell no forces of the present bodies any more. Collective."""

@@ -22,8 +22,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigidfx.base.types import Array, Indices, Ints
-from rigidfx.coupling.mass import Mass
-from rigidfx.coupling.rows import Rows
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.mechanics.rotation import IDENTITY, skew
 from rigidfx.scene.scene import Scene
@@ -77,19 +75,17 @@ class Fields:
     """
 
     def __init__(
-        self, scene: Scene, rows: Rows, data: RigidBody, mass: Mass, frozen: Array
+        self, scene: Scene, data: RigidBody, coordinates: Array, inert: Array, frozen: Array
     ) -> None:
         """Find the products of the fields of a body. Collective.
 
-        Frozen are f⁰, forces of the shape that it keeps, in its frame, shape (nodes, 3) [N].
+        At its nodes [1, V, Φ] are its coordinates, `inert` their products with the mass, both of
+        the shape (nodes, 4 + 3 m), and `frozen` the forces f⁰ in its frame, (nodes, 3) [N].
         """
         self.data, self._scene = data, scene
         self._m = m = scene.averaging_mass[data.nodes][:, None]
         self._light: Array = np.divide(1.0, m, out=np.zeros_like(m), where=m > 0)
         n, count = len(data.nodes), data.deforms_by
-        coordinates = data.coordinates()
-        places = coordinates[:, :4], coordinates[:, 4:]
-        inert = mass.of_directions(rows.positions(data.nodes), coordinates)
         alike = scene.sum(float(np.count_nonzero(inert != m * coordinates))) == 0
         # Those of a shape come after those of the one before: new ones are the last.
         head, each = (7, 6) if alike else (11, 9)
@@ -102,8 +98,7 @@ class Fields:
         # Numbers of fields, these or those by W, and whether it is the latter.
         self._parts: list[tuple[Ints, Array, bool]] = [
             (np.arange(3), frozen, False),
-            (self._places[:4], places[0], True),
-            (numbers[0], places[1], True),
+            (self._places, coordinates, True),
             (numbers[1], images, False),
         ]
         if not alike:
@@ -123,11 +118,11 @@ class Fields:
     def force(
         self, gained: Array, shorter: Array, q: Array, beside: Array, products: Array
     ) -> Force:
-        """ρ without what would move the body as a whole.
+        """ρ without the part that would move the body as a whole.
 
-        In the body's frame, numbers of [1, V, Φ] gain in a second what has the shape (4 + 3 m, 3)
-        [m/s², 1/s²], and the mean of the rotations is `shorter`, (3, 3). In the middle of the step
-        shapes have q [m]; f, of `products` h, is `beside`, (nodes, 3) [N].
+        `gained` is the rate at which numbers of [1, V, Φ] change, shape (4 + 3 m, 3) [m/s², 1/s²],
+        `shorter` the mean of the rotations, (3, 3), both in the body's frame. Shapes have q in the
+        middle of the step [m]. `beside` is f, (nodes, 3) [N], and `products` its h.
         """
         known = np.zeros((self.count, 3))
         known[:3] = -shorter
@@ -205,7 +200,7 @@ def dots(scene: Scene, pairs: Sequence[tuple[Fields, Force, Force]]) -> Array:
 def size(scene: Scene, forces: Sequence[tuple[Fields, Force]]) -> float:
     """Size of forces on some bodies, by masses: sqrt(Σ f·f/m) [N/√kg]. Collective."""
     square = dots(scene, [(fields, force, force) for fields, force in forces]).sum()
-    if square < CANCELS * sum(fields.terms(force) for fields, force in forces):
+    if square < CANCELS * abs(sum(fields.terms(force) for fields, force in forces)):
         square = scene.sum(sum(fields.square(force) for fields, force in forces))
     return float(np.sqrt(square))
 

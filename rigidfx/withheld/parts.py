@@ -27,6 +27,7 @@ class Parts:
         V: Positions of the rows' nodes relative to the centre of their body, in its frame, shape
             (nodes, 3) [m].
         shape: Displacement at the freeze, of the rows [m].
+        coordinates: Of each body, [1, V, Φ] of its nodes, shape (nodes, 4 + 3 m) [1, m, 1].
     """
 
     def __init__(
@@ -51,12 +52,8 @@ class Parts:
             self.V[at] = body.offsets
             shape[at] = body.displacement
         self.shape: Array = shape.reshape(-1)
-        self._weights = m = scene.averaging_mass[nodes]
-        most = max((body.deforms_by for body in bodies), default=0)
-        self._places: Array = np.zeros((nodes.size, 4 + 3 * most))
-        for body, at in zip(bodies, self.at, strict=True):
-            self._places[at, : 4 + 3 * body.deforms_by] = body.coordinates()
-        self._masses: Array = m[:, None] * self._places[:, :4]
+        self._weights = scene.averaging_mass[nodes]
+        self.coordinates = tuple(body.coordinates() for body in bodies)
         self._spans = tuple(map(_span, self.at))
         self._lengths = np.array([body.length for body in bodies])[:, None]
         self._inertia = self._inertia_of_each()
@@ -72,13 +69,12 @@ class Parts:
     def linear(self, numbers: Array) -> Array:
         """What is linear in a node's place in its body: [1, V, Φ₁, ...] times numbers of that.
 
-        Numbers have the shape (bodies, n, k), those that are missing are zero, and what they give
-        at the nodes of the rows (nodes, k).
+        Numbers have the shape (bodies, n, k); missing ones are zero. Shape (nodes, k).
         """
         out = np.empty((len(self.V), numbers.shape[2]))
-        n = min(numbers.shape[1], self._places.shape[1])
-        for own, of_body in zip(self._spans, numbers[:, :n], strict=True):
-            out[own] = self._places[own, :n] @ of_body
+        for k, (own, places) in enumerate(zip(self._spans, self.coordinates, strict=True)):
+            of_body: Array = numbers[k, : places.shape[1]]
+            out[own] = places[:, : len(of_body)] @ of_body
         return out
 
     def of_each(self, vectors: Iterable[Array]) -> Array:
@@ -95,8 +91,8 @@ class Parts:
         as `free_motions` says. The motion is one of `linear`, shape (bodies, 4, 3). Collective.
         """
         local = np.zeros((len(self.bodies), 4, 3))
-        for total, own in zip(local, self._spans, strict=True):
-            total[:] = self._masses[own].T @ u[own]
+        for total, own, places in zip(local, self._spans, self.coordinates, strict=True):
+            total[:] = places[:, :4].T @ (self._weights[own, None] * u[own])
         turning = axial(local[:, 1:]) / self._lengths
         sums = np.asarray(self._scene.sum(np.concatenate([local[:, 0], turning], axis=1)))
         out = np.empty_like(local)
