@@ -76,12 +76,10 @@ def freeze(scene: Scene, forces: InternalForces, state: State, what: PlannedBody
     offsets = x[what.nodes] - p.centre
     strain = float(fem.assemble_scalar(forces.bind_energy(cells)))
     strain, size = scene.sum([strain, what.cells.size])
-    turning = p.angular_velocity @ p.inertia @ p.angular_velocity
     excess: Array = np.zeros((3, 3))
     if scene.mass == "lumped":
         everywhere = state.X + state.u.x.array.reshape(-1, 3)
         excess = excess_of_lumping(scene, what.cells, everywhere)
-    rigid = 0.5 * float(p.mass * p.velocity @ p.velocity + turning)
     body = RigidBody(
         name=what.name,
         cells=what.cells,
@@ -99,7 +97,7 @@ def freeze(scene: Scene, forces: InternalForces, state: State, what: PlannedBody
             what.nodes,
             v[what.nodes] - motion.velocities(offsets),
             float(strain),
-            max(p.kinetic - rigid, 0.0),
+            max(p.kinetic - p.rigid, 0.0),
         ),
     )
     return Body(body, motion)

@@ -55,6 +55,12 @@ class MassProperties:
     kinetic: float
     singular: bool
 
+    @property
+    def rigid(self) -> float:
+        """Kinetic energy of the rigid motion of these momenta [J]."""
+        turning = self.angular_velocity @ self.inertia @ self.angular_velocity
+        return 0.5 * float(self.mass * self.velocity @ self.velocity + turning)
+
 
 def mass_properties(
     scene: Scene, cells: Cells, nodes: Indices, x: Array, v: Array, masses: Array | None = None

@@ -22,7 +22,7 @@ from petsc4py import PETSc
 from scipy.linalg import qr, solve_triangular
 from scipy.sparse import csr_array, dia_array
 
-from rigidfx.base.matrices import dense, distributed
+from rigidfx.base.matrices import distributed
 from rigidfx.base.types import Array, Ints
 from rigidfx.coupling.ports import RANK, independent
 from rigidfx.coupling.prolongation import Prolongation
@@ -41,15 +41,15 @@ class HeldRows:
         """Find the rows of the state's equations, with the bodies as they are there. Collective."""
         self._constraints, self._p = constraints, p
         linkage, ports = constraints.linkage, constraints.ports
+        active = linkage.rows.active.size
+        self._locked = np.r_[np.ones(active, dtype=bool), linkage.drives.prescribed]
         rows, terms, compliance = ports.resisted(linkage, bodies)
-        self._lead, self._everywhere = ports.lead(p.increments), ports.everywhere()
-        locked = linkage.drives.prescribed
-        locks = linkage.test()[linkage.rows.active.size + np.flatnonzero(locked)]
-        rows = np.vstack([rows, dense(locks @ self._lead)])
-        terms = np.vstack([terms, dense(abs(locks) @ abs(self._lead))])
-        independent_rows = csr_array(rows[independent(rows, terms, compliance)])
-        self.held = csr_array(independent_rows @ self._everywhere)
-        self._locked = np.r_[np.ones(linkage.rows.active.size, dtype=bool), locked]
+        locks, of_locks = ports.led(linkage.test()[np.flatnonzero(self._locked)[active:]])
+        rows = np.vstack([rows, locks])
+        kept = independent(rows, np.vstack([terms, of_locks]), compliance)
+        every = ports.everywhere()
+        self.held = csr_array(csr_array(rows[kept]) @ every)
+        self._averages = csr_array(csr_array(ports.lead(p.increments)) @ every)  # by unknowns
 
     def balance(self, y: PETSc.Vec, r: PETSc.Vec, masses: Array) -> None:
         """Set multipliers among unknowns y to forces of joints that balance r [N] best. Collective.
@@ -57,20 +57,18 @@ class HeldRows:
         At an equilibrium these are its own; elsewhere those that joints begin to have. Unknowns of
         this rank have masses [kg].
         """
-        rows, p = self._constraints, self._p
-        comm, linkage = p.comm, rows.linkage
-        gaps = rows.of_rows(r.array_r) / rows.scale
-        compliance, locked = linkage.compliance(), self._locked
-        every = csr_array(csr_array(linkage.test() @ self._lead) @ self._everywhere)
-        own = every[:, p.first_column : p.first_column + p.owned].toarray()
-        forces = np.zeros(linkage.count)
+        rows, p, locked = self._constraints, self._p, self._locked
+        own = csr_array(csr_array(rows.linkage.test()) @ self._averages)
+        own = own[:, p.first_column : p.first_column + p.owned].toarray()
+        forces = np.zeros(locked.size)
+        gaps, compliance = rows.of_rows(r.array_r) / rows.scale, rows.linkage.compliance()
         forces[~locked] = -gaps[~locked] / compliance[~locked]
         rest = r.array_r[: p.owned] + own.T @ forces
         G = own[locked]
-        least = np.sqrt(np.finfo(np.float64).eps) * comm.allreduce(masses.max(initial=0.0), MPI.MAX)
-        weighted = G / np.maximum(masses, least)
-        A, b = comm.allreduce(weighted @ G.T), comm.allreduce(weighted @ rest)
-        forces[locked] = comm.bcast(-np.linalg.lstsq(A, b, rcond=RANK)[0])
+        largest = p.comm.allreduce(masses.max(initial=0.0), MPI.MAX)
+        weighted = G / np.maximum(masses, np.sqrt(np.finfo(np.float64).eps) * largest)
+        A, b = p.comm.allreduce(weighted @ G.T), p.comm.allreduce(weighted @ rest)
+        forces[locked] = p.comm.bcast(-np.linalg.lstsq(A, b, rcond=RANK)[0])
         y.array[p.owned :] = (forces / rows.scale)[: rows.own]
 
     def stiffness_matrix(self, K: PETSc.Mat) -> PETSc.Mat:
@@ -78,13 +76,11 @@ class HeldRows:
 
         The caller destroys it. Collective.
         """
-        linkage, lead = self._constraints.linkage, self._lead
-        drives = linkage.drives
+        linkage, E = self._constraints.linkage, self._averages
         along = csr_array(linkage.test()[linkage.rows.active.size :])
-        springs = dia_array((drives.stiffness()[None], [0]), shape=(len(drives),) * 2)
+        springs = dia_array((linkage.drives.stiffness()[None], [0]), shape=2 * along.shape[:1])
         bent = linkage.curvature()  # of torques, which have no energy, the symmetric part
         C = csr_array(0.5 * (bent + bent.T) + along.T @ springs @ along)
-        E = csr_array(csr_array(lead) @ self._everywhere)
         own = csr_array(csr_array(E.T @ C @ E)[slice(*K.getOwnershipRange())])
         return distributed(own, K.getSizes(), K.comm)
 
@@ -94,24 +90,19 @@ def free_motions(held: csr_array, prolongation: Prolongation) -> tuple[PETSc.Mat
 
     Independent rows that are held, shape (rows, unknowns), are equal on all ranks.
     """
-    comm, count = prolongation.comm, held.shape[0]
+    comm, size, count = prolongation.comm, prolongation.size, held.shape[0]
     used = np.unique(held.tocoo().coords[1])
     rows = held[:, used].toarray()
     rows /= np.linalg.norm(rows, axis=1)[:, None]
     R, order = qr(rows, mode="r", pivoting=True)
     by = -solve_triangular(R[:count, :count], R[:count, count:])
     given, others, by = comm.bcast((used[order[:count]], used[order[count:]], by))
+    free = np.setdiff1d(np.arange(size), given)
+    row = np.r_[free, np.repeat(given, others.size)]
+    column = np.r_[np.arange(free.size), np.tile(np.searchsorted(free, others), count)]
+    values = np.r_[np.ones(free.size), by.ravel()]
+    Z = csr_array((values, (row, column)), shape=(size, free.size))
     first, owned = prolongation.first_column, prolongation.owned
-    mine = np.arange(first, first + owned)
-    is_free = ~np.isin(mine, given)
-    kept = np.flatnonzero(is_free)
-    # Unknowns that stay have the numbers of their order.
-    before = np.searchsorted(np.sort(given), np.r_[mine, others])
-    places = np.r_[mine, others] - before
-    at = np.flatnonzero((given >= first) & (given < first + owned))
-    of_given = np.repeat(given[at] - first, others.size), np.tile(places[owned:], at.size)
-    row, column = np.r_[kept, of_given[0]], np.r_[places[:owned][is_free], of_given[1]]
-    values = np.r_[np.ones(kept.size), by[at].ravel()]
-    Z = csr_array((values, (row, column)), shape=(owned, prolongation.size - count))
-    sizes = (owned, prolongation.size), (kept.size, prolongation.size - count)
-    return distributed(Z, sizes, comm), kept
+    kept = free[(free >= first) & (free < first + owned)] - first
+    sizes = (owned, size), (kept.size, free.size)
+    return distributed(csr_array(Z[first : first + owned]), sizes, comm), kept

@@ -35,7 +35,7 @@ from rigidfx.scene.summary import FURTHER
 from rigidfx.scene.weights import inertial_masses
 from rigidfx.shapes.part import LACKING
 from rigidfx.step.linear.eigenpairs import clusters, lowest
-from rigidfx.vibration.problem import NEGLECTED, Problem
+from rigidfx.vibration.problem import NEGLECTED, Problem, Spin
 
 CHEAP = 12_000  # unknowns up to which a description has periods unasked
 SAME = 1e-6  # relative distance of two ω² below which any combination of both shapes is a mode
@@ -108,8 +108,7 @@ class Modes:
             OutputError: If it cannot be written.
         """
         into: Path = self.scene.comm.bcast(path_of("Modes.write", "folder", folder))
-        body, path, problem = Body(self.scene.space), into / "modes.pvd", None
-        fields = [body.on_nodes(shape) for shape in self._scaled()]
+        path, problem, (body, fields) = into / "modes.pvd", None, self._scaled()
         if self.scene.comm.rank == 0:
             try:
                 into.mkdir(parents=True, exist_ok=True)
@@ -149,8 +148,7 @@ class Modes:
         check_camera("Modes.draw", view, up)
         if not len(self):
             raise SceneError("Modes.draw: there is no mode to draw.")
-        body = Body(self.scene.space)
-        fields = [body.on_nodes(u) for u in self._scaled()]
+        body, fields = self._scaled()
 
         def draw() -> None:
             grid, photographs = grid_of(body), []
@@ -163,17 +161,17 @@ class Modes:
 
         on_first_rank(self.scene.comm, draw, f"Modes: '{path}'")
 
-    def _scaled(self) -> list[Array]:
-        """The shapes with their largest displacement a tenth of the whole's size. Collective."""
-        scene = self.scene
-        X, n = scene.space.tabulate_dof_coordinates(), scene.owned_nodes
-        ends = np.r_[X[:n].max(axis=0, initial=-np.inf), -X[:n].min(axis=0, initial=np.inf)]
-        scene.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
-        size = float(np.linalg.norm(ends[:3] + ends[3:]))
-        largest = np.linalg.norm(self.shapes[:, :n], axis=2).max(axis=1, initial=0.0)
-        scene.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-        scale = SHOWN * size / np.maximum(largest, TINY)
-        return list(scale[:, None, None] * self.shapes)
+    def _scaled(self) -> tuple[Body, list[Array]]:
+        """The shapes on rank 0, their largest displacement a tenth of the whole's size. Collective.
+
+        They have the order of the body's points.
+        """
+        body, fields = Body(self.scene.space), []
+        size = np.linalg.norm(np.ptp(body.points, axis=0)) if body.points.size else 0.0
+        for shape in self.shapes:
+            u = body.on_nodes(shape)
+            fields.append(SHOWN * size / np.linalg.norm(u, axis=1).max(initial=TINY) * u)
+        return body, fields
 
 
 def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes:
@@ -207,40 +205,17 @@ def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes
     check_same(scene.comm, "modes", {"count": count, "about": about is not None})
     if about is not None:
         check_about("modes", scene, about)
-    found = _found(scene, about, count)
-    if (found.squares < 0).any():
-        state = "reference" if about is None else f"state at t = {about.t:g} s"
-        warn(
-            scene.comm,
-            f"modes: the {state} is unstable: {int((found.squares < 0).sum())} of the modes grow. "
-            "Take a state before the limit load.",
-        )
-    return found
-
-
-def _found(scene: Scene, about: Report | None, count: int, turns: bool = True) -> Modes:
-    """The modes about a state, which may turn. Collective.
-
-    It is a `SceneError` if Coriolis forces decide its motion as a whole.
-    """
-    problem = Problem(scene, about, turns)
-    try:
-        found = _modes(scene, problem, count)
-        _warn_of_lacking(scene, *problem.lacking(found.squares, found.shapes))
-        spin, moves = problem.spin, bool(problem.motions)
-    finally:
-        problem.destroy()
-    omega = float(np.linalg.norm(spin.omega))
-    decided = spin.turns and moves and found.squares.min(initial=0.0) < -SAME * omega**2
+    found, spin, loose = _found(scene, about, count)
+    turning = float(spin.omega @ spin.omega)
+    decided = loose and turning > 0 and found.squares.min(initial=0.0) < -SAME * turning
     if decided:
-        found = _found(scene, about, count, turns=False)
-    above = found.squares[found.squares > 0]
-    least = float(above.min(initial=np.inf))
-    if decided and omega**2 > NEGLECTED * least:
+        found, *_ = _found(scene, about, count, turns=False)
+    least = float(found.squares[found.squares > 0].min(initial=np.inf))
+    if decided and turning > NEGLECTED * least:
         raise SceneError(
-            f"modes: the state turns with {omega:.4g} rad/s, and nothing holds it against another "
-            "motion as a whole, which Coriolis forces decide; modes leave them out. Hold it by a "
-            "PrescribedRotation, or by a hinge with a Motor."
+            f"modes: the state turns with {np.sqrt(turning):.4g} rad/s, and nothing holds it "
+            "against another motion as a whole, which Coriolis forces decide; modes leave them "
+            "out. Hold it by a PrescribedRotation, or by a hinge with a Motor."
         )
     if spin.apart**2 > NEGLECTED * least:
         warn(
@@ -249,21 +224,40 @@ def _found(scene: Scene, about: Report | None, count: int, turns: bool = True) -
             f"{spin.apart:.4g} rad/s, and the lowest mode has {np.sqrt(least):.4g} rad/s. The "
             "centrifugal softening of these parts is left out. Take scenes of one part each.",
         )
+    if growing := int((found.squares < 0).sum()):
+        state = "reference" if about is None else f"state at t = {about.t:g} s"
+        warn(
+            scene.comm,
+            f"modes: the {state} is unstable: {growing} of the modes grow. Take a state before "
+            "the limit load.",
+        )
     return found
 
 
+def _found(
+    scene: Scene, about: Report | None, count: int, turns: bool = True
+) -> tuple[Modes, Spin, bool]:
+    """The modes about a state, how it turns, and whether a part is loose. Collective."""
+    problem = Problem(scene, about, turns)
+    try:
+        found = _modes(scene, problem, count)
+        _warn_of_lacking(scene, *problem.lacking(found.squares, found.shapes))
+        return found, problem.spin, bool(problem.motions)
+    finally:
+        problem.destroy()
+
+
 def _modes(scene: Scene, problem: Problem, count: int) -> Modes:
+    """The modes of a problem, those of equal frequencies aligned. Collective."""
     pairs = lowest(problem.K, problem.M, count, problem.motions, scale=problem.of_loads)
-    squares = pairs.values
-    centre = scene.centre_of(1.0, problem.places)
-    gamma = np.array([problem.participation(y, centre) for y in pairs.vectors]).reshape(-1, 6)
-    shapes = np.array([problem.at_nodes(y) for y in pairs.vectors])
-    shapes = shapes.reshape(len(pairs.vectors), scene.nodal_mass.size, 3)
+    n, centre = len(pairs.vectors), scene.centre_of(1.0, problem.places)
+    gamma = np.reshape([problem.participation(q, centre) for q in pairs.vectors], (n, 6))
+    shapes = np.reshape([problem.at_nodes(q) for q in pairs.vectors], (n, scene.nodal_mass.size, 3))
     pairs.destroy()
-    turn = _aligned(scene, squares, shapes)
+    turn = _aligned(scene, pairs.values, shapes)
     shapes = np.einsum("ij,jnk->ink", turn, shapes)
-    mass = scene.sum(inertial_masses(scene).sum())
-    return Modes(scene, squares, shapes, turn @ gamma, pairs.rigid, float(mass))
+    mass = float(scene.sum(inertial_masses(scene).sum()))
+    return Modes(scene, pairs.values, shapes, turn @ gamma, pairs.rigid, mass)
 
 
 def _warn_of_lacking(scene: Scene, off: Array, missing: Array) -> None:

@@ -20,25 +20,17 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from rigidfx.base.errors import together
 from rigidfx.base.matrices import distributed
-from rigidfx.base.types import Array
+from rigidfx.base.types import Array, Ints
 from rigidfx.coupling.mass import Mass
-from rigidfx.coupling.ports import RANK
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import (
-    Joint,
-    PointMass,
-    Reduced,
-    Rigid,
-    Spring,
-    SpringDamper,
-    Windowed,
-)
+from rigidfx.effects import Joint, PointMass, Reduced, Rigid, Spring, SpringDamper, Windowed
 from rigidfx.effects.damping import Centrifugal, StaticForces
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
@@ -53,6 +45,7 @@ from rigidfx.step.equations.equations import Equations
 from rigidfx.step.equations.supports import supports_of
 from rigidfx.step.system.rigid_motion import free_to_move
 from rigidfx.switch.inventory import divide
+from rigidfx.switch.mass_properties import MassProperties, mass_properties
 from rigidfx.switch.shaping import Shaping
 from rigidfx.vibration.joined import HeldRows, free_motions
 
@@ -88,36 +81,21 @@ class Spin:
 
 def spin_of(scene: Scene, state: State) -> Spin:
     """How a state turns, by the velocities of its nodes. Collective."""
-    n, count = scene.owned_nodes, scene.parts.count
-    part, middle = parts_of_nodes(scene), np.asarray(scene.centre_of_mass)
-    m = scene.averaging_mass[:n]
-    a = np.c_[np.ones(n), state.places - middle, state.velocities(np.arange(n))]
-    sums = np.zeros((count, 7, 7))
-    np.add.at(sums, part[:n], m[:, None, None] * a[:, :, None] * a[:, None])
-    sums = np.asarray(scene.sum(sums))
-    none = np.zeros(3)
-    whole = _fitted(sums.sum(axis=0))
-    omega, centre = (none, none) if whole is None else whole
-    own = [found[0] for k in range(count) if (found := _fitted(sums[k])) is not None]
-    apart = max((float(np.linalg.norm(each - omega)) for each in own), default=0.0)
-    return Spin(omega, middle + centre, apart)
+    x, every = state.places, np.arange(scene.owned_nodes)
+    v, part = state.velocities(every), parts_of_nodes(scene)[: every.size]
 
+    def turning(nodes: Ints) -> MassProperties | None:
+        p = mass_properties(scene, {}, nodes, x, v, scene.averaging_mass[nodes])
+        is_rigid = p.kinetic - p.rigid <= NEGLECTED * p.kinetic
+        return p if is_rigid and p.angular_velocity.any() else None
 
-def _fitted(sums: Array) -> tuple[Array, Array] | None:
-    """Angular velocity and a point of the axis of a motion that is rigid; None if it is not.
-
-    The sums are Σ m a aᵀ of a = [1, x, v], shape (7, 7).
-    """
-    sums = sums / sums[0, 0]
-    X, V = sums[0, 1:4], sums[0, 4:]
-    C, D = sums[1:4, 1:4] - np.outer(X, X), sums[1:4, 4:] - np.outer(X, V)
-    L = np.array([D[1, 2] - D[2, 1], D[2, 0] - D[0, 2], D[0, 1] - D[1, 0]])
-    omega = np.linalg.pinv(np.trace(C) * np.eye(3) - C, rcond=RANK, hermitian=True) @ L
-    energy = float(np.trace(sums[4:, 4:]))
-    left = energy - V @ V - omega @ L
-    if not (energy > 0 and omega.any()) or left > NEGLECTED * energy:
-        return None
-    return np.asarray(omega), np.asarray(X + np.cross(omega, V) / (omega @ omega))
+    omega, centre, whole = np.zeros(3), np.zeros(3), turning(every)
+    if whole is not None:
+        omega = whole.angular_velocity
+        centre = whole.centre + np.cross(omega, whole.velocity) / (omega @ omega)
+    of_parts = (turning(np.flatnonzero(part == k)) for k in range(scene.parts.count))
+    apart = [np.linalg.norm(p.angular_velocity - omega) for p in of_parts if p is not None]
+    return Spin(omega, centre, float(max(apart, default=0.0)))
 
 
 def softening(spin: Spin, mass: Mass, prolongation: Prolongation) -> PETSc.Mat:
@@ -170,22 +148,21 @@ class Problem:
         division = self._divided(scene, forces, acting, t)
         state.group(division.bodies)
         known = state, division, supports_of(acting)
-        self._equations = of = Equations("linear", scene, forces, *known)
-        self._scene, self._layout, self._mass = scene, of.layout, of.mass
-        self._prolongation = of.prolongation
-        self._prolongation.pose(state.bodies)
+        self._scene, self._of = scene, Equations("linear", scene, forces, *known)
+        p = self._of.prolongation
+        p.pose(state.bodies)
         self._blocks = state.bodies.led_mass_blocks
-        masses = self._mass.reduced(self._prolongation, self._blocks)
-        loose = bool(free_to_move(scene, of.prescribed, acting=acting))
+        masses = self._of.mass.reduced(p, self._blocks)
+        loose = bool(free_to_move(scene, self._of.prescribed, acting=acting))
         # A reference is without stresses, but a mechanism may be in balance there.
         loaded = about is not None or (loose and bool(scene.named(Joint)))
         if self._bind(acting, t, loaded, masses) > BALANCED and about is None:
-            self._equations.unbind()
+            self._of.unbind()
             self._bind(acting, t, False, masses)
         self._Z: Any = None  # the identity
         self._kept: Any = slice(None)  # which of y are q
         if self._rows is not None and self._rows.held.shape[0]:
-            self._Z, self._kept = free_motions(self._rows.held, self._prolongation)
+            self._Z, self._kept = free_motions(self._rows.held, p)
         self.K, self.M = self._in_q(self._stiffness()), self._in_q(masses)
         self.motions = self._rigid_motions() if loose else []
 
@@ -194,7 +171,7 @@ class Problem:
     ) -> Division:
         """The division of the cells; reduced parts are flexible in a state that turns. Collective.
 
-        They are so, too, where no load gives them shapes.
+        They are flexible where no load gives them shapes, too.
         """
         active, state = supports_of(acting), self._state
         named = {effect.name for effect in scene.named(Reduced)}
@@ -202,8 +179,7 @@ class Problem:
             until = max([t, *(b for b in scene.breakpoints if np.isfinite(b))]) + 1.0
             shaping = Shaping(scene, forces, acting, until, 0.0)
             found = divide(scene, forces, state, active, (), partial(shaping.shaped, state))
-            shapes = [b.shapes for b in found.bodies.of.records if b.name in named]
-            if all(own is not None for own in shapes):
+            if all(b.shapes is not None for b in found.bodies.of.records if b.name in named):
                 self.shaping = shaping
                 return found
             shaping.destroy()
@@ -214,35 +190,31 @@ class Problem:
 
         Dead loads act if it is loaded. The part of the loads that nothing balances is returned.
         """
-        p, bodies = self._prolongation, self._state.bodies
+        scene, of, bodies = self._scene, self._of, self._state.bodies
         dead = [e for e in acting if e.is_dead and loaded]
-        lasting = [e for e in self._scene.effects if e.is_lasting and not e.is_windowed]
-        effects = [*lasting, *dead, *self.spin.forces]
+        lasting = [e for e in scene.effects if e.is_lasting and not e.is_windowed]
         there = [e for e in acting if loaded or e.grows != "time"]
-        self._equations.bind(effects, there)
-        actions, linkage = self._equations.actions, self._equations.linkage
-        statics = self._equations
-        rows = statics.constraints
+        of.bind([*lasting, *dead, *self.spin.forces], there)
+        p, linkage, rows = of.prolongation, of.linkage, of.constraints
         self._rows = None if rows is None else HeldRows(rows, bodies, p)
-        actions.set_time(t, 1.0)
+        of.actions.set_time(t, 1.0)
         if linkage is not None:
-            together(self._scene.comm, "A motor", partial(linkage.set_time, t, 0.0))
-        statics.begin(1.0, None, np.zeros(p.prescribed.size), bodies)
-        y, r = statics.unknowns(), statics.unknowns()
-        statics.residual(y, r)
+            together(scene.comm, "A motor", partial(linkage.set_time, t, 0.0))
+        of.begin(1.0, None, np.zeros(p.prescribed.size), bodies)
+        y, r = of.unknowns(), of.unknowns()
+        of.residual(y, r)
         if self._rows is not None and loaded:
             self._rows.balance(y, r, masses.getDiagonal().array_r)
-            statics.residual(y, r)
-        loads = actions.loads
+            of.residual(y, r)
+        loads = of.actions.loads
         size = np.abs(loads.moments).sum() + np.abs(loads.torques).sum() + loads.vector.norm()
-        left = float(np.sqrt(self._scene.sum((r.array_r[: p.owned] ** 2).sum())))
+        left = float(np.sqrt(scene.sum((r.array_r[: p.owned] ** 2).sum())))
         y.destroy()
         r.destroy()
-        parts = self._scene.parts
-        extent = float(np.linalg.norm(parts.upper.max(axis=0) - parts.lower.min(axis=0)))
-        mass = float(self._scene.sum(inertial_masses(self._scene).sum()))
+        extent = np.linalg.norm(scene.parts.upper.max(axis=0) - scene.parts.lower.min(axis=0))
+        mass = float(scene.sum(inertial_masses(scene).sum()))
         efforts = 0.0 if linkage is None else float(np.abs(linkage.multipliers).sum())
-        self.of_loads = (float(size) + efforts) / (mass * extent)
+        self.of_loads = (float(size) + efforts) / (mass * float(extent))
         return left / size if size > 0 else 0.0
 
     @property
@@ -252,12 +224,11 @@ class Problem:
 
     def _stiffness(self) -> PETSc.Mat:
         """The tangent of statics at the state, by the unknowns, with joints. Collective."""
-        statics = self._equations
-        statics.tangent()
-        K = statics.tangent_matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+        self._of.tangent()
+        K = self._of.tangent_matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
         more = []
         if self.spin.turns:
-            more.append(softening(self.spin, self._mass, self._prolongation))
+            more.append(softening(self.spin, self._of.mass, self._of.prolongation))
         if self._rows is not None:
             more.append(self._rows.stiffness_matrix(K))
         for A in more:
@@ -278,32 +249,30 @@ class Problem:
 
         Shapes are (nodes, 3, 6) [m], and (bodies, 6 + m, 6).
         """
-        rows, bodies, turns = self._layout.rows, self._state.bodies, np.arange(3, 6)
-        x = rows.X + self._state.u.x.array[rows.dofs].reshape(-1, 3)
+        bodies, turns = self._state.bodies, np.arange(3, 6)
         of_bodies = np.zeros((*bodies.rates.shape, 6))
         of_bodies[:, :3] = rigid_motions(bodies.r - centre, 1.0)
         of_bodies[:, turns, turns] = bodies.of.length[:, None]
-        return rigid_motions(x - centre, 1.0), of_bodies
+        return rigid_motions(self.places[self._of.layout.rows.nodes] - centre, 1.0), of_bodies
 
     def _rigid_motions(self) -> list[PETSc.Vec]:
-        """Six of each connected part, some of which joints may prevent."""
-        scene, p, out = self._scene, self._prolongation, []
-        y = p.unknowns()
-        of_node = parts_of_nodes(scene)
-        of_row = of_node[self._layout.rows.nodes]
-        own = np.full(len(self._state.bodies), scene.parts.count)
+        """Six of each connected part, some of which joints may prevent. Collective."""
+        scene, out, y = self._scene, [], self._of.prolongation.unknowns()
+        of_node, parts = parts_of_nodes(scene), scene.parts
+        of_row = of_node[self._of.layout.rows.nodes]
         masses = (effect for effect in scene.named(PointMass) if effect.is_carried)
         carried = {effect.title: effect.remote.place.nodes for effect in masses}
-        for k, body in enumerate(self._state.bodies):
-            nodes = carried.get(body.data.name, body.data.nodes)
-            own[k] = of_node[nodes].min(initial=scene.parts.count)
+        records = self._state.bodies.of.records
+        nodes = (carried.get(data.name, data.nodes) for data in records)
+        own = np.array([of_node[some].min(initial=parts.count) for some in nodes], dtype=np.int64)
         of_body = np.empty_like(own)
         scene.comm.Allreduce(own, of_body, op=MPI.MIN)
-        for k in range(scene.parts.count):
-            of_nodes, of_bodies = self._moved(0.5 * (scene.parts.lower + scene.parts.upper)[k])
+        for k in range(parts.count):
+            of_nodes, of_bodies = self._moved(0.5 * (parts.lower + parts.upper)[k])
             of_nodes[of_row != k], of_bodies[of_body != k] = 0.0, 0.0
             for axis in range(6):
-                p.collapse(of_nodes[:, :, axis].reshape(-1), of_bodies[:, :, axis], y)
+                at_rows = of_nodes[:, :, axis].reshape(-1)
+                self._of.prolongation.collapse(at_rows, of_bodies[:, :, axis], y)
                 q = y.duplicate() if self._Z is None else self._Z.createVecRight()
                 q.array[:] = y.array_r[self._kept]
                 out.append(q)
@@ -312,7 +281,7 @@ class Problem:
 
     def _motion(self, q: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
         """Displacements of the rows [m], a new vector, and the unknowns of bodies. Collective."""
-        p, d, y = self._prolongation, self._layout.rows.vector(), q
+        p, d, y = self._of.prolongation, self._of.layout.rows.vector(), q
         if self._Z is not None:
             self._Z.mult(q, y := p.unknowns())
         six = p.bodies_part(y)
@@ -326,45 +295,42 @@ class Problem:
         """
         d, six = self._motion(q)
         f, own = d.duplicate(), (self._blocks @ six[:, :, None])[:, :, 0]
-        self._mass.mult(d, f)
-        momenta, once = f.array_r.copy(), float(self._scene.comm.rank == 0)
+        self._of.mass.mult(d, f)
+        of_rows, r = self._moved(centre)
+        found = self._scene.sum(f.array_r @ of_rows.reshape(-1, 6))
         d.destroy()
         f.destroy()
-        moved, r = self._moved(centre)
-        of_bodies = once * np.einsum("bi,bik->k", own, r)
-        return np.asarray(self._scene.sum(momenta @ moved.reshape(-1, 6) + of_bodies))
+        return np.asarray(found + np.einsum("bi,bik->k", own, r))
 
     def at_nodes(self, q: PETSc.Vec) -> Array:
         """Displacements of all local nodes by q, shape (nodes, 3) [m]. Collective."""
-        p, rows, bodies = self._prolongation, self._layout.rows, self._state.bodies
-        out, (d, six) = self._state.u.copy(), self._motion(q)
-        out.x.array[:] = 0.0
-        out.x.array[rows.dofs] = d.array_r
+        bodies, increments = self._state.bodies, self._of.prolongation.increments
+        out, (d, six) = fem.Function(self._scene.space), self._motion(q)
+        out.x.array[self._of.layout.rows.dofs] = d.array_r
         d.destroy()
-        u = out.x.array.reshape(-1, 3)
-        moved: Array = (p.increments.L @ six[:, :, None]).reshape(bodies.pose.shape)
+        moved: Array = (increments.L @ six[:, :, None]).reshape(bodies.pose.shape)
         for k, body in enumerate(bodies.of.records):
             a = body.coordinates()
-            u[body.nodes] = a @ moved[k, : a.shape[1]]
+            out.x.array.reshape(-1, 3)[body.nodes] = a @ moved[k, : a.shape[1]]
         out.x.scatter_forward()
-        return np.array(u)
+        return out.x.array.reshape(-1, 3).copy()
 
     def lacking(self, squares: Array, shapes: Array) -> tuple[Array, Array]:
         """See `Shaping.lacking`, of ω² [1/s²] and φ at local nodes; zero and none if unknown.
 
         Collective.
         """
-        scene = self._scene
         attached = (SpringDamper, Joint, Spring, Rigid)
-        others = [e for kind in attached for e in scene.named(kind) if not getattr(e, "deforms", 0)]
-        if self.shaping is None or others or not squares.size or squares.min() <= 0:
+        others = (e for kind in attached for e in self._scene.named(kind))
+        unknown = any(not getattr(e, "deforms", False) for e in others)
+        if self.shaping is None or unknown or not squares.size or squares.min() <= 0:
             return np.zeros(squares.size), np.zeros(0)
-        fields = shapes[:, : scene.owned_nodes].transpose(1, 2, 0)
+        fields = shapes[:, : self._scene.owned_nodes].transpose(1, 2, 0)
         return self.shaping.lacking(self._state.bodies, squares, fields)
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
-        for item in (*self.motions, self.K, self.M, self._Z, self.shaping, self._equations):
+        for item in (*self.motions, self.K, self.M, self._Z, self.shaping, self._of):
             if item is not None:
                 item.destroy()
 
