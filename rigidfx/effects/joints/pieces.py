@@ -6,10 +6,10 @@
 
 A row is g = Σ c p_i + Σ s p_k · p_l + constant, in metres: products of directions, which have no
 unit, are multiplied by the size of the joint. A free coordinate, an angle or a travel, is a
-function q(z) of two invariants z, products of averages. A force of it acts along the discrete
-gradient of docs/theory/joints.md, in a lock too, where q stays. q₁ - q₀ is found from Δz: the
-difference of two angles has the rounding of the angles, which the division by |Δz| magnifies where
-a machine is nearly at rest.
+function q(z) of two invariants z = ½ p · B p, products of averages. A force of it acts along the
+discrete gradient of docs/theory/joints.md, in a lock too, where q stays. q₁ - q₀ is found from Δz:
+the difference of two angles has the rounding of the angles, which the division by |Δz| magnifies
+where a machine is nearly at rest.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import pi
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -29,6 +29,8 @@ from rigidfx.effects.joints.averages import Sided, Vector
 
 SMALL = 1e-5  # gain of invariants, in lengths of a joint or none, whose cube is rounding
 
+# Coordinates ------------------------------------------------------------------------------------
+
 
 @dataclass(frozen=True)
 class Coordinate:
@@ -38,10 +40,13 @@ class Coordinate:
     invariants z of shape (..., 2).
     """
 
+    turns: ClassVar[bool] = False  # whether values that differ by whole turns are one pose
+
     averages: tuple[int, int, int]
 
-    def slopes(self, p: Array) -> Array:
-        """Derivatives of the invariants by the averages, shape (..., 2, 3, 3): linear in p."""
+    @property
+    def forms(self) -> Array:
+        """B of both invariants, shape (2, 3, 3)."""
         raise NotImplementedError
 
     def of(self, z: Array) -> Array:
@@ -56,33 +61,28 @@ class Coordinate:
         """Its gain by a gain of the invariants, of an angle between -π and π."""
         raise NotImplementedError
 
-    def continued(self, value: Array, before: Array) -> Array:
-        """The value nearest to an earlier one, of those that are the same pose."""
-        return value
+    def invariants(self, p: Array) -> tuple[Array, Array]:
+        """The invariants, shape (..., 2), and their derivatives by the averages, (..., 2, 3, 3)."""
+        slopes = self.forms @ p[..., None, :, :]
+        return 0.5 * _along(slopes, p), slopes
 
-    def invariants(self, p: Array) -> Array:
-        """The invariants, products of averages, shape (..., 2)."""
-        return 0.5 * _along(self.slopes(p), p)
-
-    def value(self, p: Array) -> Array:
-        """The coordinate where averages are at p."""
-        return self.of(self.invariants(p))
+    def value(self, p: Array, before: Array) -> Array:
+        """The coordinate where averages are at p, of equal ones the nearest to an earlier value."""
+        q = self.of(self.invariants(p)[0])
+        return q + 2 * pi * np.round((before - q) / (2 * pi)) if self.turns else q
 
     def gradient(self, p: Array) -> Array:
         """Its derivatives by the averages, shape (..., 3, 3)."""
-        slopes = self.slopes(p)
-        return _chained(self.slope(0.5 * _along(slopes, p)), slopes)
+        z, slopes = self.invariants(p)
+        return _chained(self.slope(z), slopes)
 
-    def secant(self, start: Array, moved: Array, size: Array | float) -> tuple[Array, Array]:
-        """∇̄q of a step, shape (..., 3, 3), and q₁ - q₀, shape (...).
-
-        Averages move from start by moved; q counts as large from `size` on.
-        """
-        slopes, z = self.slopes(start + 0.5 * moved), self.invariants(start)
+    def secant(self, start: Array, moved: Array, large: Array) -> tuple[Array, Array]:
+        """∇̄q of a step from start by moved, (..., 3, 3), and q₁ - q₀; `large` is a size of q."""
+        (z, _), (_, slopes) = self.invariants(start), self.invariants(start + 0.5 * moved)
         dz = _along(slopes, moved)
         slope, gained = self.slope(z + 0.5 * dz), self.gained(z, dz)
         unit: Array = np.ones_like(dz)
-        unit[..., 0] = size
+        unit[..., 0] = large
         scaled = dz / unit
         square = (scaled * scaled).sum(axis=-1)
         lacking = gained - (slope * dz).sum(axis=-1)
@@ -98,12 +98,12 @@ class Angle(Coordinate):
     are its cosine and sine, times lengths of directions.
     """
 
-    def slopes(self, p: Array) -> Array:
-        """Derivatives of the cosine and the sine."""
-        out = np.zeros((*p.shape[:-2], 2, 3, 3), p.dtype)
-        out[..., 0, 0, :], out[..., 0, 1, :] = p[..., 1, :], p[..., 0, :]
-        out[..., 1, 0, :], out[..., 1, 2, :] = -p[..., 2, :], -p[..., 0, :]
-        return out
+    turns = True
+
+    @cached_property
+    def forms(self) -> Array:
+        """B of the cosine p₁ · p₀ and the sine -p₂ · p₀."""
+        return np.array([[[0, 1, 0], [1, 0, 0], [0, 0, 0]], [[0, 0, -1], [0, 0, 0], [-1, 0, 0.0]]])
 
     def of(self, z: Array) -> Array:
         """The angle by its cosine and sine."""
@@ -115,12 +115,8 @@ class Angle(Coordinate):
 
     def gained(self, z: Array, dz: Array) -> Array:
         """Gain of the angle by that of its cosine and sine."""
-        (c, s), (dc, ds) = _split(z), _split(dz)
+        (c, s), (dc, ds) = np.moveaxis(z, -1, 0), np.moveaxis(dz, -1, 0)
         return np.asarray(np.arctan2(c * ds - s * dc, c * (c + dc) + s * (s + ds)))
-
-    def continued(self, value: Array, before: Array) -> Array:
-        """The angle with the turns that it has made."""
-        return np.asarray(value + 2 * pi * np.round((before - value) / (2 * pi)))
 
 
 class Travel(Coordinate):
@@ -130,12 +126,10 @@ class Travel(Coordinate):
     times the axis' length [m], and the square of that length.
     """
 
-    def slopes(self, p: Array) -> Array:
-        """Derivatives of the travel times the length, and of its square."""
-        axis, out = p[..., 2, :], np.zeros((*p.shape[:-2], 2, 3, 3), p.dtype)
-        out[..., 0, 0, :], out[..., 0, 1, :] = -axis, axis
-        out[..., 0, 2, :], out[..., 1, 2, :] = p[..., 1, :] - p[..., 0, :], 2 * axis
-        return out
+    @cached_property
+    def forms(self) -> Array:
+        """B of (p₁ - p₀) · p₂ and p₂ · p₂."""
+        return np.array([[[0, 0, -1], [0, 0, 1], [-1, 1, 0]], [[0, 0, 0], [0, 0, 0], [0, 0, 2.0]]])
 
     def of(self, z: Array) -> Array:
         """The travel, for an axis of any length."""
@@ -143,20 +137,15 @@ class Travel(Coordinate):
 
     def slope(self, z: Array) -> Array:
         """Derivatives of the travel by both invariants."""
-        along, square = _split(z)
+        along, square = np.moveaxis(z, -1, 0)
         length = np.sqrt(square)
         return np.stack([1 / length, -0.5 * along / (square * length)], axis=-1)
 
     def gained(self, z: Array, dz: Array) -> Array:
         """Gain of the travel, without its cancellation."""
-        (along, square), (more, longer) = _split(z), _split(dz)
+        (along, square), (more, longer) = np.moveaxis(z, -1, 0), np.moveaxis(dz, -1, 0)
         before, after = np.sqrt(square), np.sqrt(square + longer)
         return np.asarray((more - along / before * longer / (before + after)) / after)
-
-
-def _split(z: Array) -> tuple[Array, Array]:
-    """Both invariants, shape (...) each."""
-    return z[..., 0], z[..., 1]
 
 
 def _along(slopes: Array, d: Array) -> Array:
@@ -190,11 +179,7 @@ class Coordinates:
 
     def values(self, p: Array, before: Array) -> Array:
         """Their values where averages are at p, turns counted by earlier values [rad, m]."""
-
-        def found(kind: Coordinate, own: Ints) -> Array:
-            return kind.continued(kind.value(p[self.at[own]]), before[own])
-
-        return self._each((), found)
+        return self._each((), lambda kind, own: kind.value(p[self.at[own]], before[own]))
 
     def gradients(self, p: Array) -> Array:
         """Their derivatives by their averages at p, shape (coordinates, 3, 3)."""
@@ -207,10 +192,8 @@ class Coordinates:
         """
         h = float(np.finfo(np.float64).eps)
         x = p[self.at][:, None] + 1j * h * np.eye(9).reshape(9, 3, 3)
-        by_averages = self._each(
-            (9, 3, 3), lambda kind, own: np.asarray(kind.gradient(x[own]).imag / h)
-        )
-        return by_averages.reshape(-1, 9, 9)
+        bent = self._each((9, 3, 3), lambda kind, own: np.asarray(kind.gradient(x[own]).imag / h))
+        return bent.reshape(-1, 9, 9)
 
     def secants(self, start: Array, moved: Array, sizes: Array) -> tuple[Array, Array]:
         """∇̄q of a step, shape (coordinates, 3, 3), and q₁ - q₀: see `Coordinate.secant`."""
@@ -222,43 +205,47 @@ class Coordinates:
         return slopes, gained
 
 
+# Rows -------------------------------------------------------------------------------------------
+
+# Vectors of a joint are its place on both sides, a and b, its axis, first and second across that,
+# and turned, which is the first one on the other side. These are of the first side:
+FIRST_SIDE = ("a", "axis", "turned")
+# By what both sides share: title of a row, and two directions that stay perpendicular.
+RIGHT_ANGLES = {
+    "axis": (("tilt 1", "axis", "first"), ("tilt 2", "axis", "second")),
+    "turn": (("turn", "turned", "second"),),
+}
+# Likewise: title, and normal of a plane that both places are in.
+PLANES = {"line": (("across 1", "first"), ("across 2", "second")), "plane": (("normal", "axis"),)}
+# By the coordinate that is free: its kind and vectors.
+FREE = {"angle": (Angle, ("turned", "first", "second")), "travel": (Travel, ("a", "b", "axis"))}
+
+
 @dataclass(frozen=True)
 class Row:
-    """A scalar constraint.
+    """A scalar constraint."""
 
-    Attributes:
-        title: Direction that it holds, in words.
-        linear: Number of an average, its component and the factor, of each linear term.
-        products: Numbers of two averages and the factor, of each product.
-    """
-
-    title: str
-    linear: tuple[tuple[int, int, float], ...] = ()
-    products: tuple[tuple[int, int, float], ...] = ()
+    title: str  # direction that it holds, in words
+    linear: tuple[tuple[int, int, float], ...] = ()  # an average, its component, and the factor
+    products: tuple[tuple[int, int, float], ...] = ()  # two averages and the factor
 
 
 class Pieces:
-    """The averages and rows of a joint: what it holds and leaves of a place and an axis.
-
-    Each average is added when it is first needed.
-
-    Attributes:
-        size: Length that products of directions are multiplied by [m].
-        mass: Mass that the joint moves, in order of magnitude [kg].
-        averages: Vectors that rows are made of.
-        sides: Side that each of them is of, 0 or 1.
-        rows: The rows.
-        coordinates: Free coordinates of the joint, by name: "angle", "travel".
-    """
+    """The averages, rows and free coordinates of a joint at a place [m] with an axis."""
 
     def __init__(self, a: Sided, b: Sided, at: Array, axis: Array) -> None:
-        """Begin without rows, at a place [m] and with an axis of unit length at the start."""
-        self.size, self.mass = float(min(a.size, b.size)), float(min(a.mass, b.mass))
-        self.averages: list[Vector] = []
-        self.sides: list[int] = []
+        """Begin without rows; the axis has unit length."""
+        self.size = float(min(a.size, b.size))  # that products of directions are multiplied by [m]
+        self.mass = float(min(a.mass, b.mass))  # that the joint moves, in order of magnitude [kg]
+        self.averages: list[Vector] = []  # each is added when it is first needed
+        self.sides: list[int] = []  # side that each of them is of, 0 or 1
         self.rows: list[Row] = []
-        self.coordinates: dict[str, Coordinate] = {}
-        self._of, self._at, self._axis = (a, b), at, axis
+        self.coordinates: dict[str, Coordinate] = {}  # by name: "angle", "travel"
+        across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+        across = across / np.linalg.norm(across)
+        self._of, self._at, self._numbers = (a, b), at, dict[str, int]()
+        self._frame: dict[str, Any] = {"axis": axis, "first": across, "turned": across}
+        self._frame["second"] = np.cross(axis, across)
 
     def _add(self, average: Vector, side: int) -> int:
         """Number of an average, which is added to a side."""
@@ -270,78 +257,35 @@ class Pieces:
         """Number of a direction of a side, which is added."""
         return self._add(self._of[side].direction(a), side)
 
-    @cached_property
-    def points(self) -> tuple[int, int]:
-        """Numbers of the place on both sides."""
-        return self._add(self._of[0].place(self._at), 0), self._add(self._of[1].place(self._at), 1)
-
-    @cached_property
-    def along(self) -> int:
-        """Number of the axis, which is of the first side."""
-        return self.direction(self._axis, 0)
-
-    @cached_property
-    def across(self) -> tuple[int, int]:
-        """Numbers of two directions across of the second side."""
-        one, other = _perpendiculars(self._axis)
-        return self.direction(one, 1), self.direction(other, 1)
-
-    @cached_property
-    def turned(self) -> int:
-        """Number of the first of these directions on the first side."""
-        return self.direction(_perpendiculars(self._axis)[0], 0)
+    def _number(self, name: str) -> int:
+        """Number of a vector by its name."""
+        if name not in self._numbers:
+            k, way = int(name not in FIRST_SIDE), self._frame.get(name)
+            side = self._of[k]
+            vector = side.place(self._at) if way is None else side.direction(way)
+            self._numbers[name] = self._add(vector, k)
+        return self._numbers[name]
 
     def hold(self, shared: Iterable[str], left: Iterable[str] = ()) -> None:
         """Add rows: point, axis, turn, line, plane; and free coordinates: angle, travel."""
-        for name in (*(f"hold_{name}" for name in shared), *(f"leave_{name}" for name in left)):
-            getattr(self, name)()
-
-    def hold_point(self) -> None:
-        """Add that both sides have the place in common."""
-        a, b = self.points
-        self.rows += [Row(axis, linear=((a, i, 1.0), (b, i, -1.0))) for i, axis in enumerate("xyz")]
-
-    def hold_axis(self) -> None:
-        """Add that both sides have the axis in common."""
-        along = self.along
-        for k, number in enumerate(self.across):
-            self.hold_right_angle(along, number, f"tilt {k + 1}")
-
-    def hold_turn(self) -> None:
-        """Add that the sides do not turn about the axis."""
-        self.hold_right_angle(self.turned, self.across[1], "turn")
-
-    def hold_line(self) -> None:
-        """Add that the places stay on one line along the axis."""
-        for k, number in enumerate(self.across):
-            self._hold_in_plane(number, f"across {k + 1}")
-
-    def hold_plane(self) -> None:
-        """Add that the places stay in one plane across the axis."""
-        self._hold_in_plane(self.along, "normal")
+        for held in shared:
+            if held == "point":
+                a, b = self._number("a"), self._number("b")
+                ends = (((a, i, 1.0), (b, i, -1.0)) for i in range(3))
+                self.rows += map(Row, "xyz", ends)
+            for title, one, other in RIGHT_ANGLES.get(held, ()):
+                self.hold_right_angle(self._number(one), self._number(other), title)
+            for title, normal in PLANES.get(held, ()):
+                a, b, n = (self._number(name) for name in ("a", "b", normal))
+                self.rows.append(Row(title, products=((b, n, 1.0), (a, n, -1.0))))
+        for free in left:
+            kind, (one, other, last) = FREE[free]
+            averages = self._number(one), self._number(other), self._number(last)
+            self.coordinates[free] = kind(averages)
 
     def hold_right_angle(self, a: int, b: int, title: str) -> None:
         """Add that two directions are perpendicular."""
         self.rows.append(Row(title, products=((a, b, self.size),)))
-
-    def _hold_in_plane(self, normal: int, title: str) -> None:
-        a, b = self.points
-        self.rows.append(Row(title, products=((b, normal, 1.0), (a, normal, -1.0))))
-
-    def leave_angle(self) -> None:
-        """Measure the angle about the axis."""
-        self.coordinates["angle"] = Angle((self.turned, *self.across))
-
-    def leave_travel(self) -> None:
-        """Measure the travel along the axis."""
-        self.coordinates["travel"] = Travel((*self.points, self.along))
-
-
-def _perpendiculars(axis: Array) -> tuple[Array, Array]:
-    """Two unit vectors that make a right-handed frame with a unit vector."""
-    first: Array = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    first /= np.linalg.norm(first)
-    return first, np.asarray(np.cross(axis, first))
 
 
 class Terms:
@@ -407,6 +351,5 @@ class Terms:
     def curvature(self, multipliers: Array, share: float) -> csr_array:
         """Derivative of Σ λ ∂g/∂p after a part of a step by p at its end, (3 · averages,) * 2."""
         own = slice(self._both)
-        return self._curvature.sparse(
-            np.tile(share * multipliers[self._row[own]] * self._f[own], 2)
-        )
+        values = share * multipliers[self._row[own]] * self._f[own]
+        return self._curvature.sparse(np.tile(values, 2))
