@@ -27,7 +27,7 @@ from scipy.sparse import csr_array
 
 from rigidfx.base.errors import together
 from rigidfx.base.matrices import distributed
-from rigidfx.base.types import Array, Ints
+from rigidfx.base.types import Array, Indices
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Joint, PointMass, Reduced, Rigid, Spring, SpringDamper, Windowed
@@ -81,21 +81,24 @@ class Spin:
 
 def spin_of(scene: Scene, state: State) -> Spin:
     """How a state turns, by the velocities of its nodes. Collective."""
-    x, every = state.places, np.arange(scene.owned_nodes)
-    v, part = state.velocities(every), parts_of_nodes(scene)[: every.size]
+    every = np.arange(scene.owned_nodes, dtype=np.int32)
+    x, v = state.places, state.velocities(every.astype(np.int64))
+    part = parts_of_nodes(scene)[: every.size]
 
-    def turning(nodes: Ints) -> MassProperties | None:
+    def turning(nodes: Indices) -> MassProperties | None:
         p = mass_properties(scene, {}, nodes, x, v, scene.averaging_mass[nodes])
         is_rigid = p.kinetic - p.rigid <= NEGLECTED * p.kinetic
         return p if is_rigid and p.angular_velocity.any() else None
 
-    omega, centre, whole = np.zeros(3), np.zeros(3), turning(every)
-    if whole is not None:
+    omega: Array = np.zeros(3)
+    centre: Array = np.zeros(3)
+    if (whole := turning(every)) is not None:
         omega = whole.angular_velocity
         centre = whole.centre + np.cross(omega, whole.velocity) / (omega @ omega)
-    of_parts = (turning(np.flatnonzero(part == k)) for k in range(scene.parts.count))
-    apart = [np.linalg.norm(p.angular_velocity - omega) for p in of_parts if p is not None]
-    return Spin(omega, centre, float(max(apart, default=0.0)))
+    of_parts = (turning(every[part == k]) for k in range(scene.parts.count))
+    spins = np.reshape([p.angular_velocity for p in of_parts if p is not None], (-1, 3))
+    apart = float(np.linalg.norm(spins - omega, axis=1).max(initial=0.0))
+    return Spin(omega, centre, apart)
 
 
 def softening(spin: Spin, mass: Mass, prolongation: Prolongation) -> PETSc.Mat:
