@@ -1,4 +1,4 @@
-"""Freeze cells as a rigid body, and release them: equations (34)-(43).
+"""Freeze cells as a rigid body, and release them: equations (34)-(43), exact in energy and momenta.
 
 At the freeze a body takes over the momenta of its nodes, by one 6×6 system. It keeps its deformed
 shape, and hence its strain energy, and in its frame the difference velocities (40) of its nodes
@@ -11,13 +11,22 @@ and momenta and total energy do not change, however the body moved in between (4
 of a body (growth, merging, loss of some cells) is a release of all bodies concerned and a new
 freeze in the same instant; handing ΔV to some of the nodes only would break all three balances.
 
+A consistent mass couples a body's nodes with the flexible ones round it, and joints couple bodies.
+So no exchange by the body's nodes alone keeps all balances. Then velocities are projected, in the
+metric of the mass, on the fields that are rigid in the bodies and keep joints closed
+(`projected_velocities`). The removed part has no momenta, since rigid motions of the whole are
+among these fields, and its energy is exactly the difference. The new body keeps both. Moving
+supports do work meanwhile: their nodes keep their velocity v_s by an impulse, the change of
+(M v)_s, and motors of given speed theirs by impulses Λ of their joints. The flexible side of an
+interface, which has a velocity of its own between switches, gets that of the body; otherwise the
+difference would alternate from step to step. At a release the kept field is rotated with the body
+and projected on the fields that are possible then. It is made orthogonal to the former ones, so
+that it adds no momenta, and scaled to restore the energy.
+
 A body with shapes is released as the rigid body in its present shape. That body has its momenta and
 its energy. It keeps the velocities with which the shapes change, as a frozen body keeps vibrations,
 so that the release gives all back. The strain energy of its cells is not U(q), which is of second
 order: the difference is taken from these velocities, as far as they have it, or given to them.
-
-This holds for a lumped mass; with a consistent one velocities inside a body and outside are coupled
-by the mass, see `consistent_exchange`.
 """
 
 from __future__ import annotations
@@ -27,18 +36,26 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from dolfinx import fem
+from mpi4py import MPI
 
-from rigidfx.base.types import Array, Bools
+from rigidfx.base.types import Array, Bools, Indices
+from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.decide.bodies import PlannedBody
+from rigidfx.effects import Joint, Motor, PointMass, rigid_faces
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.rigid_body import Body, BodyMotion, Frozen, RigidBody
+from rigidfx.mechanics.rigid_body import Body, Frozen
 from rigidfx.mechanics.rigid_motions import fitted_motion, rigid_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.division import Division
-from rigidfx.switch.mass_properties import excess_of_lumping, mass_properties
+from rigidfx.switch.faces import with_faces
+from rigidfx.switch.mass_properties import freeze
+from rigidfx.switch.projected_velocities import Field, Present, RigidFields, WholeMass
+
+NEGLIGIBLE = 1e-15  # of the largest: difference velocities that need not be kept
+CONTINUOUS = 1e-13  # of the largest: difference of velocities at an interface that is only rounding
+ROUNDING = 1e-13  # of the energy: what is too little to find the scale of a field by
 
 
 class Works(NamedTuple):
@@ -58,67 +75,27 @@ class Works(NamedTuple):
         return self.supports + self.motors
 
 
-def freeze(scene: Scene, forces: InternalForces, state: State, what: PlannedBody) -> Body | None:
-    """Make a body of planned cells, unless their inertia is singular; see `release`. Collective.
-
-    It takes over rigid faces among its nodes, whose displacement and velocity are up to date.
-    One of shapes that gains or loses cells keeps the energy of its expansion: what velocities could
-    not take of its difference to that of the cells stays with the strain energy.
-    """
-    n = scene.owned_nodes
-    u, v = (f.x.array[: 3 * n].reshape(-1, 3) for f in (state.u, state.v))
-    x = state.X[:n] + u
-    cells = forces.cells(what.cells)
-    p = mass_properties(scene, cells, what.nodes, x, v)
-    if p.singular:
-        return None
-    motion = BodyMotion(p.centre.copy(), np.eye(3), p.velocity, p.angular_velocity)
-    offsets = x[what.nodes] - p.centre
-    strain = float(fem.assemble_scalar(forces.bind_energy(cells)))
-    strain, size = scene.sum([strain, what.cells.size])
-    excess: Array = np.zeros((3, 3))
-    if scene.mass == "lumped":
-        everywhere = state.X + state.u.x.array.reshape(-1, 3)
-        excess = excess_of_lumping(scene, what.cells, everywhere)
-    body = RigidBody(
-        name=what.name,
-        cells=what.cells,
-        nodes=what.nodes,
-        offsets=offsets,
-        displacement=u[what.nodes],
-        mass=p.mass,
-        inertia=p.inertia,
-        origin=p.centre,
-        number=what.number,
-        size=int(size),
-        named=what.named,
-        excess=excess,
-        frozen=Frozen(
-            what.nodes,
-            v[what.nodes] - motion.velocities(offsets),
-            float(strain),
-            max(p.kinetic - p.rigid, 0.0),
-        ),
-    )
-    return Body(body, motion)
-
-
 class Exchange:
     """Moves energy and momenta between nodes and bodies; both ways change the state only.
 
-    Each node has its own mass here, so that nodes outside a body are not concerned.
-
     Attributes:
         shape: Gives a body that was found its shapes; None if it stays rigid.
-        scales: Whether a release scales kept velocities so that they have the energy kept.
+        joined: Whether joints, or masses that bodies carry, couple velocities.
+        motors: Motors that act and prescribe a motion, whose speed velocities after a switch have.
+        dt: See `Motor.speed_at`.
     """
-
-    scales = False
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
         """Keep the problem."""
         self._scene, self._forces = scene, forces
         self.shape: Callable[[Body], Body] | None = None
+        carried = any(effect.is_carried for effect in scene.named(PointMass))
+        self.joined = carried or bool(scene.named(Joint))
+        coupled = self.joined or scene.mass != "lumped" or bool(rigid_faces(scene.effects))
+        # None where each node has its own mass, so that nodes outside a body are not concerned.
+        self._mass = WholeMass(scene, forces) if coupled else None
+        self.motors: tuple[Motor, ...] = ()
+        self.dt = 0.0
         # Energy that the velocities of bodies released last lack, and numbers of those with shapes.
         self._owed, self._shaped = 0.0, set[int]()
 
@@ -131,15 +108,72 @@ class Exchange:
         if not numbers:
             return Works(0.0, 0.0)
         self._collapse(state, numbers)
-        gone = state.take_out(numbers)
+        if self._mass is not None:
+            return self._release(self._mass, state, numbers, prescribed)
         velocity = state.v.x.array.copy()
         v = velocity.reshape(-1, 3)
-        for body in gone:
-            frozen = body.data.frozen
+        for body in state.take_out(numbers):
             v[body.data.nodes] = body.velocities
-            v[frozen.nodes] += frozen.velocities @ body.motion.R.T
+            v[body.data.frozen.nodes] += _kept(body)
         state.move(velocity)
         return Works(0.0, 0.0)
+
+    def _release(
+        self, mass: WholeMass, state: State, numbers: Set[int], prescribed: Bools
+    ) -> Works:
+        """Make bodies flexible where the mass or joints couple velocities. Collective."""
+        present = mass.present(state)
+        before = self._fields(state, prescribed, present)
+        of_given = before.given_momenta(present.bodies)
+        row = {body.number: k for k, body in enumerate(state.bodies.of.records)}
+        gone = state.take_out(numbers)
+        faces = with_faces(self._scene, self._forces, state)
+        after = self._fields(state, prescribed, present)
+        # Bodies before and after: those that stay, and rigid faces that are bodies again.
+        records = enumerate(state.bodies.of.records)
+        pairs = [(k, row[body.number]) for k, body in records if body.number in row]
+        now, was = np.reshape(pairs, (-1, 2)).astype(int).T
+        none = np.zeros_like(state.bodies.rates)
+        of_staying, rigid_bodies, wide = none.copy(), none.copy(), none.shape[1]
+        of_staying[now] = of_given[was, :wide]
+        held = present.nodal[prescribed]
+        merged = after.project(present.momenta, of_staying, held)
+        # The kept field, rotated with its bodies, and the difference of the two velocities that the
+        # interface has had, as a field that is possible now and adds no momenta.
+        kept = np.zeros((self._scene.owned_nodes, 3))
+        for body in gone:
+            kept[body.data.nodes] += present.difference[body.data.nodes]
+            kept[body.data.frozen.nodes] += _kept(body)
+        at_rest = np.zeros_like(held)
+        possible = after.project(after.momenta(kept.reshape(-1)), none, at_rest, False)
+        own = np.zeros_like(of_given)
+        own[was, :wide] = after.given_momenta(possible.bodies)[now]
+        rigid = before.project(before.momenta(possible.nodal), own, at_rest, False)
+        rigid_bodies[now] = rigid.bodies[was, :wide]
+        mode = possible.plus(-1.0, Field(rigid.nodal, rigid_bodies))
+        work = Works(
+            present.work(prescribed, after.momenta(merged.nodal) - present.momenta),
+            after.work(merged, held),
+        )
+        # Impulses that hold the difference are those that its rigid part has needed, reversed.
+        of_mode = Works(
+            present.work(prescribed, after.momenta(mode.nodal)), -before.work(rigid, held)
+        )
+        wanted = present.energy + work.whole + sum(body.data.frozen.vibration for body in gone)
+        missing = wanted - 0.5 * after.product(merged, merged)
+        scale = 1.0
+        if abs(missing) > ROUNDING * abs(wanted):
+            mixed = after.product(merged, mode) - of_mode.whole
+            square = after.product(mode, mode)
+            scale = _scale(square, mixed, missing)
+            self._owed = missing - scale * (mixed + 0.5 * scale * square)
+        _take(state, merged.plus(scale, mode))
+        if faces:  # with the velocities of their nodes
+            state.take_out(faces)
+            with_faces(self._scene, self._forces, state)
+        before.destroy()
+        after.destroy()
+        return Works(*(a + scale * b for a, b in zip(work, of_mode, strict=True)))
 
     def _collapse(self, state: State, numbers: Set[int]) -> None:
         """Make those of some bodies that have shapes rigid as they are deformed. Collective."""
@@ -155,7 +189,7 @@ class Exchange:
             moving.reshape(-1, 3)[body.data.nodes] = body.velocities
             state.move(moving)
             rigid = _rigid(self._scene, self._forces, state, body)
-            if not self.scales:
+            if self._mass is None:
                 wanted, rigid = rigid.data.frozen.vibration, _with_energy(self._scene, rigid)
                 self._owed += wanted - rigid.data.frozen.vibration
             left[body.data.number] = rigid
@@ -163,19 +197,12 @@ class Exchange:
         state.group(Bodies.of_each(left[number] for number in order))
 
     def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> Works:
-        """Make a body of cells, unless their inertia is singular. Collective.
+        """Make a body of planned cells; the work of supports and motors. Collective.
 
-        One of shapes that gains or loses cells keeps the energy of its expansion: what velocities
-        could not take of its difference to that of the cells stays with the strain energy.
-
-        Args:
-            state: Gains the body, which takes over rigid faces among its nodes. Displacement and
-                velocity of its nodes are up to date.
-            what: Cells and nodes.
-            prescribed: For each owned dof, whether a support prescribes it.
-
-        Returns:
-            Work of supports and motors.
+        The state gains the body, which takes over rigid faces among its nodes, unless its inertia
+        is singular. One of shapes that gains or loses cells keeps the energy of its expansion: what
+        velocities could not take of its difference to that of the cells stays with the strain
+        energy. Supports prescribe some owned dofs.
         """
         body = freeze(self._scene, self._forces, state, what)
         if body is None:
@@ -183,10 +210,9 @@ class Exchange:
         if what.number in self._shaped:
             frozen = replace(body.data.frozen, strain=body.data.frozen.strain + self._owed)
             body, self._owed = replace(body, data=replace(body.data, frozen=frozen)), 0.0
-        return self._include(state, body if self.shape is None else self.shape(body), prescribed)
-
-    def _include(self, state: State, body: Body, prescribed: Bools) -> Works:
-        """Add a body with the momenta of its nodes. Collective."""
+        body = body if self.shape is None else self.shape(body)
+        if self._mass is not None:
+            return self._include(self._mass, state, body, prescribed)
         state.group(Bodies.of_each([*state.bodies, body]))
         return Works(0.0, 0.0)
 
@@ -195,7 +221,124 @@ class Exchange:
 
         Parts named rigid that it has not had have the momenta of their own mass.
         """
-        state.group(division.bodies)
+        there = {body.data.number for body in state.bodies}
+        new = [body for body in division.bodies if body.data.number not in there]
+        lumped, mass = self._scene.mass == "lumped", self._mass
+        if lumped or mass is None or not new or self._continuous(state, division, new):
+            state.group(division.bodies)
+            return
+        # Those of given mass all at once: their momenta are known, and not those of their cells.
+        # They keep nothing, as they are never released.
+        given = {body.data.number for body in new if body.data.given}
+        first = [b for b in division.bodies if b.data.number in there | given]
+        state.group(Bodies.of_each(first))
+        if given:
+            self._projected(mass.present(state), state, prescribed)
+        for body in new:
+            if not body.data.given:
+                self._include(mass, state, body, prescribed, named=True)
+        settled = {body.data.number: body for body in state.bodies}
+        state.group(Bodies.of_each(settled[b.number] for b in division.bodies.of.records))
+
+    def _continuous(self, state: State, division: Division, bodies: list[Body]) -> bool:
+        """Whether flexible cells and bodies have one velocity where they meet. Collective."""
+        meet = nodes_of(self._scene, division.flexible)
+        gap = state.gap(bodies, [np.flatnonzero(meet[body.data.nodes]) for body in bodies])
+        largest = float(np.abs(state.v.x.array).max(initial=0.0))
+        gap, largest = np.max(self._scene.comm.allgather((gap, largest)), axis=0)
+        return bool(gap <= CONTINUOUS * largest)
+
+    def _include(
+        self, mass: WholeMass, state: State, body: Body, prescribed: Bools, named: bool = False
+    ) -> Works:
+        """Add a body with the momenta of its nodes; a named one keeps the work of supports as well.
+
+        Collective.
+        """
+        present = mass.present(state)
+        faces = set() if named else _faces_within(self._scene, state, body.data.nodes)
+        taken = [own for own in state.bodies if own.data.number in faces]
+        state.group(Bodies.of_each(own for own in state.bodies if own.data.number not in faces))
+        others = list(state.bodies)
+        state.group(Bodies.of_each([*others, body]))
+        fields, held = self._fields(state, prescribed, present), present.nodal[prescribed]
+        of_given = fields.given_momenta(state.bodies.rates)
+        of_given[-1] = 0.0
+        new = fields.project(present.momenta, of_given, held)
+        lost: Array = np.reshape(present.nodal - new.nodal, (-1, 3))
+        for own in taken:
+            lost[own.data.frozen.nodes] += _kept(own)
+        size: Array = np.sqrt((lost**2).sum(axis=1))
+        most = self._scene.comm.allreduce(float(size.max(initial=0.0)), op=MPI.MAX)
+        nodes = np.flatnonzero(size > NEGLIGIBLE * most).astype(np.int32)
+        work = Works(0.0, 0.0)
+        if not named:
+            gained = fields.momenta(new.nodal) - present.momenta
+            work = Works(present.work(prescribed, gained), fields.work(new, held))
+        energy = present.energy + work.whole - 0.5 * fields.product(new, new)
+        energy += sum(own.data.frozen.vibration for own in taken)
+        frozen = Frozen(nodes, lost[nodes], body.data.frozen.strain, energy)
+        if named and body.data.shapes is not None:  # it is never released
+            frozen = body.data.frozen
+        body = replace(body, data=replace(body.data, frozen=frozen))
+        state.group(Bodies.of_each([*others, body]))
+        _take(state, new)
+        fields.destroy()
+        return work
+
+    def close(self, state: State, prescribed: Bools) -> float:
+        """Impulses that close joints; the energy gained, zero if rounding [J]. Collective."""
+        assert self._mass is not None
+        present = self._mass.present(state)
+        gained = self._projected(present, state, prescribed) - present.energy
+        return gained if abs(gained) > ROUNDING * present.energy else 0.0
+
+    def _projected(self, present: Present, state: State, prescribed: Bools) -> float:
+        """Give a state the velocities that are possible with its bodies; its energy. Collective."""
+        fields = self._fields(state, prescribed, present)
+        own = fields.given_momenta(present.bodies)
+        new = fields.project(present.momenta, own, present.nodal[prescribed])
+        energy = 0.5 * fields.product(new, new)
+        _take(state, new)
+        fields.destroy()
+        return energy
+
+    def _fields(self, state: State, prescribed: Bools, present: Present) -> RigidFields:
+        return RigidFields(self._scene, state, prescribed, present.mass, self.motors, self.dt)
+
+
+def _kept(body: Body) -> Array:
+    """Velocities of vibration that a body keeps, as they are turned now [m/s]."""
+    return np.asarray(body.data.frozen.velocities @ body.motion.R.T)
+
+
+def _faces_within(scene: Scene, state: State, nodes: Indices) -> set[int]:
+    """Numbers of the rigid faces that have some of these nodes. Collective."""
+    faces = [body for body in state.bodies.of.records if body.is_face]
+    if not faces:
+        return set()
+    inside = scene.sum([np.intersect1d(face.nodes, nodes).size for face in faces])
+    return {face.number for face, some in zip(faces, inside, strict=True) if some > 0}
+
+
+def _take(state: State, field: Field) -> None:
+    """Make a field the state's velocity. Collective."""
+    state.move(field.nodal)
+    bodies = state.bodies.with_rates(field.bodies)
+    if (shapes := bodies.of.shapes) is not None:  # centres in frames that are held follow shapes
+        drifting = np.einsum("bij,bkj,bk->bi", bodies.R, shapes.drift, bodies.q_rate)
+        bodies = bodies.moving(bodies.velocity + drifting, bodies.angular_velocity_body)
+    state.group(bodies)
+
+
+def _scale(square: float, mixed: float, missing: float) -> float:
+    """The s > 0 nearest to 1 with ½ s² square + s mixed = missing, in J; 0 if there is none."""
+    discriminant = mixed**2 + 2 * square * missing
+    if not (square > 0.0 and discriminant >= 0.0):
+        return 0.0
+    root = np.sqrt(discriminant)
+    found = [float(s) for s in ((root - mixed) / square, (-root - mixed) / square) if s > 0.0]
+    return min(found, key=lambda s: abs(s - 1.0), default=0.0)
 
 
 def _rigid(scene: Scene, forces: InternalForces, state: State, body: Body) -> Body:
@@ -208,7 +351,7 @@ def _rigid(scene: Scene, forces: InternalForces, state: State, body: Body) -> Bo
         W = np.linalg.solve(found.data.inertia, alone.angular_momentum[0])
         found = replace(found, motion=replace(found.motion, angular_velocity_body=W))
     kept = np.zeros((scene.owned_nodes, 3))
-    kept[data.frozen.nodes] = data.frozen.velocities @ body.motion.R.T
+    kept[data.frozen.nodes] = _kept(body)
     kept[data.nodes] += found.data.frozen.velocities
     nodes = np.flatnonzero(kept.any(axis=1)).astype(np.int32)
     whole = alone.kinetic_of_each[0] + alone.strain_of_each[0] + data.frozen.vibration

@@ -20,8 +20,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body, BodyMotion, RigidBody
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.switch.exchange import freeze
-from rigidfx.switch.mass_properties import mass_properties
+from rigidfx.switch.mass_properties import freeze, mass_properties
 
 
 def face_bodies(

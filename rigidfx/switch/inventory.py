@@ -25,8 +25,8 @@ from rigidfx.shapes.responses import Responses
 from rigidfx.state import State
 from rigidfx.step.equations.division import Division, Hold
 from rigidfx.step.equations.supports import dofs_of, supports_of
-from rigidfx.switch.exchange import freeze
 from rigidfx.switch.faces import face_bodies
+from rigidfx.switch.mass_properties import freeze
 
 CHAIN = (
     "{} has nodes held by the support on '{}'. A body on a support would be a kinematic chain: "

@@ -1,4 +1,4 @@
-"""Rigid-body data from the mass matrix of the flexible cells.
+"""Rigid bodies of cells, by the mass matrix of the flexible cells.
 
 With P the rigid motions of the body's nodes about a point, M_tot = Pᵀ M P, equation (35), holds
 mass, centre and inertia tensor: of the lumped masses of the body's nodes, or of the consistent
@@ -18,17 +18,21 @@ from dataclasses import dataclass
 import basix
 import basix.ufl
 import numpy as np
+from dolfinx import fem
 
 from rigidfx.base.types import Array, Indices
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.rows import Rows
+from rigidfx.decide.bodies import PlannedBody
 from rigidfx.domain.cell_quality import CHUNK, determinants
-from rigidfx.flexible.internal_forces import Cells
+from rigidfx.flexible.internal_forces import Cells, InternalForces
+from rigidfx.mechanics.rigid_body import Body, BodyMotion, Frozen, RigidBody
 from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.mechanics.rotation import skew
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.orthonormal import columns
 from rigidfx.shapes.stiffness import times
+from rigidfx.state import State
 
 THIN = 1e-10  # least over largest principal moment below which a body counts as a line
 
@@ -133,3 +137,46 @@ def excess_of_lumping(scene: Scene, cells: Indices, x: Array) -> Array:
         second -= np.einsum("cp,cpi,cpj->ij", dm, inside, inside, optimize=True)
     second = np.asarray(scene.sum(second))
     return np.asarray(np.trace(second) * np.eye(3) - second)
+
+
+def freeze(scene: Scene, forces: InternalForces, state: State, what: PlannedBody) -> Body | None:
+    """The body of planned cells, None if their inertia is singular. Collective.
+
+    Displacement and velocity of its nodes are up to date.
+    """
+    n = scene.owned_nodes
+    u, v = (f.x.array[: 3 * n].reshape(-1, 3) for f in (state.u, state.v))
+    x = state.X[:n] + u
+    cells = forces.cells(what.cells)
+    p = mass_properties(scene, cells, what.nodes, x, v)
+    if p.singular:
+        return None
+    motion = BodyMotion(p.centre.copy(), np.eye(3), p.velocity, p.angular_velocity)
+    offsets = x[what.nodes] - p.centre
+    strain = float(fem.assemble_scalar(forces.bind_energy(cells)))
+    strain, size = scene.sum([strain, what.cells.size])
+    excess: Array = np.zeros((3, 3))
+    if scene.mass == "lumped":
+        everywhere = state.X + state.u.x.array.reshape(-1, 3)
+        excess = excess_of_lumping(scene, what.cells, everywhere)
+    body = RigidBody(
+        name=what.name,
+        cells=what.cells,
+        nodes=what.nodes,
+        offsets=offsets,
+        displacement=u[what.nodes],
+        mass=p.mass,
+        inertia=p.inertia,
+        origin=p.centre,
+        number=what.number,
+        size=int(size),
+        named=what.named,
+        excess=excess,
+        frozen=Frozen(
+            what.nodes,
+            v[what.nodes] - motion.velocities(offsets),
+            float(strain),
+            max(p.kinetic - p.rigid, 0.0),
+        ),
+    )
+    return Body(body, motion)

@@ -24,7 +24,6 @@ from rigidfx.effects import (
     PointMass,
     Preload,
     Windowed,
-    rigid_faces,
 )
 from rigidfx.effects.joints.remote import body_of
 from rigidfx.mechanics.bodies import Bodies
@@ -40,7 +39,6 @@ from rigidfx.step.load_path import apply_preload
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import INVERTED, remedy
 from rigidfx.switch.closing import check_stops, implied_rows, warn_of_jumps
-from rigidfx.switch.consistent_exchange import ConsistentExchange
 from rigidfx.switch.exchange import Exchange, Works
 from rigidfx.switch.inventory import check_clamps, divide
 from rigidfx.switch.mass_properties import mass_properties
@@ -66,14 +64,9 @@ class Switch:
         """Keep a stepper that is not bound yet; a start, if any, in place of the scene's."""
         self._stepper, self._timeline, self._start = stepper, timeline, start
         scene = stepper.scene
-        joints = scene.named(Joint)
-        carried = any(effect.is_carried for effect in scene.named(PointMass))
-        self._joints = ConsistentExchange(scene, stepper.forces) if joints or carried else None
-        grouped = scene.mass == "lumped" and not rigid_faces(scene.effects)
         self._told: set[str] = set()  # rows of joints that others imply
-        self._grounded = any(joint.holds for joint in joints)
-        kind = Exchange if grouped else ConsistentExchange
-        self._exchange: Exchange = self._joints or kind(scene, stepper.forces)
+        self._grounded = any(joint.holds for joint in scene.named(Joint))
+        self._exchange = Exchange(scene, stepper.forces)
         self.acting = scene.acting(timeline.after(0.0))
         self.shaping = Shaping(scene, stepper.forces, self.acting, timeline.t_end, timeline.least)
         self._pending = self._breakpoints_after(0.0)
@@ -101,8 +94,7 @@ class Switch:
     def _started(self, known: Set[int] = frozenset()) -> tuple[Motor, ...]:
         """Motors that start to prescribe a motion, beside the effects known, by identity."""
         motors: tuple[Any, ...] = tuple(e for e in self.acting if e.prescribes)
-        if self._joints is not None:
-            self._joints.motors, self._joints.dt = motors, self._timeline.dt
+        self._exchange.motors, self._exchange.dt = motors, self._timeline.dt
         return tuple(motor for motor in motors if id(motor) not in known)
 
     @property
@@ -223,7 +215,7 @@ class Switch:
 
     def _closed(self, impact: Impact | None, started: Sequence[Motor] = ()) -> Impact | None:
         """Impact with impulses of joints, which close them, and of new motors. Collective."""
-        if self._joints is None:
+        if not self._exchange.joined:
             return impact
         stepper = self._stepper
         state, scene, before = stepper.state, stepper.scene, stepper.measure()
@@ -231,7 +223,7 @@ class Switch:
         if before.kinetic == 0.0 and not started:  # velocities that are zero keep joints closed
             return impact
         state.rebuild()
-        gained = self._joints.close(state, stepper.system.prescribed.mask)
+        gained = self._exchange.close(state, stepper.system.prescribed.mask)
         if gained == 0.0:
             return impact
         after, titles = stepper.measure(), tuple(j.title for j in scene.named(Joint))
