@@ -7,6 +7,7 @@ from common import boxes
 
 import rigidfx as rf
 from rigidfx.effects import Joint
+from rigidfx.effects.joints.vectors import motion_at
 
 SOFT = rf.StVenantKirchhoff(rho=1000.0, E=1e6, nu=0.3)
 PIN = 1.01, 0.1, 0.1  # m, halfway between two bars
@@ -43,12 +44,7 @@ def apart(scene, state):
     largest = [0.0, 0.0]
     for joint in scene.named(Joint):
         averages = joint.pieces.averages
-        means = [
-            np.array([b.weights @ x[b.nodes] + b.constant for b in a.averages]) for a in averages
-        ]
-        p = [a.value(of) for a, of in zip(averages, means, strict=True)]
-        slopes = [a.slopes(of) for a, of in zip(averages, means, strict=True)]
-        q = [np.einsum("nij,nj->i", J, v[a.nodes]) for a, J in zip(averages, slopes, strict=True)]
+        p, q = zip(*(motion_at(scene, average, x, v) for average in averages), strict=True)
         for row in joint.pieces.rows:
             g = sum(c * p[k][axis] for k, axis, c in row.linear)
             g += sum(c * p[k] @ p[j] for k, j, c in row.products)

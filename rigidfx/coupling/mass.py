@@ -23,7 +23,7 @@ from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import PointMass
-from rigidfx.effects.joints.averages import Vector
+from rigidfx.effects.joints.vectors import Vector, slopes_of
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.kernels import Kernel
 from rigidfx.scene.scene import Scene
@@ -198,7 +198,7 @@ def _slopes(scene: Scene, vector: Vector, rows: Rows, counted: Bools) -> csr_arr
 
     None if some of its nodes do not count.
     """
-    nodes, slopes = vector.nodes, vector.slopes()
+    nodes, slopes = vector.nodes, slopes_of(vector)
     at = np.searchsorted(rows.nodes, nodes)
     at[at == rows.nodes.size] = 0
     here = rows.nodes[at] == nodes if rows.nodes.size else np.zeros(at.size, dtype=bool)

@@ -8,8 +8,9 @@ import numpy as np
 
 from rigidfx.base.types import Array, Ints
 from rigidfx.effects import Joint, SpringDamper
-from rigidfx.effects.joints.averages import FaceSide, Vector
 from rigidfx.effects.joints.remote import OnFace
+from rigidfx.effects.joints.sides import FaceSide
+from rigidfx.effects.joints.vectors import Vector, slopes_of
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.samples import interleaved
@@ -31,7 +32,7 @@ def of_faces(responses: Responses) -> Array:
         own = v if v.face is None else v.face
         if v.is_place and id(own) not in faces and id(own) not in known:
             known.add(id(own))
-            each.append((v.nodes, v.slopes().swapaxes(1, 2)))
+            each.append((v.nodes, slopes_of(v).swapaxes(1, 2)))
     return interleaved(responses, [_at(responses, *loads) for loads in each])
 
 

@@ -18,6 +18,7 @@ from rigidfx.base.types import Array, Ints
 from rigidfx.effects import DeadLoad, Effect, Resultant
 from rigidfx.effects.base import vector_at
 from rigidfx.effects.joints.remote import RemoteMotion
+from rigidfx.effects.joints.vectors import slopes_of
 from rigidfx.effects.motion import Forces, Motion
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_motions import rigid_motions
@@ -178,5 +179,5 @@ def _couples(responses: Responses, effect: Resultant, times: Array) -> Array:
 
     F = np.zeros((responses.scene.owned_nodes, 3, times.size))
     for average, f in zip(ends, _evaluated(responses, effect, times, pushing), strict=True):
-        F[average.nodes] += np.einsum("nij,ik->njk", average.slopes(), f)
+        F[average.nodes] += np.einsum("nij,ik->njk", slopes_of(average), f)
     return F

@@ -14,9 +14,9 @@ from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Vector, one_of
-from rigidfx.effects.joints.averages import value_at
 from rigidfx.effects.joints.remote import OnFace, RemoteNodes
 from rigidfx.effects.joints.sides import Surface
+from rigidfx.effects.joints.vectors import value_at
 from rigidfx.effects.nodes import LinearNodes
 
 Stiffness = float | Sequence[float] | Sequence[Sequence[float]]

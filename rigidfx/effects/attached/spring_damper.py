@@ -24,11 +24,11 @@ from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Vector as Point
-from rigidfx.effects.joints.averages import Vector, value_at
 from rigidfx.effects.joints.elements import Elastic
 from rigidfx.effects.joints.joint import Between
 from rigidfx.effects.joints.remote import RemoteMotion, RemoteNodes
 from rigidfx.effects.joints.sides import GROUND, end_of
+from rigidfx.effects.joints.vectors import Vector, value_at
 
 TAUT = float(np.sqrt(np.finfo(np.float64).eps))  # of its length, by which a taut cable may be short
 

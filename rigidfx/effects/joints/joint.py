@@ -15,7 +15,6 @@ from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array, Indices
 from rigidfx.effects.base import WHOLE, Effect, text
 from rigidfx.effects.base import Vector as Place
-from rigidfx.effects.joints.averages import Vector
 from rigidfx.effects.joints.pieces import Pieces
 from rigidfx.effects.joints.sides import (
     GROUND,
@@ -29,6 +28,7 @@ from rigidfx.effects.joints.sides import (
     side_of,
     sphere_of,
 )
+from rigidfx.effects.joints.vectors import Vector
 from rigidfx.effects.supports.support import Support, Symmetry
 
 Supports = tuple[tuple[Support, Indices], ...]

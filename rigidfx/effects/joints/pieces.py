@@ -25,7 +25,8 @@ from scipy.sparse import csr_array
 
 from rigidfx.base.matrices import Matrix, Pattern
 from rigidfx.base.types import Array, Ints
-from rigidfx.effects.joints.averages import Sided, Vector
+from rigidfx.effects.joints.sides import Sided
+from rigidfx.effects.joints.vectors import Vector
 
 SMALL = 1e-5  # gain of invariants, in lengths of a joint or none, whose cube is rounding
 

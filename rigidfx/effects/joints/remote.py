@@ -1,6 +1,6 @@
 """Remote points of mean or rigid faces, and effects there: loads, springs, masses, a user's own.
 
-Such a point moves with the centre and the rotation of the face (`averages`). A force on it is
+Such a point moves with the centre and the rotation of the face (`vectors`). A force on it is
 spread over the nodes. A moment M acts on three directions d_k of the face, which stay
 perpendicular, by ½ M × d_k: these forces have no resultant, their moment is M, and their work is
 that of M along the turn of the face.
@@ -31,9 +31,9 @@ from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import WHOLE, Effect
-from rigidfx.effects.joints.averages import Average, Grounded, Vector, motion_at
 from rigidfx.effects.joints.pieces import Pieces
-from rigidfx.effects.joints.sides import Surface, check_sides, side_of
+from rigidfx.effects.joints.sides import Grounded, Surface, check_sides, side_of
+from rigidfx.effects.joints.vectors import Average, Vector, motion_at
 from rigidfx.mechanics.rigid_body import BodyMotion, RigidBody
 
 SMALL = 0.02  # radius of gyration over the size of the face; 1e-3 drowns low modes in rounding
@@ -121,26 +121,18 @@ class BodySide:
     mass: float
     size: ClassVar[float] = np.inf
 
-    def place(self, point: Array) -> BodyVector:
+    def place(self, point: Array) -> Average:
         """The origin of the body."""
-        return BodyVector(start=point, is_place=True, holder=self)
+        return Average(start=point, is_place=True, holder=self)
 
-    def direction(self, a: Array) -> BodyVector:
+    def direction(self, a: Array) -> Average:
         """A direction of the body, whose frame is that of space at the start."""
-        return BodyVector(start=a, holder=self)
+        return Average(start=a, holder=self, arm=a)
 
     def within(self, scene: Any, bodies: Sequence[RigidBody]) -> tuple[int, Array, Array] | None:
         """The number of the body, its centre and second moments; None if there is none."""
         numbers = [k for k, body in enumerate(bodies) if body.name == self.name]
         return (numbers[0], np.zeros(3), np.eye(3)) if numbers else None
-
-
-class BodyVector(Average):
-    """The origin or a direction of the body of a carried mass."""
-
-    def in_body(self, centre: Array, products: Array) -> Array:
-        """Its coefficients of [1, V], shape (4,)."""
-        return np.r_[1.0, centre] if self.is_place else np.r_[0.0, self.start]
 
 
 def tie(name: str, remote: RemotePoint, mass: float) -> Pieces:

@@ -8,7 +8,7 @@ x - c: the vertices of a hole between two rings lie on a sphere too.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,12 +20,124 @@ from rigidfx.base.inputs import shown
 from rigidfx.base.types import Array, Indices
 from rigidfx.base.warning import warn
 from rigidfx.effects.base import Vector as Point
-from rigidfx.effects.joints.averages import Average, Averages, FaceSide, Grounded, Sided, Vector
+from rigidfx.effects.joints.vectors import Average, FaceVector, Vector, slopes_of
 from rigidfx.effects.supports.support import Support
+from rigidfx.mechanics.rigid_body import RigidBody
+from rigidfx.mechanics.rotation import skew
 
 GROUND = "ground"
 ROUND = 0.02  # part of the normals' squares along the axis, or of the radius, that may be off
 FAR = 20.0  # times its own size, that a surface may be away from its joint or remote point
+
+
+class Grounded:
+    """The ground as a side: it does not move, and has no nodes, extent and mass of its own."""
+
+    size = mass = np.inf
+    nodes = np.empty(0, np.int64)
+
+    def place(self, point: Array) -> Average:
+        """The point itself."""
+        return Average(constant=point, start=point, is_place=True)
+
+    def direction(self, a: Array) -> Average:
+        """The direction itself."""
+        return Average(constant=a, start=a)
+
+
+class Averages:
+    """Nodes with weights as a side: `size` is the root of Σ w |X - X̄|², axes are its columns'."""
+
+    def __init__(self, scene: Any, weights: Array, title: str) -> None:
+        """Find centre and second moments, by w of each owned node in any unit. Collective.
+
+        `SceneError` on every rank, if the nodes have no weight or lie on a line.
+        """
+        self.nodes = np.flatnonzero(weights)
+        w, X = weights[self.nodes], scene.start_places[self.nodes]
+        mass = scene.averaging_mass[self.nodes]
+        sums = scene.sum(np.r_[w.sum(), w @ X, mass.sum(), self.nodes.size])
+        self.count = int(sums[5])
+        total = sums[0] if sums[0] > 0 else 1.0
+        self.centre, self.mass = sums[1:4] / total, float(sums[4])
+        self._w, self._arms = w / total, X - self.centre
+        second = scene.sum((self._w[:, None] * self._arms).T @ self._arms)
+        self._second, self.axes = np.linalg.eigh(second)
+        self.axes[:, 0] *= np.linalg.det(self.axes)  # right-handed
+        line = np.finfo(np.float64).eps ** (2 / 3)  # of the largest second moment
+        if self.count < 3 or not sums[0] > 0 or not self._second[1] > line * self._second[2]:
+            raise SceneError(
+                f"{title}: a side of a joint needs nodes that span a plane at least; its "
+                f"{self.count} with weight lie on a line. Name a larger set."
+            )
+        self.size = float(np.sqrt(np.trace(second)))
+
+    def _inverse(self, a: Array) -> Array:
+        """W⁻¹ a."""
+        return np.asarray(self.axes @ (a @ self.axes / self._second))
+
+    def place(self, point: Array) -> Any:
+        """Where a point of the side is by its affine mean."""
+        arm = point - self.centre
+        weights = self._w * (1.0 + self._arms @ self._inverse(arm))
+        return Average(self.nodes, weights, start=point, is_place=True)
+
+    def direction(self, a: Array) -> Any:
+        """Where a direction of the side points by its affine mean."""
+        return Average(self.nodes, self._w * (self._arms @ self._inverse(a)), start=a)
+
+
+class FaceSide(Averages):
+    """A face as a side, of which a body may hold all nodes; its averages are x̄ and the H_k."""
+
+    def __init__(self, scene: Any, weights: Array, title: str) -> None:
+        """See `Averages`. Collective."""
+        super().__init__(scene, weights, title)
+        middle = Average(self.nodes, self._w, start=self.centre, is_place=True)
+        along = self._w[:, None] * (self._arms @ self.axes) / self.size**2
+        H = self._second[:, None] * self.axes.T / self.size**2
+        turned = (Average(self.nodes, w, start=own) for w, own in zip(along.T, H, strict=True))
+        self.averages = (middle, *turned)
+
+    def place(self, point: Array) -> Vector:
+        """Where a point of the side is."""
+        arm = point - self.centre
+        rounding = self.count * np.spacing(np.abs(self.centre).max() + self.size)
+        return FaceVector(self, arm, True) if np.abs(arm).max() > rounding else self.averages[0]
+
+    def direction(self, a: Array) -> Vector:
+        """Where a direction of the side points."""
+        return FaceVector(self, a, False)
+
+    def within(self, scene: Any, bodies: Sequence[RigidBody]) -> tuple[int, Array, Array] | None:
+        """The body that holds all nodes without deforming; None if there is none. Collective.
+
+        Its number among the bodies, V̄ [m] and Σ w (X - X̄) ⊗ V [m²].
+        """
+        local = np.zeros((len(bodies), 1 + 3 + 9))
+        for out, body in zip(local, bodies, strict=True):
+            if body.shapes is not None:
+                continue
+            at = np.minimum(np.searchsorted(body.nodes, self.nodes), max(body.nodes.size - 1, 0))
+            here = body.nodes[at] == self.nodes if body.nodes.size else np.zeros(at.size, bool)
+            w, V = self._w[here, None], body.offsets[at[here]]
+            out[0], out[1:4] = np.count_nonzero(here), (w * V).sum(axis=0)
+            out[4:] = ((w * self._arms[here]).T @ V).reshape(-1)
+        sums = np.asarray(scene.sum(local))
+        found = np.flatnonzero(sums[:, 0] == self.count)
+        if not found.size:
+            return None
+        own = sums[found[0]]
+        return int(found[0]), own[1:4], own[4:].reshape(3, 3)
+
+    def unit_loads(self) -> Array:
+        """Forces by unit forces and couples along x, y, z at the start, shape (nodes, 3, 6) [N]."""
+        turned = [0.5 * skew(e) @ slopes_of(self.direction(e)) for e in np.eye(3)]
+        moved = slopes_of(self.averages[0]), np.sum(turned, axis=0)
+        return np.concatenate(moved, axis=1).swapaxes(1, 2)
+
+
+Sided = Averages | Grounded
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,26 @@
-"""Vectors of joints by averages of nodes, and these averages bound to a division.
+"""Vectors of joints, remote points and springs: places and directions by averages of nodes.
 
-Most vectors are an average themselves. Those of mean faces turn with the face (`averages`): in a
-step they gain J̄ ΔB exactly, B the averages, and forces on vectors act on the averages by J̄ᵀ.
+A side is a set of nodes with weights w, Σ w = 1, and places X at the start. Its affine mean gives
+a point and a direction as Σ c x with constant c: exactly, while the part is rigid. A mean face
+shears: its directions turn with the rotation R that makes Σ w |x - x̄ - R (X - X̄)|² least, as those
+of a distributing coupling (RBE3). They depend on x̄ and on H_k = Σ w (X - X̄)·a_k x / s². The axes
+r_k = R a_k are those for which
+
+    c_j = r_i · H_k - r_k · H_i = 0,    (j, i, k) cyclic,                                       (1)
+
+and in a step the axes turn by the Cayley vector θ of
+
+    N θ = -c(r½, ΔH),    N θ = c(r½, θ × H½) for all θ,                                         (2)
+
+exactly: docs/theory/joints.md, also for nodes that one body holds. So vectors gain J̄ ΔB exactly,
+B the averages, and forces on vectors act on the averages by J̄ᵀ.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -17,7 +29,6 @@ from scipy.sparse import csr_array
 from rigidfx.base.matrices import Matrix, Pattern, compact, dense
 from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import Structure
-from rigidfx.effects.joints.averages import Average, FaceVector, Vector, turn_map
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant
 from rigidfx.effects.nodes import Nodes
 from rigidfx.mechanics.rigid_body import RigidBody
@@ -25,16 +36,47 @@ from rigidfx.mechanics.rotation import AXES, cross, nearest_rotations, skew
 
 
 @dataclass(frozen=True)
+class Average:
+    """A vector that is Σ c x over owned nodes of all ranks, and a constant, shape (3,)."""
+
+    face: ClassVar[Any] = None  # it turns with none, as it is linear
+
+    nodes: Ints = field(default_factory=lambda: np.empty(0, np.int64))
+    weights: Array = field(default_factory=lambda: np.empty(0))  # c of each [1, or 1/m]
+    constant: Array = field(default_factory=lambda: np.zeros(3))
+    start: Array = field(default_factory=lambda: np.zeros(3))  # its value at the start
+    is_place: bool = False  # and not a direction
+    holder: Any = None  # finds the body that it may be fixed to, as `FaceSide` does
+    arm: Array = field(default_factory=lambda: np.zeros(3))  # in the frame of that [m, or 1]
+
+    @property
+    def averages(self) -> tuple[Average, ...]:
+        """The averages that it depends on: itself."""
+        return (self,)
+
+
+class FaceVector:
+    """A point or a direction that follows the mean motion of a face, by x̄ and the three H_k."""
+
+    def __init__(self, face: Any, arm: Array, is_place: bool) -> None:
+        """Take the face and P - X̄ [m], or the direction, at the start, shape (3,)."""
+        self.face = self.holder = face
+        self.arm, self.is_place, self.averages = arm, is_place, face.averages
+        self.nodes, self.weights = face.nodes, face.averages[0].weights  # of x̄, Σ w = 1
+        self.local: Array = arm @ face.axes  # along the axes a_k
+        self.start: Array = face.centre + arm if is_place else arm
+
+
+Vector = Average | FaceVector
+
+
+@dataclass(frozen=True)
 class StiffRow:
-    """How a vector follows a body, by coefficients of its [1, V], shape (4,).
+    """How a vector follows a body."""
 
-    Attributes:
-        products: Σ w (X - X̄) ⊗ V of the face, shape (3, 3) [m²].
-    """
-
-    row: Array
+    row: Array  # coefficients of the body's [1, V], shape (4,)
     body: int
-    products: Array
+    products: Array  # Σ w (X - X̄) ⊗ V of the face, shape (3, 3) [m²]
 
 
 def stiff_rows(
@@ -49,17 +91,18 @@ def stiff_rows(
         if id(holder) not in known:
             known[id(holder)] = holder.within(scene, bodies)
         if (found := known[id(holder)]) is not None:
-            out[k] = StiffRow(vector.in_body(*found[1:]), found[0], found[2])
+            body, centre, products = found
+            arm = nearest_rotations(products.T) @ vector.arm
+            row = np.r_[1.0, centre + arm] if vector.is_place else np.r_[0.0, arm]
+            out[k] = StiffRow(row, body, products)
     return out
 
 
 class BoundAverages(Nodes):
     """Averages of nodes, which are free or in bodies; arrays are equal on all ranks.
 
-    Attributes:
-        own: Weights of nodes that are no body's, shape (averages, these nodes).
-        held: Weights of the bodies' a = [1, V, Φ₁, ..., Φ_m], shape (averages, n · bodies).
-        is_place: Whether each average is a place, not a direction.
+    They have weights `own` of nodes that are no body's, shape (averages, these nodes), and `held`
+    of the bodies' a = [1, V, Φ₁, ..., Φ_m], shape (averages, n · bodies).
     """
 
     def __init__(
@@ -110,39 +153,32 @@ class BoundAverages(Nodes):
 
 
 class Vectors:
-    """Vectors of joints as functions of averages; arrays are equal on all ranks.
-
-    Attributes:
-        averages: The averages B, each once.
-        stiff: Rows of those that follow a body, by their number.
-        needed: For each vector, the numbers of its averages.
-    """
+    """Vectors of joints as functions of averages; arrays are equal on all ranks."""
 
     def __init__(self, vectors: Sequence[Vector], stiff: Mapping[int, StiffRow]) -> None:
         """Collect the averages; `stiff` are rows of vectors of faces that a body holds."""
-        self.averages: list[Average] = []
-        self.stiff: dict[int, StiffRow] = {}
+        self.averages: list[Average] = []  # B, each once
+        self.stiff: dict[int, StiffRow] = {}  # of those that follow a body, by their number
+        self.needed: list[Ints] = []  # for each vector, the numbers of its averages
         self.count = len(vectors)
-        self._held: list[tuple[int, Vector, StiffRow]] = []
-        self.needed: list[Ints] = []
         first_of: dict[int, int] = {}
-        turned: list[tuple[int, FaceVector]] = []
         for n, vector in enumerate(vectors):
+            key = -1 - n if vector.face is None or n in stiff else id(vector.face)
+            own = vector.averages
             if n in stiff:  # a row of a body, whatever its nodes
                 self.stiff[len(self.averages)] = stiff[n]
-                self._held.append((n, vector, stiff[n]))
-                vector = Average(is_place=vector.is_place)
-            key = -1 - n
-            if isinstance(vector, FaceVector):
-                turned.append((n, vector))
-                key = id(vector.face)
+                own = (Average(is_place=vector.is_place),)
             if key not in first_of:
                 first_of[key] = len(self.averages)
-                self.averages += vector.averages
-            self.needed.append(first_of[key] + np.arange(len(vector.averages)))
+                self.averages += own
+            self.needed.append(first_of[key] + np.arange(len(own)))
+        faces = [(n, vector) for n, vector in enumerate(vectors) if isinstance(vector, FaceVector)]
+        turned = [(n, vector) for n, vector in faces if n not in stiff]
+        self._held = [(n, vector, stiff[n]) for n, vector in faces if n in stiff]
         # Each vector is its first average, none of directions of faces, and an arm that turns.
         self._first = np.array([own[0] for own in self.needed], dtype=np.int64)
         self._turned: Ints = np.array([n for n, _ in turned], dtype=np.int64)
+        self.is_plain = not turned  # whether each vector is an average
         self._begins: Array = np.ones((self.count, 1))
         self._begins[self._turned, 0] = [vector.is_place for _, vector in turned]
         self._local = np.reshape([vector.local for _, vector in turned], (-1, 1, 3))
@@ -158,11 +194,6 @@ class Vectors:
         places = np.r_[np.arange(begin.size), row], np.r_[begin, column]
         self._pattern = Pattern(*places, (3 * self.count, size))
         self._bent = Pattern(*_entries(of_axes, of_axes), (size, size))
-
-    @property
-    def is_plain(self) -> bool:
-        """Whether each vector is an average."""
-        return not self._turned.size
 
     def _of_faces(self, B: Array) -> Array:
         """H_k of all faces, shape (faces, 3, 3)."""
@@ -234,14 +265,16 @@ class Vectors:
 
     def spread(self, on_vectors: Array, pose: Array, forces: ForcesOfNodes) -> None:
         """Add forces on the nodes of faces, of vectors that bodies of these poses hold [N]."""
-        for n, vector, held in self._held:
-            means = None
-            if isinstance(vector, FaceVector):
-                face = vector.face
-                H = face.axes.T @ held.products @ pose[held.body, 1:4] / face.size**2
-                means = np.vstack([np.zeros(3), H])
-            own = np.einsum("nij,i->nj", vector.slopes(means), on_vectors[n])
-            forces.nodes[vector.nodes] += own
+        faces = {id(vector.face): (vector.face, held) for _, vector, held in self._held}
+        means = [np.zeros((0, 3))]
+        for face, held in faces.values():
+            H = face.axes.T @ held.products @ pose[held.body, 1:4] / face.size**2
+            means += [np.zeros((1, 3)), H]
+        every = Vectors([vector for _, vector, _ in self._held], {})
+        every.begin(np.concatenate(means))
+        on_averages = every.forces(on_vectors[[n for n, *_ in self._held]], 0.0)
+        for average, force in zip(every.averages, on_averages, strict=True):
+            forces.nodes[average.nodes] += np.outer(average.weights, force)
 
     def stiffness(self, by_vectors: Matrix, on_vectors: Array, share: float) -> Matrix:
         """Derivative of `forces` by the averages at the end, shape (3 · averages,) * 2 [N/m].
@@ -268,6 +301,38 @@ class Vectors:
         np.add.at(couples, self._face, own.swapaxes(0, 1))
         on_averages = np.einsum("dfakb,fda->fkbd", turn_map(r, H), couples)
         return self._bent.filled((on_averages.imag / h).ravel())
+
+
+def slopes_of(vector: Vector, means: Array | None = None) -> Array:
+    """Derivatives of a vector by displacements of its nodes, shape (nodes, 3, 3).
+
+    Its averages are at means, or as at the start if these are None.
+    """
+    means = np.array([a.start for a in vector.averages]) if means is None else means
+    of = Vectors([vector], {})
+    of.begin(means)
+    weights = np.array([a.weights for a in vector.averages])
+    return np.einsum("kn,ikj->nij", weights, dense(of.slopes(0.0)).reshape(3, -1, 3))
+
+
+def value_at(scene: Any, vector: Vector, x: Array) -> Array:
+    """A vector where owned nodes are at x, shape (nodes, 3) [m]. Collective."""
+    return motion_at(scene, vector, x, np.zeros_like(x))[0]
+
+
+def motion_at(scene: Any, vector: Vector, x: Array, v: Array) -> tuple[Array, Array]:
+    """A vector and its rate where nodes are at x and move with v, shape (3,) each. Collective."""
+    means = np.array([a.weights @ x[a.nodes] for a in vector.averages])
+    means = np.asarray(scene.sum(means)) + [a.constant for a in vector.averages]
+    rate = np.einsum("nij,nj->i", slopes_of(vector, means), v[vector.nodes])
+    return Vectors([vector], {}).at(means)[0], np.asarray(scene.sum(rate))
+
+
+def turn_map(r: Array, H: Array) -> Array:
+    """θ by δH, -N⁻¹ c(r, ·) of (2), by axes r and H_k in rows, shape (..., 3, 3, 3)."""
+    c = np.moveaxis(skew(r.swapaxes(-1, -2)), -3, -1)
+    N = np.einsum("...jka,...kab->...jb", c, skew(H))
+    return -np.linalg.solve(N, c.reshape(*N.shape[:-1], 9)).reshape(c.shape)
 
 
 def _entries(rows: Ints, columns: Ints) -> tuple[Ints, Ints]:

@@ -19,9 +19,9 @@ from rigidfx.base.matrices import dense
 from rigidfx.base.types import TINY, Array, Ints
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.effects import Joint, SpringDamper, Windowed
-from rigidfx.effects.joints.averages import Vector
 from rigidfx.effects.joints.elements import coordinate_of
 from rigidfx.effects.joints.pieces import Terms
+from rigidfx.effects.joints.vectors import Vector, slopes_of
 from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
@@ -43,7 +43,7 @@ def joint_rows(scene: Any, acting: Sequence[Windowed], motions: Callable[[Ints],
     places, moved = {}, {}
 
     def look(vectors: Sequence[Vector]) -> tuple[Array, Array]:
-        by = [np.einsum("nij,njm->im", a.slopes(), motions(a.nodes)) for a in vectors]
+        by = [np.einsum("nij,njm->im", slopes_of(a), motions(a.nodes)) for a in vectors]
         return np.array([a.start for a in vectors]), np.asarray(scene.sum(by))
 
     for title, joint in joints.items():
@@ -107,7 +107,7 @@ def free_to_move(
     gram = np.asarray(scene.sum(gram))
     for root, place in at_points:
         moved = every_motion(X, part, parts, place.nodes)
-        rows = root @ np.asarray(scene.sum(np.einsum("nij,njm->im", place.slopes(), moved)))
+        rows = root @ np.asarray(scene.sum(np.einsum("nij,njm->im", slopes_of(place), moved)))
         gram += rows.T @ rows
     if scene.named(Joint) or scene.named(SpringDamper):
         rows = joint_rows(scene, acting, partial(every_motion, X, part, parts))
