@@ -13,7 +13,7 @@ stiffness of nodes. In statics forces are those at the end of a load step.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from rigidfx.base.matrices import Matrix, Pattern
-from rigidfx.base.types import Array, Ints
+from rigidfx.base.types import Array
 from rigidfx.effects.joints.elements import (
     Blow,
     JointSpring,
@@ -32,7 +32,7 @@ from rigidfx.effects.joints.elements import (
     titles_of,
 )
 from rigidfx.effects.joints.joint import Joint
-from rigidfx.effects.joints.pieces import Coordinate, Coordinates
+from rigidfx.effects.joints.pieces import Coordinates, Pieces
 
 Element = Motor | JointSpring | Stop
 
@@ -41,49 +41,36 @@ APART = float(np.sqrt(np.sqrt(np.finfo(np.float64).eps)))  # of a large coordina
 
 @dataclass
 class Drive:
-    """A motor, spring or stop, with its title in reports.
+    """A motor, spring or stop, with its title in reports."""
 
-    Attributes:
-        number: Its number among them.
-        key: Number of the joint, and name of the coordinate.
-        averages: Numbers of its averages among those of all joints.
-        size: ℓ, 1 of a travel [m].
-        large: Size of the coordinate that counts as large, in its unit.
-        wanted: q that is prescribed, at the start and at the end of the step.
-        given: Its rate at both, each from within the step.
-        known: That at the end of the step before; None if it has none.
-        force: Force or torque that is given.
-    """
-
-    number: int
+    number: int  # among them
     effect: Any
     title: str
-    key: tuple[int, str]
-    coordinate: Coordinate
-    averages: Ints
-    size: float
-    large: float
-    wanted: tuple[float, float] | None = None
-    given: tuple[float, float] | None = None
-    known: float | None = None
-    force: float = 0.0
+    key: tuple[int, str]  # number of the joint, and name of the coordinate
+    joint: Pieces
+    wanted: tuple[float, float] | None = None  # q that is prescribed at both ends of the step
+    given: tuple[float, float] | None = None  # its rate at both, each from within the step
+    known: float | None = None  # that at the end of the step before
+    force: float = 0.0  # or torque, that is given
 
     @property
     def unit(self) -> str:
         """Unit of the coordinate."""
         return "rad" if self.key[1] == "angle" else "m"
 
+    @property
+    def size(self) -> float:
+        """ℓ, 1 of a travel [m]."""
+        return self.joint.size if self.key[1] == "angle" else 1.0
+
+    @property
+    def large(self) -> float:
+        """Size of the coordinate that counts as large, in its unit."""
+        return self.joint.size / self.size
+
 
 class Drives:
-    """The motors and stops that act, and the springs, on the vectors of all joints.
-
-    Attributes:
-        static: Whether forces are those at the end of a step, and nothing moves.
-        kappa: κ of each [N/m], set where a step begins.
-        masses: Mass that each one's joint moves [kg].
-        multipliers: λ of each at the last iterate [N].
-        prescribed: Whether each prescribes its coordinate.
-    """
+    """The motors and stops that act, and the springs, on the vectors of all joints."""
 
     def __init__(
         self,
@@ -93,37 +80,37 @@ class Drives:
         count: int,
         static: bool,
     ) -> None:
-        """Find the joints of those that act; `firsts` of `count` vectors are each joint's first."""
-        self.static, self.kappa = static, np.ones(len(elements))
-        joints, titles = (
-            scene.named(Joint),
-            {id(effect): title for effect, title in titles_of(scene)},
-        )
-        self.each: list[Drive] = []
-        scales: list[tuple[float, float]] = []
+        """Find the joints of those that act; `firsts` of `count` vectors are each joint's first.
+
+        In statics forces are those at the end of a step, and nothing moves.
+        """
+        joints = scene.named(Joint)
+        titles = {id(effect): title for effect, title in titles_of(scene)}
+        self.static, self.each = static, list[Drive]()
         for n, effect in enumerate(elements):
             joint, name = coordinate_of(scene, effect.owner, effect.joint, effect.acts_along)
-            k, pieces = joints.index(joint), joint.pieces
-            of = pieces.coordinates[name]
-            own = titles[id(effect)], (k, name), of, firsts[k] + np.array(of.averages)
-            size, large = (pieces.size, 1.0) if name == "angle" else (1.0, pieces.size)
-            scales.append((pieces.mass, pieces.size))
-            self.each.append(Drive(n, effect, *own, size, large))
-        self.masses, self.sizes = np.reshape(scales, (-1, 2)).T
-        self._size = np.array([drive.size for drive in self.each])
-        self._large = np.array([drive.large for drive in self.each])
-        first = [firsts[drive.key[0]] for drive in self.each]
-        self._coordinates = Coordinates([drive.coordinate for drive in self.each], first)
-        self.prescribed = np.array([drive.effect.prescribes for drive in self.each], dtype=bool)
+            key = joints.index(joint), name
+            self.each.append(Drive(n, effect, titles[id(effect)], key, joint.pieces))
         self._motors = [drive for drive in self.each if isinstance(drive.effect, Motor)]
         self._springs = [drive for drive in self.each if not isinstance(drive.effect, Motor)]
+        self._stops = [drive for drive in self._springs if isinstance(drive.effect, Stop)]
+        self.masses = self._all(lambda drive: drive.joint.mass)  # that each one's joint moves [kg]
+        self.sizes = self._all(lambda drive: drive.joint.size)  # of each one's joint [m]
+        self._size, self._large = self._all(lambda d: d.size), self._all(lambda d: d.large)
+        self.prescribed = self._all(lambda drive: drive.effect.prescribes).astype(bool)
+        self.kappa = np.ones(len(elements))  # κ of each [N/m], set where a step begins
+        self.multipliers: Array = np.zeros(len(elements))  # λ of each at the last iterate [N]
+        self._coordinates = Coordinates(
+            [drive.joint.coordinates[drive.key[1]] for drive in self.each],
+            [firsts[drive.key[0]] for drive in self.each],
+        )
+        self.averages = self._coordinates.at.ravel()  # numbers of those that they act on
         self._dt = 1.0
         self._q0: Mapping[tuple[int, str], float] = {}
-        self._path: Array = np.zeros((len(elements), 2))  # q that is prescribed, as `wanted`
-        self.multipliers: Array = np.zeros(len(elements))
-        self._step: tuple[Array, Array] = np.zeros((0, 3)), np.zeros((0, 3))
-        self._secants: tuple[Array, Array] | None = None  # of the last iterate, once needed
-        self._laws: tuple[Array, Array] | None = None  # likewise
+        self._start: Array = np.zeros((count, 3))
+        self._moved = self._start
+        self._mean: Array = np.zeros((len(elements), 3, 3))  # ∇̄q of each at the last iterate
+        self._gained: Array = np.zeros(len(elements))  # q₁ - q₀ likewise
         at = (3 * self._coordinates.at[:, :, None] + np.arange(3)).reshape(-1, 9)
         rows, n = np.repeat(np.arange(len(elements)), 9), 3 * count
         self._pattern = Pattern(rows, at.ravel(), (len(elements), n))
@@ -133,10 +120,9 @@ class Drives:
         """How many there are."""
         return len(self.each)
 
-    @property
-    def averages(self) -> list[int]:
-        """Numbers of the averages that they act on."""
-        return [int(k) for drive in self.each for k in drive.averages]
+    def _all(self, number: Callable[[Drive], float]) -> Array:
+        """A number of each."""
+        return np.array([number(drive) for drive in self.each], dtype=np.float64)
 
     @property
     def prescribing(self) -> list[str]:
@@ -162,9 +148,9 @@ class Drives:
     def beyond(self) -> list[str]:
         """Stops whose joint is beyond a limit at the start of a step, in words."""
         out = []
-        for drive in self._springs:
+        for drive in self._stops:
             stop, q, unit = drive.effect, self._q0[drive.key], drive.unit
-            if isinstance(stop, Stop) and abs(stop.beyond(q)) > APART * drive.large:
+            if abs(stop.beyond(q)) > APART * drive.large:
                 low, high = stop.ends_at
                 at = f"its {drive.key[1]} is {round(q, 9):g} {unit}, beyond {low:g} to {high:g}"
                 out.append(f"{stop.owner}: {at} {unit}")
@@ -174,12 +160,11 @@ class Drives:
     def blows(self) -> dict[str, Blow]:
         """How each stop acts in the step, by its title."""
         out: dict[str, Blow] = {}
-        for drive in self._springs:
-            if isinstance(stop := drive.effect, Stop):
-                (q0, q1), size = self.ends_of(drive), float(abs(self.multipliers[drive.number]))
-                rests = 2 * abs(stop.beyond(q0)) > abs(stop.beyond(q1))
-                blow = Blow(stop, size * drive.size, size, (q1 - q0) / self._dt, rests)
-                out[drive.title] = blow
+        for drive in self._stops:
+            (q0, q1), force = self.ends_of(drive), float(abs(self.multipliers[drive.number]))
+            pressed = 2 * abs(drive.effect.beyond(q0)) > abs(drive.effect.beyond(q1))
+            rate = (q1 - q0) / self._dt
+            out[drive.title] = Blow(drive.effect, force * drive.size, force, rate, pressed)
         return out
 
     def remember(self, notes: dict[int, Any]) -> None:
@@ -198,7 +183,7 @@ class Drives:
 
     # In a step ------------------------------------------------------------------------------------
 
-    def begin(self, t: float, dt: float, q: Mapping[tuple[int, str], float]) -> None:
+    def set_time(self, t: float, dt: float, q: Mapping[tuple[int, str], float]) -> None:
         """Evaluate functions for a step from t on, at coordinates q; raise as `Motor.at`."""
         self._dt, self._q0 = dt, q
         for drive in self._motors:
@@ -208,71 +193,54 @@ class Drives:
                 continue
             first, last = motor.at(t), motor.at(t + dt)
             if motor.by_speed:
-                start = q[drive.key] if drive.wanted is None else self._begun(drive)
+                # The speeds may have led there, in a step that is tried again.
+                before = (q[drive.key],) if drive.wanted is None else drive.wanted
+                start = min(before, key=lambda wanted: abs(wanted - q[drive.key]))
                 drive.given = first, last
-                mean = (first + last + 4 * motor.at(t + 0.5 * dt)) / 6
-                drive.wanted = start, start + dt * mean
+                drive.wanted = start, start + dt * (first + last + 4 * motor.at(t + 0.5 * dt)) / 6
             else:
                 drive.wanted = first, last
                 if not self.static:
                     drive.given = end_rates(first, last, motor.at(t + 0.5 * dt), dt)
-            self._path[drive.number] = drive.wanted
 
-    def _begun(self, drive: Drive) -> float:
-        """q that a speed has led to at the start of a step, which may be tried again."""
-        assert drive.wanted is not None
-        q = self._q0[drive.key]
-        return min(drive.wanted, key=lambda wanted: abs(wanted - q))
-
-    def begin_at(self, q: Mapping[tuple[int, str], float]) -> None:
-        """Set coordinates at the start of a step, by joint and name."""
-        self._q0 = q
+    def begin(self, q: Mapping[tuple[int, str], float], start: Array) -> None:
+        """Begin a step where coordinates are q, by joint and name, and vectors are at start."""
+        self._q0, self._start = q, start
+        self.look(np.zeros_like(start), self.multipliers)
 
     def efforts(self, multipliers: Array, joint: int) -> dict[str, float]:
         """Torque [N m] or force [N] of each on a joint of this number, by title, of these λ [N]."""
         own = (drive for drive in self.each if drive.key[0] == joint)
         return {drive.title: float(multipliers[drive.number]) * drive.size for drive in own}
 
-    def look(self, start: Array, moved: Array, multipliers: Array) -> None:
-        """See an iterate: vectors at the start, their increments, and λ."""
-        self._step, self.multipliers = (start, moved), np.array(multipliers)
-        self._secants = self._laws = None
-
-    def _gradients(self, share: float) -> Array:
-        """Derivatives of coordinates by their vectors after a part of the step."""
-        start, moved = self._step
-        return self._coordinates.gradients(start + share * moved)
-
-    def _by_secants(self) -> tuple[Array, Array]:
-        """∇̄q of each in the step, shape (drives, 3, 3), and q₁ - q₀."""
-        if self._secants is None:
-            self._secants = self._coordinates.secants(*self._step, self._large)
-        return self._secants
+    def look(self, moved: Array, multipliers: Array) -> None:
+        """See an iterate: increments of vectors, and λ."""
+        self._moved, self.multipliers = moved, np.array(multipliers)
+        self._mean, self._gained = self._coordinates.secants(self._start, moved, self._large)
 
     def ends_of(self, drive: Drive) -> tuple[float, float]:
         """q of one of them at the start of the step, and at the last iterate."""
         q0 = self._q0[drive.key]
-        return q0, q0 + float(self._by_secants()[1][drive.number])
+        return q0, q0 + float(self._gained[drive.number])
 
-    def _by_laws(self) -> tuple[Array, Array]:
+    def _laws(self) -> tuple[Array, Array]:
         """Force or torque on the second side that each law gives, and its derivative by q₁."""
-        if self._laws is None:
-            out: Array = np.zeros((len(self.each), 2))
-            out[:, 0] = [drive.force for drive in self.each]
-            for drive in self._springs:
-                law, (q0, q1) = drive.effect, self.ends_of(drive)
-                out[drive.number] = law.pull(q1) if self.static else law.law(q0, q1, self._dt)
-            self._laws = out[:, 0], out[:, 1]
-        return self._laws
+        out: Array = np.zeros((2, len(self.each)))
+        for drive in self._motors:
+            out[0, drive.number] = drive.force
+        for drive in self._springs:
+            law, (q0, q1) = drive.effect, self.ends_of(drive)
+            out[:, drive.number] = law.pull(q1) if self.static else law.law(q0, q1, self._dt)
+        return out[0], out[1]
 
     def residual(self) -> Array:
         """F of each, shape (drives,) [m]."""
         if not self.each:
             return self.multipliers
-        before, after = self._path.T
-        lag = before - [self._q0[drive.key] for drive in self.each]  # ends of other steps
-        off = -self._size * (self._by_secants()[1] - (after - before) - lag)
-        force = self._by_laws()[0]
+        paths = np.array([drive.wanted or (0.0, 0.0) for drive in self.each])
+        lag = paths[:, 0] - [self._q0[drive.key] for drive in self.each]  # ends of other steps
+        off = -self._size * (self._gained - np.diff(paths)[:, 0] - lag)
+        force = self._laws()[0]
         return np.where(self.prescribed, off, (self.multipliers - force / self._size) / self.kappa)
 
     def compliance(self) -> Array:
@@ -290,15 +258,18 @@ class Drives:
         """A matrix of derivatives of coordinates by their vectors, times a factor of each."""
         return self._pattern.filled((factors[:, None, None] * slopes).ravel())
 
+    def _gradients(self, share: float) -> Array:
+        """Derivatives of coordinates by their vectors after a part of the step."""
+        return self._coordinates.gradients(self._start + share * self._moved)
+
     def _in_step(self) -> Array:
         """Derivatives of coordinates along which forces act, shape (drives, 3, 3)."""
-        return self._gradients(1.0) if self.static else self._by_secants()[0]
+        return self._gradients(1.0) if self.static else self._mean
 
     def add_to(self, forces: Array) -> Array:
         """Add their forces at the last iterate to those on vectors, shape (vectors, 3) [N]."""
-        if self.each:
-            own = (-self._size * self.multipliers)[:, None, None] * self._in_step()
-            np.add.at(forces, self._coordinates.at, own)
+        own = (-self._size * self.multipliers)[:, None, None] * self._in_step()
+        np.add.at(forces, self._coordinates.at, own)
         return forces
 
     def test(self) -> Matrix:
@@ -307,7 +278,7 @@ class Drives:
 
     def trial(self) -> Matrix:
         """Derivatives of F by vectors, likewise."""
-        by_laws = -self._by_laws()[1] / (self._size * self.kappa)
+        by_laws = -self._laws()[1] / (self._size * self.kappa)
         return self._filled(np.where(self.prescribed, -self._size, by_laws), self._gradients(1.0))
 
     def along(self, share: float) -> Matrix:
@@ -316,20 +287,20 @@ class Drives:
 
     def curvature(self) -> csr_array:
         """Derivative of forces by vectors in statics, shape (3 · vectors,) * 2 [N/m]."""
-        start, moved = self._step
         factors = (-self._size * self.multipliers)[:, None, None]
-        return self._bent.sparse((factors * self._coordinates.curvatures(start + moved)).ravel())
+        curvatures = self._coordinates.curvatures(self._start + self._moved)
+        return self._bent.sparse((factors * curvatures).ravel())
 
     @property
     def given(self) -> Array:
         """Change of F's rate that motors prescribe since the step before ended [m/s]."""
-        out: Array = np.zeros(len(self.each))
-        for drive in self.each:
-            if drive.given is not None:
-                first, last = drive.given
-                change = last - (first if drive.known is None else drive.known)
-                out[drive.number] = drive.size * change
-        return out
+
+        def change(drive: Drive) -> float:
+            first, last = drive.given or (0.0, 0.0)
+            before = first if drive.given is None or drive.known is None else drive.known
+            return drive.size * (last - before)
+
+        return self._all(change)
 
     # After a step ---------------------------------------------------------------------------------
 
@@ -337,8 +308,8 @@ class Drives:
         """Work of motors in the step, and loss by dampers by their kind [J]."""
         done, taken = 0.0, dict[str, float]()
         for drive in self._motors:
-            q0, q1 = self.ends_of(drive)
-            done += float(self.multipliers[drive.number]) * drive.size * (q1 - q0)
+            gained = float(self._gained[drive.number])
+            done += float(self.multipliers[drive.number]) * drive.size * gained
         for drive in () if self.static else self._springs:
             if (law := drive.effect).damping:
                 energy = law.taken(*self.ends_of(drive), self._dt)

@@ -300,7 +300,7 @@ class Linkage:
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate functions of time for a step from t on, of dt [s]; raise as `Motor.at`."""
         self._dt = dt
-        self.drives.begin(t, dt, self._q)
+        self.drives.set_time(t, dt, self._q)
         self.points.set_time(t + (dt if self._share == 1.0 else 0.5 * dt), dt)
 
     def begin(self, bodies: Bodies) -> None:
@@ -309,8 +309,7 @@ class Linkage:
         self._start = p = self._vectors.begin(self.averages.positions(Instant(bodies)))
         self._moved = np.zeros_like(p)
         self._q = self._coordinates(p)
-        self.drives.begin_at(self._q)
-        self.drives.look(p, self._moved, self.drives.multipliers)
+        self.drives.begin(self._q, p)
         self.rows.begin(p)
 
     def look(self, motion: Motion, multipliers: Array) -> None:
@@ -319,7 +318,7 @@ class Linkage:
         self._moved = self._vectors.look(self.averages.moved(motion))
         self._pose = increments.start.pose + self._share * increments.displacement
         self.rows.look(self._moved, multipliers[:n])
-        self.drives.look(self._start, self._moved, multipliers[n:])
+        self.drives.look(self._moved, multipliers[n:])
         p = self._start + self._share * self._moved
         forces = self.rows.terms.forces(p, self.rows.multipliers)
         self.forces = self.drives.add_to(forces)
