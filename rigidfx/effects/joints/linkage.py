@@ -64,21 +64,13 @@ class JointReport:
 
 @dataclass(eq=False, repr=False)
 class JointReports(Mapping[str, JointReport]):
-    """Reports of joints by title, each made when it is first asked for.
+    """Reports of joints by title, each made when it is first asked for."""
 
-    Attributes:
-        titles: Titles of the joints, in the order of the scene.
-        of: Makes the report of a joint by its number.
-        total: Sum of the sizes of all multipliers [N].
-        later: Titles that are known from the first step on, at t = 0.
-        blows: How stops act in the step, by their titles.
-    """
-
-    titles: Sequence[str] = ()
-    of: Callable[[int], JointReport] | None = None
-    total: float = 0.0
-    later: Sequence[str] = ()
-    blows: Mapping[str, Blow] = field(default_factory=dict)
+    titles: Sequence[str] = ()  # of the joints, in the order of the scene
+    of: Callable[[int], JointReport] | None = None  # makes the report of a joint by its number
+    total: float = 0.0  # sum of the sizes of all multipliers [N]
+    later: Sequence[str] = ()  # titles that are known from the first step on, at t = 0
+    blows: Mapping[str, Blow] = field(default_factory=dict)  # of stops in the step, by titles
     _made: dict[str, JointReport] = field(default_factory=dict, init=False)
 
     def __getitem__(self, title: str) -> JointReport:
@@ -98,48 +90,22 @@ class JointReports(Mapping[str, JointReport]):
         return len(self.titles)
 
 
-def told_of(
-    joint: Joint,
-    step: tuple[Array, Array, Array],
-    free: Mapping[str, tuple[float, float]],
-    efforts: Mapping[str, float],
-    gap: float,
-) -> JointReport:
-    """The report of a joint: a force on a place acts there, one on a direction d is d × f.
+def resultant(joint: Joint, middle: Array, forces: Array) -> tuple[Array, Array]:
+    """Force [N] and moment about the joint's place [N m] on the second side, shape (3,) each.
 
-    A step is averages at its start, their increments, and forces on them, shape (averages, 3) each.
-    Free coordinates have a value at the end and a mean rate.
+    Vectors, shape (vectors, 3), are those at which forces on them act: one on a place acts there,
+    one on a direction d is d × f.
     """
-    start, moved, forces = step
-    pieces = joint.pieces
-    sides, places = np.array(pieces.sides), np.array([a.is_place for a in pieces.averages])
+    sides, places = np.array(joint.pieces.sides), joint.pieces.places
     side = 0 if joint.b == GROUND else 1  # the ground tells no forces of its own
-    sign = 1.0 if side else -1.0
-    first = int(np.argmax(places))
-    middle = start + 0.5 * moved
-    arms = middle - np.where(places[:, None], middle[first], 0.0)
-    on = sides == side
-    values = {name: value for name, (value, _) in free.items()}
-    rates = {f"{name}_rate": rate for name, (_, rate) in free.items()}
-    return JointReport(
-        place=start[first] + moved[first],
-        force=sign * forces[on & places].sum(axis=0),
-        moment=sign * np.cross(arms[on], forces[on]).sum(axis=0),
-        efforts=Named(f"report.joints[{joint.title!r}].efforts", efforts),
-        gap=gap,
-        **values,
-        **rates,
-    )
+    sign, on = 1.0 if side else -1.0, sides == side
+    arms = middle - np.where(places[:, None], middle[np.argmax(places)], 0.0)
+    moment = np.cross(arms[on], forces[on]).sum(axis=0)
+    return sign * forces[on & places].sum(axis=0), sign * moment
 
 
 class JointRows:
-    """The rows of all joints, those left out that others imply.
-
-    Attributes:
-        masses: Mass that each one's joint moves [kg].
-        active: Numbers of the rows that have forces: those that the others follow from.
-        multipliers: λ of all rows [N].
-    """
+    """The rows of all joints, those left out that others imply."""
 
     def __init__(self, joints: Sequence[Any], firsts: Sequence[int], vectors: int) -> None:
         """Number the rows of placed joints, by the number of each one's first vector."""
@@ -147,15 +113,15 @@ class JointRows:
         counts = [len(own.rows) for own in pieces]
         self.terms = Terms([own.rows for own in pieces], firsts, vectors)
         self.sizes = np.repeat([own.size for own in pieces], counts)
-        self.masses = np.repeat([own.mass for own in pieces], counts)
+        self.masses = np.repeat([own.mass for own in pieces], counts)  # that joints move [kg]
         self.of_joints = [slice(*pair) for pair in pairwise(accumulate(counts, initial=0))]
         self._titles = [f"{j.title}: {row.title}" for j in joints for row in j.pieces.rows]
-        self.active: Ints = np.arange(len(self._titles))
-        self._dropped: Ints = self.active[:0]
-        self.multipliers: Array = np.zeros(len(self._titles))
+        self.active: Ints = np.arange(len(self._titles))  # those that have forces
+        self._dropped: Ints = self.active[:0]  # and that follow from the others
+        self.multipliers: Array = np.zeros(len(self._titles))  # λ of all rows [N]
+        self.violation: Array = self.multipliers  # g of all rows at the end of the step [m]
         self._g0: Array = self.multipliers
         self._step: tuple[Array, Array] = np.empty((0, 3)), np.empty((0, 3))
-        self._open: Array | None = None  # g at the last iterate, once it is needed
 
     def keep(self, rows: Ints) -> None:
         """Let only these rows have forces: numbers among all of them, sorted."""
@@ -167,20 +133,13 @@ class JointRows:
         """Begin a step where vectors are at p, shape (vectors, 3)."""
         g = self.terms.value(p)
         self._g0 = np.where(np.abs(g) > self.terms.rounding(p), g, 0.0)  # at rest nothing moves
-        self._step, self._open = (p, np.zeros_like(p)), None
+        self._step, self.violation = (p, np.zeros_like(p)), self._g0
 
     def look(self, moved: Array, multipliers: Array) -> None:
         """See an iterate: increments of vectors, and λ of the active rows [N]."""
-        self._step, self._open = (self._step[0], moved), None
-        self.multipliers[self.active] = multipliers
-
-    @property
-    def violation(self) -> Array:
-        """g at the end of the step, of all rows, shape (rows,) [m]."""
-        if self._open is None:
-            start, moved = self._step
-            self._open = np.asarray(self._g0 + self.terms.gained(start + 0.5 * moved, moved))
-        return self._open
+        start, _ = self._step
+        self._step, self.multipliers[self.active] = (start, moved), multipliers
+        self.violation = self._g0 + self.terms.gained(start + 0.5 * moved, moved)
 
     @property
     def redundant(self) -> dict[str, float]:
@@ -419,24 +378,30 @@ class Linkage:
 
         `added` gives additions to multipliers [N], and their forces on vectors; none in statics.
         """
-        q, n = self._coordinates(self._start + self._moved), self.rows.active.size
+        end, middle = (self._start + share * self._moved for share in (1.0, self._share))
+        before, now, rows = self._q, self._coordinates(end), self.rows
         dt = np.inf if self.drives.static else self._dt
-        rates = {key: (value - self._q[key]) / dt for key, value in q.items()}
-        start, moved = self._start, self._moved
-        if self.drives.static:  # forces are those at the end
-            start, moved = start + moved, np.zeros_like(moved)
         forces, multipliers = self.forces, self.drives.multipliers
-        open_by = np.abs(self.rows.violation)
-        gaps = [float(open_by[own].max(initial=0.0)) for own in self.rows.of_joints]
+        open_by = np.abs(rows.violation)
         joints = [joint for joint in self._joints if isinstance(joint, Joint)]
 
         def of(k: int) -> JointReport:
-            more, on_vectors = (np.zeros(n + multipliers.size), 0.0) if added is None else added()
+            joint, on, λ = joints[k], forces, multipliers
+            if added is not None:
+                more, on_vectors = added()
+                on, λ = forces + on_vectors, multipliers + more[rows.active.size :]
             own = slice(self._firsts[k], self._firsts[k + 1])
-            step = start[own], moved[own], -(forces + on_vectors)[own]
-            free = {name: (q[k, name], rates[k, name]) for name in joints[k].pieces.coordinates}
-            efforts = self.drives.efforts(multipliers + more[n:], k)
-            return told_of(joints[k], step, free, efforts, gaps[k])
+            motion: dict[str, Any] = {name: now[k, name] for name in joint.pieces.coordinates}
+            motion |= {f"{name}_rate": (q - before[k, name]) / dt for name, q in motion.items()}
+            force, moment = resultant(joint, middle[own], -on[own])
+            return JointReport(
+                place=end[own][np.argmax(joint.pieces.places)],
+                force=force,
+                moment=moment,
+                **motion,
+                efforts=Named(f"report.joints[{joint.title!r}].efforts", self.drives.efforts(λ, k)),
+                gap=float(open_by[rows.of_joints[k]].max(initial=0.0)),
+            )
 
         total = float(np.abs(self.multipliers).sum())
         blows = {} if self.drives.static else self.drives.blows

@@ -24,7 +24,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from rigidfx.base.matrices import Matrix, Pattern
-from rigidfx.base.types import Array, Ints
+from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.effects.joints.sides import Sided
 from rigidfx.effects.joints.vectors import Vector
 
@@ -253,6 +253,11 @@ class Pieces:
         self.averages.append(average)
         self.sides.append(side)
         return len(self.averages) - 1
+
+    @property
+    def places(self) -> Bools:
+        """Whether each average is a place; the first one is the joint's on its first side."""
+        return np.array([average.is_place for average in self.averages])
 
     def direction(self, a: Array, side: int) -> int:
         """Number of a direction of a side, which is added."""

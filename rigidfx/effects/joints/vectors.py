@@ -35,6 +35,10 @@ from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.mechanics.rotation import AXES, cross, nearest_rotations, skew
 
 
+def _zeros() -> Array:
+    return np.zeros(3)
+
+
 @dataclass(frozen=True)
 class Average:
     """A vector that is Σ c x over owned nodes of all ranks, and a constant, shape (3,)."""
@@ -43,11 +47,11 @@ class Average:
 
     nodes: Ints = field(default_factory=lambda: np.empty(0, np.int64))
     weights: Array = field(default_factory=lambda: np.empty(0))  # c of each [1, or 1/m]
-    constant: Array = field(default_factory=lambda: np.zeros(3))
-    start: Array = field(default_factory=lambda: np.zeros(3))  # its value at the start
+    constant: Array = field(default_factory=_zeros)
+    start: Array = field(default_factory=_zeros)  # its value at the start
     is_place: bool = False  # and not a direction
     holder: Any = None  # finds the body that it may be fixed to, as `FaceSide` does
-    arm: Array = field(default_factory=lambda: np.zeros(3))  # in the frame of that [m, or 1]
+    arm: Array = field(default_factory=_zeros)  # in the frame of that [m, or 1]
 
     @property
     def averages(self) -> tuple[Average, ...]:
