@@ -339,7 +339,7 @@ class Growth(Watch):
         above = np.array([rates[data.cells].max(initial=0.0) for data in growing.values()])
         comm.Allreduce(MPI.IN_PLACE, above, op=MPI.MAX)
         wanted = dict(zip(growing, above, strict=True))
-        new = self._followed(F, dt, limits)
+        new: Array | None = None  # found where a body has room for it
         out, ended, grown = list(self._stepper.state.bodies), [], False
         for k, body in enumerate(out):
             want = wanted.get(body.data.number, 0.0)
@@ -349,9 +349,11 @@ class Growth(Watch):
             before = self._added.get(body.data.number, ())
             if limits.begins and before:  # what is left is for the next step to tell
                 continue
-            stalls = len(before) > 1 and want > max(control.wakes, 0.5 * before[-2])
-            more = None if stalls or count >= control.grown else self._more(body, new)
-            if more is None:
+            stalls, more = len(before) > 1 and want > max(control.wakes, 0.5 * before[-2]), None
+            if not (stalls or count >= control.grown):
+                new = self._followed(F, dt, limits) if new is None else new
+                more = self._more(body, new)
+            if more is None or new is None:
                 if not limits.begins and (want > control.wakes or count >= control.grown):
                     ended.append(body.data)
                 continue

@@ -116,7 +116,7 @@ class Withheld:
     def _resisted(self, increments: Increments, gained: Array, t: float, dt: float) -> Array:
         """What bodies resist by more than their fields in a step, in space, (nodes, 3) [N]."""
         system, parts, f = self._stepper.system, self._parts, self._f
-        if self._loads is not None or not system.dead:
+        if self._loads is not None or not self._actions.dead:
             numbers = np.concatenate([increments.start.pose, increments.displacement], axis=2)
             x, moved = np.split(parts.linear(numbers[self._of]), 2, axis=1)
             self._place(self._u0, x)

@@ -185,11 +185,6 @@ class System(Equations):
         if not (solution.residuals and np.isfinite(solution.residuals).all()):
             self.actions.explain(self.motion)
 
-    @property
-    def dead(self) -> bool:
-        """Whether no force but those of cells and bodies depends on the motion."""
-        return self.actions.dead and self.linkage is None
-
     def resist_at_nodes(self, nodes: Indices, forces: Array) -> None:
         """Add resistance at owned nodes that is not bound to bodies' nodes [N]."""
         every = ForcesOfNodes(np.zeros((self._scene.owned_nodes, 3)))
