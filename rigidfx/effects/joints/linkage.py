@@ -26,7 +26,7 @@ from rigidfx.effects.joints.drives import Drives, Element
 from rigidfx.effects.joints.elements import Blow
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.pieces import Coordinates, Terms
-from rigidfx.effects.joints.remote import Points
+from rigidfx.effects.joints.remote import Points, RemoteMotion
 from rigidfx.effects.joints.sides import GROUND
 from rigidfx.effects.joints.vectors import BoundAverages, Vectors, stiff_rows
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion
@@ -260,7 +260,8 @@ class Linkage:
         """Evaluate functions of time for a step from t on, of dt [s]; raise as `Motor.at`."""
         self._dt = dt
         self.drives.set_time(t, dt, self._q)
-        self.points.set_time(t + (dt if self._share == 1.0 else 0.5 * dt), dt)
+        for action in self.points.actions:
+            action.set_time(t + self._share * dt, dt)
 
     def begin(self, bodies: Bodies) -> None:
         """Begin a step of these bodies: find where averages and vectors are. Collective."""
@@ -281,8 +282,8 @@ class Linkage:
         p = self._start + self._share * self._moved
         forces = self.rows.terms.forces(p, self.rows.multipliers)
         self.forces = self.drives.add_to(forces)
-        self.points.look(self._start, self._moved, self._dt or 1.0)  # a time that is fixed has none
-        self.points.add_to(self.forces)
+        dt = self._dt or 1.0  # a time that is fixed has none
+        self.points.look(RemoteMotion(self._start, self._moved, dt), self.forces)
 
     def test(self) -> Matrix:
         """Forces on averages per multiplier, transposed, shape (rows, 3 · averages)."""

@@ -175,17 +175,11 @@ def body_of(
 
 @dataclass(frozen=True)
 class RemoteMotion:
-    """An iterate, or with increments of zero a state.
+    """An iterate, or with increments of zero a state."""
 
-    Attributes:
-        places: Where all averages are at the start of the step, shape (averages, 3) [m].
-        moved: Their increments, likewise.
-        dt: Length of the step [s]; of no meaning in statics.
-    """
-
-    places: Array
-    moved: Array
-    dt: float
+    places: Array  # where all averages are at the start of the step, shape (averages, 3) [m]
+    moved: Array  # their increments, likewise
+    dt: float = 1.0  # length of the step [s]; of no meaning in statics
 
     @property
     def start(self) -> RemoteMotion:
@@ -251,56 +245,45 @@ class Points:
 
     def __init__(self, actions: Sequence[Action], heed: Heed = getattr) -> None:
         """Find their methods, which `heed` makes functions that keep a user's exceptions."""
-        self._actions = tuple(actions)
+        self.actions = tuple(actions)
         self.rounding = sum(action.rounding for action in actions)
-        self._resist, self._stiffen, self._taken, self._stored, self._accept = (
-            [heed(action, method) for action in self._actions]
-            for method in ("resist", "stiffen", "taken", "stored", "accept")
-        )
-
-    def number(self, first: int) -> list[Vector]:
-        """The averages of all actions, whose first one has this number."""
-        for action in self._actions:
-            first = action.nodes.number(first)
-        none: Array = np.zeros((first, 3))
-        self._motion = RemoteMotion(none, none, 1.0)
-        return [end for action in self._actions for end in action.nodes.ends]
+        methods = "resist", "stiffen", "taken", "stored", "accept"
+        self._calls = {name: [heed(action, name) for action in actions] for name in methods}
 
     def __len__(self) -> int:
         """How many actions there are."""
-        return len(self._actions)
+        return len(self.actions)
 
-    def set_time(self, t: float, dt: float) -> None:
-        """Evaluate functions of time for a step."""
-        for action in self._actions:
-            action.set_time(t, dt)
+    def number(self, first: int) -> list[Vector]:
+        """The averages of all actions, whose first one has this number."""
+        for action in self.actions:
+            first = action.nodes.number(first)
+        self._motion = RemoteMotion(np.zeros((first, 3)), np.zeros((first, 3)))
+        return [end for action in self.actions for end in action.nodes.ends]
 
-    def look(self, start: Array, moved: Array, dt: float) -> None:
-        """See an iterate: averages of joints and points at the start, and their increments."""
-        self._motion = RemoteMotion(start, moved, dt)
-
-    def add_to(self, forces: Array) -> None:
-        """Add resistances to forces on all averages, shape (averages, 3) [N]."""
-        for resist in self._resist:
-            resist(self._motion, forces)
+    def look(self, motion: RemoteMotion, forces: Array) -> None:
+        """See an iterate, and add resistances to forces on all averages, (averages, 3) [N]."""
+        self._motion = motion
+        for resist in self._calls["resist"]:
+            resist(motion, forces)
 
     def stiffness(self) -> csr_array:
         """Their derivatives by all averages, shape (3 · averages,) * 2 [N/m]."""
         none, size = np.empty(0, np.int64), 3 * len(self._motion.places)
         tangent: RemoteTangent = [(none, none, np.empty(0))]
-        for stiffen in self._stiffen:
+        for stiffen in self._calls["stiffen"]:
             stiffen(self._motion, tangent)
         row, column, value = map(np.concatenate, zip(*tangent, strict=True))
         return csr_array((value, (row, column)), shape=(size, size))
 
     def told(self) -> dict[str, Any]:
         """Reports of the actions that have a title, of the last step, by title."""
-        return {a.title: a.told(self._motion) for a in self._actions if a.title}
+        return {a.title: a.told(self._motion) for a in self.actions if a.title}
 
     def work(self) -> tuple[float, dict[str, float]]:
         """Work of loads in the step, and loss by dampers by their kind [J]."""
         done, lost = 0.0, dict[str, float]()
-        for action, taken in zip(self._actions, self._taken, strict=True):
+        for action, taken in zip(self.actions, self._calls["taken"], strict=True):
             energy = taken(self._motion)
             if not action.dissipates:
                 done -= energy
@@ -310,10 +293,10 @@ class Points:
 
     def accept(self) -> None:
         """Let actions remember the step."""
-        for accept in self._accept:
+        for accept in self._calls["accept"]:
             accept()
 
     def stored(self, p: Array) -> float:
         """Energy of springs where all averages are at p [J]."""
-        at = RemoteMotion(p, np.zeros_like(p), 1.0)
-        return float(sum(stored(at) for stored in self._stored))
+        at = RemoteMotion(p, np.zeros_like(p))
+        return float(sum(stored(at) for stored in self._calls["stored"]))

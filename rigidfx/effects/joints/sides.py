@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from dolfinx import mesh as dmesh
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown
-from rigidfx.base.types import Array, Indices
+from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
+from rigidfx.domain.domain import nodes_of
 from rigidfx.effects.base import Vector as Point
 from rigidfx.effects.joints.vectors import Average, FaceVector, Vector, slopes_of
 from rigidfx.effects.supports.support import Support
@@ -352,7 +352,12 @@ def sphere_of(scene: Any, owner: str, where: str) -> Array | None:
 
 def _facets(scene: Any, owner: str, where: str) -> tuple[Array, Array, Array]:
     """Corners of owned facets less their mean place on all ranks, that, and normals. Collective."""
-    x = _corners_of(scene, scene.boundary(where, owner))
+    mesh, pairs = scene.mesh, scene.boundary(where, owner)
+    mesh.topology.create_connectivity(3, 2)
+    facets = mesh.topology.connectivity(3, 2)
+    numbers = np.array([facets.links(cell)[k] for cell, k in pairs], dtype=np.int32)
+    corners = nodes_of(mesh, 2, numbers)[:, : 3 if scene.simplex else 4]
+    x: Array = mesh.geometry.x[corners]
     n = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
     total = np.asarray(scene.sum(np.r_[x.sum(axis=(0, 1)), float(x[..., 0].size)]))
     middle = total[:3] / max(total[3], 1.0)  # a fit about a far origin would lose digits
@@ -371,17 +376,3 @@ def _fitted(scene: Any, x: Array) -> tuple[Array, float, float]:
     radius = float(np.sqrt(max(rest + centre @ centre, 0.0)))
     off = np.abs(np.linalg.norm(x - centre, axis=1) - radius).max(initial=0.0)
     return centre, radius, float(off)
-
-
-def _corners_of(scene: Any, pairs: Indices) -> Array:
-    """Corners of owned facets by cells and sides of these, shape (facets, 3 or 4, 3) [m]."""
-    mesh = scene.mesh
-    for dims in ((3, 2), (2, 3), (2, 0)):
-        mesh.topology.create_connectivity(*dims)
-    facets = mesh.topology.connectivity(3, 2)
-    numbers = np.array([facets.links(cell)[k] for cell, k in pairs], dtype=np.int32)
-    corners = 3 if scene.simplex else 4
-    if not numbers.size:  # DOLFINx 0.9 divides by their number
-        return np.empty((0, corners, 3))
-    nodes = dmesh.entities_to_geometry(mesh, 2, numbers)
-    return np.asarray(mesh.geometry.x[nodes.reshape(-1, nodes.shape[-1])[:, :corners]])
