@@ -148,7 +148,7 @@ def of_resultant(load, before, after):
     # Cayley vector: (R - I) (R + I)⁻¹ = ½ θ̂
     half = (turn - np.eye(3)) @ np.linalg.inv(turn + np.eye(3))
     theta = 2 * np.array([half[2, 1], half[0, 2], half[1, 0]])
-    force, torque = load.force_at(t), load.torque_at(t)
+    force, torque = load.both_at(t)
     moment = np.cross((a.centre + b.centre) / 2, force) + torque
     return force, moment, force @ (b.centre - a.centre) + torque @ theta
 

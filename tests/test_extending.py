@@ -156,6 +156,16 @@ def test_the_spring_of_the_page(ends):
     assert rows[:, 1].max() > 0.1 * rows[0, 0]
 
 
+def test_the_spring_of_the_page_is_told_by_the_sets_that_it_joins():
+    """Where its law fails, and where a set is unknown."""
+    box = rf.box((0, 0, 0), (1, 1, 1), (2, 1, 1))
+    with pytest.raises(rf.SceneError, match="OwnSpring on 'x0' and 'nowhere': there are no"):
+        rf.Scene(box, MATERIAL, [own_spring.OwnSpring("x0", "nowhere", own_spring.energy)])
+    scene = rf.Scene(box, MATERIAL, [own_spring.OwnSpring("x0", rf.MeanFace("x1"), lambda q: q.no)])
+    with pytest.raises(rf.SceneError, match="OwnSpring on 'x0' and 'x1': its"):
+        list(rf.simulate(scene, 0.1, 0.1))
+
+
 def test_an_end_on_the_ground_needs_a_place():
     with pytest.raises(rf.SceneError, match="Own: its end on the ground needs a place"):
         end_of(rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (2, 1, 1)), MATERIAL), "Own", "ground")

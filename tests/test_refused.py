@@ -569,7 +569,7 @@ Sphere((0, 0, 0), 1, inside=1) :: inside must be True or False
 _scene(_moving(lambda x, t: x)) :: its function of time failed
 _run(_moving(_then((0.0,) * 3, (nan,) * 3, 0.08))) :: got [nan nan nan]. Check its path of the Plane
 _run(_moving(_fails((0, 0, 0), since=0.08))) :: Contact on 'z0': its path of the Plane failed at t =
-_moving(_with(3)) :: breakpoints of the path of against must be a list of instants, got 3
+_moving(_with(3)) :: breakpoints of against must be a list of instants, got 3
 _scene(_contact(against=Obstacle())) :: its gap of the Obstacle failed with NotImplementedError
 _told(lambda y: y[:, 3]) :: Contact on 'z0': its gap of the Told failed with IndexError
 _told(lambda y: np.full(len(y) or 1, nan)) :: gap of the Told must give finite numbers of shape (

@@ -15,7 +15,7 @@ from records import RECORDS, nothing
 import rigidfx as rf
 from rigidfx.base.taken import taken
 from rigidfx.domain.domain import EntitySet
-from rigidfx.effects.supports.support import Support
+from rigidfx.effects.supports import Support
 from rigidfx.plot import Curve
 from rigidfx.report.report import Report
 

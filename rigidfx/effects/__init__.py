@@ -31,5 +31,11 @@ from rigidfx.effects.loads.preload import Preload
 from rigidfx.effects.loads.pressure import Pressure
 from rigidfx.effects.loads.resultant import Resultant
 from rigidfx.effects.rigid import Reduced, Rigid
-from rigidfx.effects.supports.prescribed import PrescribedMotion, PrescribedRotation
-from rigidfx.effects.supports.support import Fixed, ResolvedForces, Support, Symmetry
+from rigidfx.effects.supports import (
+    Fixed,
+    PrescribedMotion,
+    PrescribedRotation,
+    ResolvedForces,
+    Support,
+    Symmetry,
+)

@@ -124,8 +124,11 @@ class Effect:
 
     @property
     def owner(self) -> str:
-        """Its name in messages, and where it acts."""
-        return f"{self.kind} on '{getattr(self, 'where', None) or WHOLE}'"
+        """Its name in messages, and the set that it acts on, or those that it joins."""
+        where = getattr(self, "where", None)
+        sets = (where,) if hasattr(self, "where") else self.joins or (None,)
+        named = "' and '".join(str(name or WHOLE) for name in sets)
+        return f"{self.kind} on '{named}'"
 
     def placed(self, scene: Any) -> Effect:
         """The effect with the data that it takes from the mesh; itself without. Collective.
@@ -209,26 +212,31 @@ def text(words: str) -> Callable[[str, str, Any], None]:
     return must_be(words, lambda value: isinstance(value, str) and value != "")
 
 
-def check_vector(scene: Any, owner: str, t: float, function: Callable[[], Array]) -> None:
-    """Check that a user's function gives three finite numbers at t [s] on all ranks. Collective."""
-    together(
-        scene.comm, f"{owner}: its function of time", lambda: _three_finite(owner, t, function())
+def check_values(
+    owner: str, t: float, values: Array, X: Array | None = None, advice: str = ""
+) -> Array:
+    """Vectors that a user's function gives at t [s], as they are: one, or one for each of points X.
+
+    `SceneError` on this rank, unless they are finite.
+    """
+    shapes = ((3,),) if X is None else ((3,), X.shape)
+    if np.shape(values) in shapes and np.isfinite(values).all():
+        return values
+    if X is None:
+        wanted, given = "", values if np.size(values) else "what is no array of real numbers"
+    else:
+        wanted = f" for each of {len(X)} points"
+        given = f"{values.T}, shape {values.T.shape} in place of (3, {len(X)})"
+    raise SceneError(
+        f"{owner}: at t = {t:g} s three finite components{wanted} are expected, got "
+        f"{given}.{advice}"
     )
 
 
 def vector_at(owner: str, what: str, t: float, function: Callable[[], Array]) -> Array:
     """Three finite numbers that a user's function gives at t [s]; raise on this rank if not."""
     value = by_name(owner, t, function, what)
-    _three_finite(owner, t, value, f" Check its {what}.")
-    return value
-
-
-def _three_finite(owner: str, t: float, value: Array, advice: str = "") -> None:
-    if np.shape(value) != (3,) or not np.isfinite(value).all():
-        given = value if np.size(value) else "what is no array of real numbers"
-        raise SceneError(
-            f"{owner}: at t = {t:g} s three finite components are expected, got {given}.{advice}"
-        )
+    return check_values(owner, t, value, advice=f" Check its {what}.")
 
 
 @dataclass(frozen=True)
@@ -257,15 +265,12 @@ class Windowed(Effect):
                 f"{self.kind}: the time window needs since < until, "
                 f"got {shown(self.since)} … {self.until!r}."
             )
-        kinks = [t for own in fields(self) for t in self._kinks_of(own.name)]
+        named = ((own.name, getattr(self, own.name)) for own in fields(self))
+        kinks = [t for name, function in named for t in self._instants_of(name, function)]
         object.__setattr__(self, "_kinks", tuple(t for t in kinks if since < t < until))
 
-    def _kinks_of(self, name: str) -> tuple[float, ...]:
-        """Instants that a function among its fields names now."""
-        return self._instants_of(name, getattr(self, name))
-
     def _instants_of(self, name: str, function: Any) -> tuple[float, ...]:
-        """Instants that a function names; the name is for messages."""
+        """Instants that a function among its fields names now."""
         owner, given = f"{self.kind}: an instant among the breakpoints of {name}", None
         try:
             given = getattr(function, "breakpoints", ())
@@ -307,6 +312,30 @@ class Windowed(Effect):
             return {}
         bends = _common_bends([getattr(self, own.name) for own in fields(self)])
         return {t: change for t, change in bends.items() if self.since < t < self.until}
+
+    @property
+    def points(self) -> Array:
+        """Some points of its set, since it was checked; any one while it is `uniform` [m]."""
+        return getattr(self, "_points", np.zeros((1, 3)))
+
+    def check_functions(
+        self, scene: Any, nodes: Callable[[], Indices], *functions: Callable[[Array], Array]
+    ) -> None:
+        """Check vectors at its start, of functions of points of its nodes. Collective.
+
+        `SceneError` on every rank, unless they are finite; nodes are found if it is not `uniform`.
+        """
+        X = None if self.uniform else scene.space.tabulate_dof_coordinates()[nodes()]
+        if X is not None:
+            object.__setattr__(self, "_points", _some_of(scene, X))
+
+        def check() -> None:
+            for function in functions:
+                values = function(self.points if X is None else X)
+                check_values(self.owner, self.start, values, X)
+
+        arguments = "time" if X is None else "place and time"
+        together(scene.comm, f"{self.owner}: its function of {arguments}", check)
 
 
 def bends_of(effects: Iterable[Windowed]) -> dict[float, float]:
@@ -379,25 +408,8 @@ def values_at(function: Callable[..., Any], X: Array, t: float) -> Array:
     """
     if not len(X):  # a rank may have none, and a function may not be made for that
         return np.zeros((0, 3))
-    given = numbers(function(X.T.copy(), t))
-    if given.shape == (3,):
-        return np.broadcast_to(given, X.shape)
-    if given.shape == (3, 1):
-        return np.broadcast_to(given[:, 0], X.shape)
-    return given.T
-
-
-def check_values(owner: str, t: float, X: Array, values: Array) -> Array:
-    """Vectors that a function of place and time gives at t [s] at points X, as they are.
-
-    `SceneError` on this rank, unless they are one finite vector, or one for each point.
-    """
-    if np.shape(values) not in ((3,), X.shape) or not np.isfinite(values).all():
-        raise SceneError(
-            f"{owner}: at t = {t:g} s three finite components for each of {len(X)} points "
-            f"are expected, shape (3, {len(X)}); got shape {values.shape[::-1]}: {values.T}."
-        )
-    return values
+    given = numbers(function(X.T.copy(), t)).T
+    return np.broadcast_to(given, X.shape) if given.shape in ((3,), (1, 3)) else given
 
 
 def values_of(owner: str, function: Callable[[Array], npt.ArrayLike], scene: Any) -> Array:
@@ -421,12 +433,11 @@ def values_of(owner: str, function: Callable[[Array], npt.ArrayLike], scene: Any
     return together(scene.comm, f"{owner}: function must map (3, n) to (3, n); it", found)
 
 
-def some_points(scene: Any, nodes: Indices) -> Array:
-    """A few positions among those of local nodes, the same on all ranks, shape (n, 3) [m].
+def _some_of(scene: Any, X: Array) -> Array:
+    """A few of the points that ranks have, the same on all ranks, shape (n, 3) [m]. Collective.
 
-    Collective. A change of a function of place is a change of a load where it is one at these.
+    A change of a function of place is a change of a load where it is one at these.
     """
-    X = scene.space.tabulate_dof_coordinates()[nodes]
     found = np.concatenate(scene.comm.allgather(X[np.unique(_extremes(X))]))
     return np.asarray(found[np.unique(_extremes(found))])
 

@@ -8,14 +8,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rigidfx.base.errors import SceneError, together
-from rigidfx.base.inputs import at_least_zero, positive, shown
+from rigidfx.base.inputs import at_least_zero, positive
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
 from rigidfx.effects.action import Action, Structure
-from rigidfx.effects.base import Windowed, check_vector
-from rigidfx.effects.contacts.against_obstacle import Friction, ObstacleForces
-from rigidfx.effects.contacts.obstacles import AskedObstacle, Obstacle
+from rigidfx.effects.base import Windowed, must_be
+from rigidfx.effects.contacts.against_obstacle import AskedObstacle, Friction, ObstacleForces
+from rigidfx.effects.contacts.obstacles import Obstacle
 from rigidfx.effects.contacts.pairs import PairForces, PairSurface, pair_of, refuse_overlap
 from rigidfx.effects.contacts.surface import ContactSurface, surface_of
 
@@ -44,6 +44,14 @@ class Contact(Windowed):
     is_load: ClassVar[bool] = True
     is_contact: ClassVar[bool] = True
     checks: ClassVar[Checks] = {
+        "against": must_be(
+            "a Plane or another obstacle, or the name of a set",
+            lambda given: isinstance(given, (Obstacle, str)),
+        ),
+        "title": must_be(
+            "a text that can be printed",
+            lambda given: isinstance(given, str) and given.isprintable(),
+        ),
         "stiffness": positive,
         "friction": at_least_zero,
         "creep": positive,
@@ -59,19 +67,10 @@ class Contact(Windowed):
     def __post_init__(self) -> None:
         """Raise `SceneError` if window, obstacle or a number cannot be used."""
         super().__post_init__()
-        if not isinstance(self.against, (Obstacle, str)):
-            raise SceneError(
-                f"{self.owner}: against must be a Plane or another obstacle, or the name of a set, "
-                f"got {shown(self.against)}."
-            )
         if self.creep is None and self.friction > 0:
             raise SceneError(
                 f"{self.owner}: friction needs creep, the speed [m/s] below which what sticks may "
                 "creep; a thousandth of the speeds that matter, say."
-            )
-        if not isinstance(self.title, str) or not self.title.isprintable():
-            raise SceneError(
-                f"{self.owner}: title must be a text that can be printed, got {shown(self.title)}."
             )
         other = self.against if isinstance(self.against, str) else self.against.kind.lower()
         if isinstance(self.against, str) and self.friction:
@@ -83,12 +82,6 @@ class Contact(Windowed):
     def keeps_apart(self) -> tuple[str, ...]:  # type: ignore[override]
         """Its surface and the other one; () if it meets an obstacle."""
         return (self.where, self.against) if isinstance(self.against, str) else ()
-
-    def _kinks_of(self, name: str) -> tuple[float, ...]:
-        """Those of the obstacle's path too."""
-        if name != "against" or not isinstance(self.against, Obstacle):
-            return super()._kinks_of(name)
-        return self._instants_of("the path of against", self.against.path)
 
     def friction_in(self, dt: float) -> Friction | None:
         """Friction in a step of length dt [s]; None without."""
@@ -108,8 +101,9 @@ class Contact(Windowed):
                 raise SceneError(f"{self.owner}: '{against}' is flat, so it does not meet itself.")
             refuse_overlap(scene, self.where, self.owner)
         if isinstance(against, Obstacle):
-            check_vector(scene, self.owner, start, lambda: against.displacement(start))
-            X = scene.space.tabulate_dof_coordinates()[surface.area > 0]
+            on = np.flatnonzero(surface.area).astype(np.int32)
+            self.check_functions(scene, lambda: on, lambda X: against.displacement(start))
+            X = scene.space.tabulate_dof_coordinates()[on]
             y, asked = X - against.displacement(start), AskedObstacle(self.owner, against)
             obstacle = f"{self.owner}: its obstacle"  # which may be of a user's own
             together(
@@ -123,14 +117,16 @@ class Contact(Windowed):
         worst, place = self.depth(scene, scene.start_places, self.start)
         if worst <= NEGLIGIBLE * size:
             return
-        x, y, z = place
+        (x, y, z), against = place, self.against
+        is_set = isinstance(against, str)
+        other = f"'{against}'" if isinstance(against, str) else f"the {against.kind}"
         found = (
-            f"{self.owner}: at the start it is {worst:.3g} m inside {self._other} at "
+            f"{self.owner}: at the start it is {worst:.3g} m inside {other} at "
             f"({x:.6g}, {y:.6g}, {z:.6g}) m"
         )
-        if worst > TOO_DEEP[isinstance(self.against, str)] * size:
+        if worst > TOO_DEEP[is_set] * size:
             raise SceneError(f"{found}: move one of them, or turn the normal or inside around.")
-        begins = "with the energy of that" if isinstance(self.against, Obstacle) else "there"
+        begins = "there" if is_set else "with the energy of that"
         warn(scene.comm, f"{found}; the contact begins {begins}.")
 
     def _surface(self, scene: Any) -> ContactSurface:
@@ -152,12 +148,6 @@ class Contact(Windowed):
         k = int(np.argmax(depth)) if depth.size else -1
         mine = (float(depth[k]), tuple(x[k].tolist())) if depth.size else (-np.inf, ())
         return max(scene.comm.allgather(mine))
-
-    @property
-    def _other(self) -> str:
-        """Its partner, in a message."""
-        other = self.against
-        return f"'{other}'" if isinstance(other, str) else f"the {other.kind}"
 
     def at_nodes(self, scene: Any, x: Array, t: float) -> tuple[Ints, Array, Array]:
         """Nodes (near another surface), gaps [m], pressures [Pa] at t, nodes at x. Collective."""

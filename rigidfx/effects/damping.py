@@ -204,18 +204,15 @@ class NumericalDamping(Windowed):
 class MassForces(Action):
     """A resistance s M x; `destroy` frees its work vectors."""
 
-    def __init__(self, structure: Structure) -> None:
-        """Store the mass of nodes and bodies. Collective."""
+    def __init__(self, structure: Structure, factor: Callable[[Motion], float]) -> None:
+        """Store the mass of nodes and bodies, and s as a function of an iterate. Collective."""
         self._mass, n = structure.mass, structure.bodies.pose.shape[1]
+        self._factor = factor
         self._spread: Array = np.zeros((len(structure.bodies), n, n))  # Σ m a aᵀ, on the first rank
         for k, body in enumerate(structure.bodies.of.records):
             products = structure.once * body.mass_products
             self._spread[k, : len(products), : len(products)] = products
         self._field, self._image = structure.rows.vector(), structure.rows.vector()
-
-    def factor(self, motion: Motion) -> float:
-        """s."""
-        raise NotImplementedError
 
     def moved(self, motion: Motion) -> tuple[Any, Array]:
         """x of the nodes of the rows, a vector, and X of bodies, shape (bodies, n, 3)."""
@@ -223,7 +220,7 @@ class MassForces(Action):
 
     def resist(self, motion: Motion, forces: Forces) -> None:
         """Add s M x."""
-        factor, (at_nodes, of_bodies) = self.factor(motion), self.moved(motion)
+        factor, (at_nodes, of_bodies) = self._factor(motion), self.moved(motion)
         self._mass.mult(at_nodes, self._image)
         forces.vector.axpy(factor, self._image)
         if len(of_bodies):
@@ -231,7 +228,7 @@ class MassForces(Action):
 
     def stiffen(self, motion: Motion, tangent: Tangent) -> None:
         """Add s M."""
-        factor = self.factor(motion)
+        factor = self._factor(motion)
         self._mass.add_to(tangent.matrix, factor, tangent.prolongation)
         tangent.add_spread(self._spread, factor * np.eye(3))
 
@@ -263,7 +260,7 @@ class MassDamping(Windowed):
 
     def bind(self, structure: Structure) -> Action:
         """The drag on nodes and bodies."""
-        return Drag(float(self.alpha), structure)
+        return Drag(structure, lambda motion: float(self.alpha) / motion.dt)
 
 
 class Drag(MassForces):
@@ -274,15 +271,6 @@ class Drag(MassForces):
 
     kind = MassDamping.__name__
 
-    def __init__(self, alpha: float, structure: Structure) -> None:
-        """Keep α [1/s]. Collective."""
-        super().__init__(structure)
-        self._alpha = alpha
-
-    def factor(self, motion: Motion) -> float:
-        """α/Δt [1/s²]."""
-        return self._alpha / motion.dt
-
     def moved(self, motion: Motion) -> tuple[Any, Array]:
         """Δu [m]."""
         return motion.d, motion.increments.displacement
@@ -292,7 +280,7 @@ class Drag(MassForces):
         at_nodes, of_bodies = self.moved(motion)
         self._mass.mult(at_nodes, self._image)
         own = float(at_nodes.array_r @ self._image.array_r)
-        return self.factor(motion) * (own + float(np.vdot(of_bodies, self._spread @ of_bodies)))
+        return self._factor(motion) * (own + float(np.vdot(of_bodies, self._spread @ of_bodies)))
 
 
 @dataclass(frozen=True)
@@ -313,17 +301,13 @@ class StepDrag(MassForces):
 
     def __init__(self, structure: Structure) -> None:
         """Draw to the start. Collective."""
-        super().__init__(structure)
+        super().__init__(structure, lambda motion: self.rate)
         self.rate, self._pose = 1.0, structure.bodies.pose
         self._centre: Array = np.zeros(self._field.local_size)
 
     def draw_to(self, d: Array, pose: Array) -> None:
         """Set x*: increments of the rows in the step [m], and matrices of the places of bodies."""
         self._centre, self._pose = d, pose
-
-    def factor(self, motion: Motion) -> float:
-        """s."""
-        return self.rate
 
     def moved(self, motion: Motion) -> tuple[Any, Array]:
         """x - x* [m]."""
@@ -348,8 +332,8 @@ class Centrifugal(MassForces):
 
         All of them act if it is None, and the stiffness of nodes is left to others. Collective.
         """
-        super().__init__(structure)
-        rows, self._share = structure.rows, share
+        super().__init__(structure, lambda motion: -1.0 if share is None else -share())
+        rows, self._with_nodes = structure.rows, share is not None
         self._S = spin @ spin * np.eye(3) - np.outer(spin, spin)
         self._u0, self._dofs = structure.u, rows.dofs
         self._arms = rows.X - centre
@@ -361,10 +345,6 @@ class Centrifugal(MassForces):
         largest = structure.scene.comm.allreduce(np.abs(self._arms).max(initial=0.0))
         self.rounding = float(np.linalg.norm(self._S)) * mass * largest
 
-    def factor(self, motion: Motion) -> float:
-        """Minus the share that acts."""
-        return -1.0 if self._share is None else -self._share()
-
     def moved(self, motion: Motion) -> tuple[Any, Array]:
         """S (x - c) [m/s²]."""
         arms = self._arms + self._u0[self._dofs].reshape(-1, 3) + motion.nodes
@@ -375,7 +355,7 @@ class Centrifugal(MassForces):
 
     def stiffen(self, motion: Motion, tangent: Tangent) -> None:
         """Add -M S; of a consistent mass by row sums: iterations see it, the solution not."""
-        softening = self.factor(motion) * self._S
+        softening = self._factor(motion) * self._S
         tangent.add_spread(self._spread, softening)
-        if self._share is not None:
+        if self._with_nodes:
             tangent.matrix.add_nodal(self._nodes, self._own_mass[:, None, None] * softening)

@@ -20,7 +20,7 @@ from rigidfx.base.inputs import vector
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array, Indices
 from rigidfx.effects.base import NO_VECTOR, Effect, Vector, must_be, values_of
-from rigidfx.effects.supports.support import Fixed
+from rigidfx.effects.supports import Fixed
 
 # Relative error of the difference quotient for a path whose velocity is not given.
 CONTRADICTION = 1e-5

@@ -30,7 +30,7 @@ from rigidfx.effects import (
     StiffnessDamping,
     Windowed,
 )
-from rigidfx.effects.supports.support import Support
+from rigidfx.effects.supports import Support
 from rigidfx.mechanics.materials import Isotropic
 from rigidfx.mechanics.schemes import rest_moduli
 from rigidfx.scene.scene import Scene

@@ -37,7 +37,7 @@ from rigidfx.effects import (
 )
 from rigidfx.effects.contacts.surface import area_vectors, triangles_of
 from rigidfx.effects.damping import warn_of_ratio
-from rigidfx.effects.supports.support import FLAT
+from rigidfx.effects.supports import FLAT
 from rigidfx.scene.weights import inertial_masses
 
 NOTHING = 1e-5  # of a scene's weight: a walker on a large bridge has more

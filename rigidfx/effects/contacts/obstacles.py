@@ -13,8 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rigidfx.base.errors import SceneError, by_name
-from rigidfx.base.inputs import direction, numbers, of_time, positive, shown, truth, vector
+from rigidfx.base.inputs import direction, numbers, of_time, positive, truth, vector
 from rigidfx.base.taken import Checks, check_fields, take_fields
 from rigidfx.base.types import Array
 from rigidfx.effects.base import Vector
@@ -59,6 +58,11 @@ class Obstacle:
     def kind(self) -> str:
         """Its name."""
         return type(self).__name__
+
+    @property
+    def breakpoints(self) -> Any:
+        """Instants of the kinks of its path [s]."""
+        return getattr(self.path, "breakpoints", ())
 
     def displacement(self, t: float) -> Array:
         """How far it has moved at t [s], shape (3,) [m]."""
@@ -187,45 +191,3 @@ class Cylinder(Round):
     def _P(self) -> Array:
         a = direction(self.kind, "axis", self.axis)
         return np.asarray(np.eye(3) - np.outer(a, a))
-
-
-class AskedObstacle:
-    """An obstacle whose answers are checked, as one of a user's own may give anything, or fail."""
-
-    def __init__(self, owner: str, obstacle: Obstacle) -> None:
-        """Wrap the obstacle's functions; the owner is for messages."""
-        self._owner, self._obstacle = owner, obstacle
-
-    def gap(self, y: Array) -> Array:
-        """Gaps of points y, shape (n,) [m]; `SceneError` on this rank, unless they are finite."""
-        return self._checked("gap", self._asked("gap", y), y.shape[:1], y)
-
-    def outward(self, y: Array) -> Array:
-        """Directions in which gaps grow, shape (n, 3), checked as gaps are."""
-        return self._checked("outward", self._asked("outward", y), y.shape, y)
-
-    def approach(self, y0: Array, y1: Array) -> Approach:
-        """How gaps change from y0 to y1, checked as gaps are."""
-        found: Approach = self._asked("approach", y0, y1)
-        if not isinstance(found, Approach):
-            raise SceneError(
-                f"{self._owner}: approach of the {self._obstacle.kind} must give an Approach, got "
-                f"{shown(found)}."
-            )
-        for values in (found.m, found.dg):
-            self._checked("approach", values, y0.shape, y1)
-        if found.dm is not None:
-            self._checked("approach", found.dm, (*y0.shape, 3), y1)
-        return found
-
-    def _asked(self, name: str, *points: Array) -> Any:
-        function, what = getattr(self._obstacle, name), f"{name} of the {self._obstacle.kind}"
-        return by_name(self._owner, None, lambda: function(*points), what)
-
-    def _checked(self, name: str, given: Array, shape: tuple[int, ...], y: Array) -> Array:
-        if np.shape(given) == shape and (np.isfinite(given).all() or not np.isfinite(y).all()):
-            return given
-        raise SceneError(
-            f"{self._owner}: {name} of the {self._obstacle.kind} must give finite numbers of "
-            f"shape {shape} for points of shape {y.shape}, got {shown(given)}."
-        )

@@ -33,6 +33,7 @@ from rigidfx.effects.action import Structure, Touch
 from rigidfx.effects.contacts.surface import (
     CLOSED,
     ContactForces,
+    Pressed,
     area_vectors,
     once,
     secant,
@@ -53,32 +54,36 @@ DEEPEST = 0.5  # of the distance of nodes: what is deeper has come from the othe
 
 
 @dataclass(frozen=True)
+class Met:
+    """The nodes that may meet a triangle in a step."""
+
+    at: Ints  # their places among those kept out
+    slaves: Ints  # their numbers
+    corners: Ints  # numbers of the nodes of their triangles, shape (n, 3)
+
+    def projected(self, x: Array) -> tuple[Array, Array, Array]:
+        """Gaps, normals and weights where all nodes are at x, shape (size, 3) [m]."""
+        return projected(x[self.slaves], x[self.corners])
+
+    def apart(self, v: Array, N: Array) -> Array:
+        """Motion of the nodes against their triangles by that of all, shape (n, 3)."""
+        return np.asarray(v[self.slaves] - np.einsum("na,nai->ni", N, v[self.corners]))
+
+
+@dataclass(frozen=True)
 class PairSurface:
-    """Both surfaces; numbers count the nodes and triangles of both alike on any number of ranks.
+    """Both surfaces; numbers count the nodes and triangles of both alike on any number of ranks."""
 
-    Attributes:
-        nodes: Owned nodes of this rank in them.
-        numbers: Their numbers.
-        size: How many nodes there are in all.
-        slaves: Numbers of the nodes that are kept out, shape (n,).
-        stiffness: Their stiffnesses, shape (n,) [N/m].
-        triangles: Numbers of the nodes of the triangles, normals outwards, shape (m, 3).
-        reach: Distance within which a node may meet a triangle [m].
-        spacing: A typical distance of nodes [m].
-        X: Reference positions of all nodes, shape (size, 3) [m].
-        itself: Whether both are one surface.
-    """
-
-    nodes: Ints
-    numbers: Ints
-    size: int
-    slaves: Ints
-    stiffness: Array
-    triangles: Ints
-    reach: float
-    spacing: float
-    X: Array
-    itself: bool
+    nodes: Ints  # owned nodes of this rank in them
+    numbers: Ints  # their numbers
+    size: int  # how many nodes there are in all
+    slaves: Ints  # numbers of the nodes that are kept out, shape (n,)
+    stiffness: Array  # their stiffnesses, shape (n,) [N/m]
+    triangles: Ints  # numbers of the nodes of triangles, normals outwards, shape (m, 3)
+    reach: float  # distance within which a node may meet a triangle [m]
+    spacing: float  # a typical distance of nodes [m]
+    X: Array  # reference positions of all nodes, shape (size, 3) [m]
+    itself: bool  # whether both are one surface
 
     def everywhere(self, comm: MPI.Intracomm, values: Array) -> Array:
         """Values of all nodes from those of this rank's local ones, shape (size, 3). Collective."""
@@ -155,13 +160,15 @@ class PairSurface:
         normals, _ = self._normals(self.X)
         return bool((normals @ normals[0] > 1 - FLAT).all())
 
+    def met(self, mate: Ints) -> Met:
+        """Those slaves that have a mate."""
+        at = np.flatnonzero(mate >= 0)
+        return Met(at, self.slaves[at], self.triangles[mate[at]])
+
     def gaps(self, x: Array) -> tuple[Ints, Array]:
         """Slaves near a triangle at positions x, and distances from its plane, both (n,) [m]."""
-        mate = self.mates(x, np.full(self.size, -1))
-        near = np.flatnonzero(mate >= 0)
-        slaves = self.slaves[near]
-        g, _, _ = projected(x[slaves], x[self.triangles[mate[near]]])
-        return slaves, g
+        near = self.met(self.mates(x, np.full(self.size, -1)))
+        return near.slaves, near.projected(x)[0]
 
 
 def _unit(v: Array) -> Array:
@@ -300,6 +307,24 @@ def _holds(mesh: Any, cell: int, point: Array) -> bool:
 _SEARCH = PETSc.Log.Event("rigidfxSearch")  # PETSc's log of the search for triangles
 
 
+@dataclass(frozen=True)
+class PairMemory:
+    """Memory of a pair of each node kept out: ḡ, ∞ while free, and its triangle, -1 if none."""
+
+    gap: Array
+    mate: Ints
+
+
+@dataclass(frozen=True)
+class Pushed(Pressed):
+    """How nodes are pushed at an iterate; forces are taken where all nodes are at `half`."""
+
+    met: Met
+    half: Array  # shape (size, 3) [m]
+    n: Array  # normals, shape (n, 3)
+    N: Array  # weights of the corners, shape (n, 3)
+
+
 class PairForces(ContactForces):
     """The forces between two surfaces; its results are equal on all ranks."""
 
@@ -309,11 +334,11 @@ class PairForces(ContactForces):
         """Find which nodes are whose. Collective."""
         super().__init__(effect, surface.stiffness, structure)
         self._comm: MPI.Intracomm = structure.scene.comm
-        self._surface = surface
+        self._surface, self._effect = surface, effect
         n = surface.slaves.size
         self._fresh = PairMemory(np.full(n, np.inf), np.full(n, -1))
         assert structure.notes is not None  # else it is not bound
-        self._notes, self._effect = structure.notes, effect
+        self._notes = structure.notes
         self._nodes = SharedNodes(structure, surface.nodes, surface.numbers, surface.size)
         self.rounding = float(np.linalg.norm(self._k)) * self._nodes.far()
         self.set_time(0.0, 0.0)
@@ -326,15 +351,9 @@ class PairForces(ContactForces):
     def set_time(self, t: float, dt: float) -> None:
         """Begin an attempt at a step: findings of the last one are forgotten."""
         self._x0: Array | None = None
-        self._half: Array = np.zeros((self._surface.size, 3))
         self._mate: Ints | None = None  # the triangle that each node may meet in the step
-        self._active: Ints = np.empty(0, np.int64)
-        self._slaves: Ints = self._active
-        self._corners: Ints = np.empty((0, 3), np.int64)
-        self._gaps: tuple[Array, Array] = np.empty(0), np.empty(0)
-        self._normals: Array = np.empty((0, 3))
-        self._weights: Array = np.empty((0, 3))
-        self._slope: Array = np.empty(0)
+        self._g0: Array = np.empty(0)  # gaps of those that may meet one, at its start [m]
+        self._pressed: Pushed | None = None
 
     # In each iteration --------------------------------------------------------------------------
 
@@ -345,60 +364,51 @@ class PairForces(ContactForces):
         moved = self._nodes.moved(motion)
         if self._x0 is None:
             self._x0 = self._nodes.positions(motion.start)
-            if not self._static:
-                self._meet(self._x0, self._x0 + 0.5 * moved)
-        if self._static:
-            self._meet(self._x0 + moved, self._x0 + moved)
-        slaves = self._slaves
-        half = self._half = self._x0 + (1.0 if self._static else 0.5) * moved
-        distance, n, N = projected(half[slaves], half[self._corners])
-        apart = moved[slaves] - np.einsum("na,nai->ni", N, moved[self._corners])
-        g0 = distance if self._static else self._gaps[0]
-        g1 = distance if self._static else g0 + (n * apart).sum(axis=1)
-        value, self._slope = secant(self._k[self._active], g0, g1, self._static)
-        self._gaps, self._normals, self._weights = (g0, g1), n, N
+        half = self._x0 + self._nodes.share * moved
+        if self._mate is None or self._static:
+            self._mate = self._meet(self._x0, half)
+        met = self._surface.met(self._mate)
+        distance, n, N = met.projected(half)
+        g0 = distance if self._static else self._g0
+        g1 = distance if self._static else g0 + (n * met.apart(moved, N)).sum(axis=1)
+        value, slope = secant(self._k[met.at], g0, g1, self._static)
+        self._pressed = Pushed(met.at, (g0, g1), value, slope, met, half, n, N)
         pressure = value[:, None] * n
-        force = np.zeros_like(self._x0)
-        np.add.at(force, slaves, pressure)
-        np.add.at(force, self._corners, -N[:, :, None] * pressure[:, None])
+        force = np.zeros_like(half)
+        np.add.at(force, met.slaves, pressure)
+        np.add.at(force, met.corners, -N[:, :, None] * pressure[:, None])
         self._nodes.add(force, forces)
 
-    def _meet(self, x0: Array, x: Array) -> None:
+    def _meet(self, x0: Array, x: Array) -> Ints:
         """Find the triangle of each node at places x, and gaps at places x0, both (size, 3) [m]."""
         surface, memory = self._surface, self._memory
         with _SEARCH:
             mate = surface.mates(x, self._nodes.rigid)
         closed = memory.gap < 0
-        self._mate = mate = np.where(closed & (mate < 0), memory.mate, mate)
-        self._active = on = np.flatnonzero(mate >= 0)
-        self._slaves, self._corners = surface.slaves[on], surface.triangles[mate[on]]
-        g, _, _ = projected(x0[self._slaves], x0[self._corners])
-        g0 = np.where(closed[on], memory.gap[on], np.maximum(g, 0.0))
-        self._gaps = g0, g0
+        mate = np.where(closed & (mate < 0), memory.mate, mate)
+        met = surface.met(mate)
+        distance = np.maximum(met.projected(x0)[0], 0.0)
+        self._g0 = np.where(closed[met.at], memory.gap[met.at], distance)
+        return mate
 
     def stiffen(self, motion: Motion, tangent: Tangent) -> None:
         """Add Σ [U]' (Lᵀ G)(Gᵀ P), G = n at the node and -N n at the triangle's."""
-        used = np.flatnonzero(self._slope > 0)
-        self._in_tangent = self._slopes()
-        if not used.size:
+        self._in_tangent, p = self._slopes(), self._pressed
+        if p is None or not (p.slope > 0).any():
             return
-        nodes = np.c_[self._slaves[used], self._corners[used]]
-        weights = np.c_[np.ones(used.size), -self._weights[used]]
-        G = weights[:, :, None] * self._normals[used, None]
-        self._nodes.couple(nodes, G, self._slope[used], tangent)
-
-    def _slopes(self) -> Array:
-        out = np.zeros(self._k.size)
-        out[self._active] = self._slope
-        return out
+        used = np.flatnonzero(p.slope > 0)
+        nodes = np.c_[p.met.slaves[used], p.met.corners[used]]
+        weights = np.c_[np.ones(used.size), -p.N[used]]
+        G = weights[:, :, None] * p.n[used, None]
+        self._nodes.couple(nodes, G, p.slope[used], tangent)
 
     # After a step -------------------------------------------------------------------------------
 
     def accept(self) -> None:
         """Store ḡ and the triangle of each node."""
-        if self._mate is not None:
+        if (p := self._pressed) is not None and self._mate is not None:
             gap = self._fresh.gap.copy()
-            gap[self._active] = self._gaps[1]
+            gap[p.at] = p.gaps[1]
             self._notes[id(self._effect)] = PairMemory(gap, self._mate)
 
     def _gap(self, at: Instant) -> Array:
@@ -407,25 +417,25 @@ class PairForces(ContactForces):
 
     def pressing(self) -> tuple[Ints, Array]:
         """Pressed nodes: along normals, for corners that bear a share of a node."""
-        ways = np.zeros((self._surface.size, 3, 3))
-        deepest = np.minimum(*self._gaps)
-        deep = deepest < -CLOSED * np.abs(self._half[self._slaves]).max(axis=1, initial=0.0)
-        push = (self._k[self._active] * deepest)[deep, None] * self._normals[deep]
-        share = np.where(self._weights > CLOSED, self._weights, 0.0)[deep]
-        np.add.at(ways[:, 0], self._slaves[deep], -push)
-        np.add.at(ways[:, 0], self._corners[deep], share[:, :, None] * push[:, None])
+        ways, p = np.zeros((self._surface.size, 3, 3)), self._pressed
+        if p is not None:
+            deepest = np.minimum(*p.gaps)
+            deep = deepest < -CLOSED * np.abs(p.half[p.met.slaves]).max(axis=1, initial=0.0)
+            push = (self._k[p.at] * deepest)[deep, None] * p.n[deep]
+            share = np.where(p.N > CLOSED, p.N, 0.0)[deep]
+            np.add.at(ways[:, 0], p.met.slaves[deep], -push)
+            np.add.at(ways[:, 0], p.met.corners[deep], share[:, :, None] * push[:, None])
         return self._nodes.acted(ways)
 
     def touch(self) -> Touch:
         """Touch of the step; a node pressed within one body has no force, but keeps its energy."""
-        if self._comm.rank:
-            return Touch(self.title)
-        if self._nodes.in_one_body:
-            none = np.zeros((self._k.size, 3))
+        none, p = np.zeros((self._k.size, 3)), self._pressed
+        if self._comm.rank == 0 and self._nodes.in_one_body:
             return self._touched(self._k, self._memory.gap, none, none)
-        k = self._k[self._active]
-        force = -secant(k, *self._gaps)[0][:, None] * self._normals
-        out = self._touched(k, self._gaps[1], force, self._half[self._slaves])
+        if self._comm.rank or p is None:
+            return Touch(self.title)
+        force = -p.value[:, None] * p.n
+        out = self._touched(self._k[p.at], p.gaps[1], force, p.half[p.met.slaves])
         if self._surface.itself:  # each has its reaction on the same surface
             out = replace(out, force=np.zeros(3), moment=np.zeros(3))
         return out
@@ -437,19 +447,8 @@ class PairForces(ContactForces):
         x, w = self._nodes.positions(at), self._nodes.velocities(v, at.bodies)
         if (self._memory.gap < 0).any():
             return -1.0
-        surface = self._surface
         with _SEARCH:
-            mate = surface.mates(x + 0.5 * dt * w, self._nodes.rigid)
-        met = np.flatnonzero(mate >= 0)
-        slaves, corners = surface.slaves[met], surface.triangles[mate[met]]
-        g, n, N = projected(x[slaves], x[corners])
-        apart = w[slaves] - np.einsum("na,nai->ni", N, w[corners])
-        return soonest(np.maximum(g, 0.0), (n * apart).sum(axis=1))
-
-
-@dataclass(frozen=True)
-class PairMemory:
-    """Memory of a pair of each node kept out: ḡ, ∞ while free, and its triangle, -1 if none."""
-
-    gap: Array
-    mate: Ints
+            mate = self._surface.mates(x + 0.5 * dt * w, self._nodes.rigid)
+        met = self._surface.met(mate)
+        g, n, N = met.projected(x)
+        return soonest(np.maximum(g, 0.0), (n * met.apart(w, N)).sum(axis=1))

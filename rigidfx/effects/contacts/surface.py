@@ -39,17 +39,11 @@ _known: WeakKeyDictionary[Any, dict[Any, Any]] = WeakKeyDictionary()  # of each 
 
 @dataclass(frozen=True)
 class ContactSurface:
-    """Nodal data of a surface, per local node with ghosts.
+    """Nodal data of a surface, per local node with ghosts; zero off the surface."""
 
-    Attributes:
-        area: Reference area [m²]; zero off the surface.
-        stiffness: Stiffness [N/m]; zero off the surface.
-        size: A typical distance of its nodes [m], equal on all ranks.
-    """
-
-    area: Array
-    stiffness: Array
-    size: float
+    area: Array  # in the reference [m²]
+    stiffness: Array  # [N/m]
+    size: float  # a typical distance of its nodes [m], equal on all ranks
 
 
 def once(scene: Any, key: tuple[Any, ...], find: Callable[[], Found]) -> Found:
@@ -235,6 +229,21 @@ def soonest(g: Array, rate: Array) -> float:
         return float((g[comes] / -rate[comes]).min(initial=np.inf))
 
 
+@dataclass(frozen=True)
+class Pressed:
+    """Points on which forces may act at an iterate."""
+
+    at: Ints  # their places among all points
+    gaps: tuple[Array, Array]  # at both ends of the step [m]
+    value: Array  # [U] [N]
+    slope: Array  # its derivative by the second gap [N/m]
+
+    @property
+    def grip(self) -> Array:
+        """Friction over the slide, shape (n,) [N/m]; none without."""
+        return np.zeros(len(self.at))
+
+
 class ContactForces(Action):
     """The forces of a contact at points with stiffnesses; its kind says which gaps they have."""
 
@@ -244,11 +253,15 @@ class ContactForces(Action):
         """Store the stiffnesses, shape (n,) [N/m]."""
         self.kind, self.title = effect.kind, effect.title
         self._k, self._static = k, structure.static
-        self._in_tangent: Array = np.zeros(k.size)
+        self._pressed: Any = None  # at the last iterate; None before the first of a step
+        self._in_tangent: Array = np.zeros((2, k.size))
 
     def _slopes(self) -> Array:
-        """Derivatives of forces at the last iterate, shape (n,) or (several, n) [N/m]."""
-        raise NotImplementedError
+        """Derivatives of [U] by g₁, and of friction where points stick, shape (2, n) [N/m]."""
+        out, p = np.zeros((2, self._k.size)), self._pressed
+        if p is not None:
+            out[:, p.at] = p.slope, p.grip
+        return out
 
     def _gap(self, at: Instant) -> Array:
         """Gaps of all points, shape (n,) [m]."""

@@ -29,7 +29,7 @@ from rigidfx.effects.joints.sides import (
     sphere_of,
 )
 from rigidfx.effects.joints.vectors import Vector
-from rigidfx.effects.supports.support import Support, Symmetry
+from rigidfx.effects.supports import Support, Symmetry
 
 Supports = tuple[tuple[Support, Indices], ...]
 RIGHT_ANGLE = 1e-6  # cosine that the axes of a universal joint may have at the start

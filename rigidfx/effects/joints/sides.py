@@ -21,7 +21,7 @@ from rigidfx.base.warning import warn
 from rigidfx.domain.domain import nodes_of
 from rigidfx.effects.base import Vector as Point
 from rigidfx.effects.joints.vectors import Average, FaceVector, Vector, slopes_of
-from rigidfx.effects.supports.support import Support
+from rigidfx.effects.supports import Support
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.mechanics.rotation import skew
 

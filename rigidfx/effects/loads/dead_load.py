@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rigidfx.base.errors import SceneError, together
+from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import is_function, numbers, vector
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
@@ -23,15 +23,14 @@ from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.attached.point_mass import PointMass
 from rigidfx.effects.base import (
     ANY_SET,
+    NO_VECTOR,
     PlaceAndTime,
     Scaled,
     Vector,
     check_values,
-    check_vector,
     is_truth,
     must_be,
     of_place,
-    some_points,
     values_at,
     vector_at,
 )
@@ -60,36 +59,22 @@ class DeadLoad(Scaled):
                 "Traction and BodyForce."
             )
 
-    def intensity(self, t: float) -> Array:
-        """Vector q(t), shape (3,), that multiplies the nodal weights; zero outside the window."""
-        if not self.acts(t):
-            return np.zeros(3)
-        steady = self._steady
-        if steady is None:
-            steady = numbers(getattr(self, "value")(t))  # noqa: B009 - of those that have one
-        return np.asarray(steady * self.factor(t))
-
     @cached_property
     def uniform(self) -> bool:  # type: ignore[override]
         """Whether its value is the same everywhere."""
         return not of_place(getattr(self, "value", None))
 
-    @cached_property
-    def _steady(self) -> Array | None:
-        """Its value, shape (3,); None if that is a function."""
-        value: Any = getattr(self, "value", (0.0, 0.0, 0.0))
-        return None if is_function(value) else numbers(value)
+    def intensity(self, t: float, X: Any = None) -> Array:
+        """Vector q(t), shape (3,), that multiplies the nodal weights; zero outside the window.
 
-    def intensities(self, t: float, X: Array) -> Array:
-        """Vectors q(X, t) at reference positions [m], (points, 3); zero outside the window."""
+        Of a function of place, vectors at reference positions X [m], shape (points, 3).
+        """
         if not self.acts(t):
-            return np.zeros_like(X)
-        values = values_at(getattr(self, "value"), X, t)  # noqa: B009 - of those that have one
-        return np.asarray(values * self.factor(t))
-
-    def checked(self, t: float, X: Array) -> Array:
-        """The same; `SceneError` on this rank, unless they are a finite vector for each point."""
-        return check_values(self.owner, t, X, self.intensities(t, X))
+            return np.zeros(3 if self.uniform else X.shape)
+        value: Any = getattr(self, "value", NO_VECTOR)
+        if not self.uniform:
+            value = values_at(value, X, t)
+        return np.asarray(numbers(value(t) if is_function(value) else value) * self.factor(t))
 
     def weights(self, scene: Any) -> Array:
         """Weight of each local node: area [m²], volume [m³], mass [kg] or share [1]. Collective."""
@@ -100,19 +85,15 @@ class DeadLoad(Scaled):
         where = getattr(self, "where", None)
         if where is not None:
             scene.domain.find(where, self.dims, self.kind)
-        if self.uniform:
-            check_vector(scene, self.owner, self.start, partial(self.intensity, self.start))
-            return
-        nodes = np.flatnonzero(self.weights(scene)).astype(np.int32)
-        X = scene.space.tabulate_dof_coordinates()[nodes]
-        owner = f"{self.owner}: its function of place and time"
-        together(scene.comm, owner, lambda: self.checked(self.start, X))
-        object.__setattr__(self, "_some", some_points(scene, nodes))
+        self.check_functions(
+            scene,
+            lambda: np.flatnonzero(self.weights(scene)).astype(np.int32),
+            partial(self.intensity, self.start),
+        )
 
     def signal(self, t: float, dt: float) -> Array:
         """The intensity; of one that depends on the place at some points."""
-        some = getattr(self, "_some", np.zeros((1, 3)))  # points, since it was checked
-        return self.intensity(t) if self.uniform else self.intensities(t, some).ravel()
+        return self.intensity(t, self.points).ravel()
 
     def bind(self, structure: Structure) -> Action:
         """The forces on nodes and bodies."""
@@ -332,7 +313,8 @@ class FieldForces(Action):
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate q at the nodes; `SceneError` on this rank, unless it is finite vectors."""
-        self._forces = self._weights * self._load.checked(t, self._X)
+        load, X = self._load, self._X
+        self._forces = self._weights * check_values(load.owner, t, load.intensity(t, X), X)
 
     def load(self, forces: Forces) -> None:
         """Add w q."""

@@ -16,7 +16,7 @@ from rigidfx.effects.base import NO_VECTOR, Effect, Vector, at_least_one
 from rigidfx.effects.damping import Centrifugal, StaticForces
 from rigidfx.effects.joints.joint import Axial
 from rigidfx.effects.loads.dead_load import DeadLoad
-from rigidfx.effects.supports.prescribed import PrescribedRotation
+from rigidfx.effects.supports import PrescribedRotation
 
 PARALLEL = float(np.cbrt(np.finfo(np.float64).eps))  # sine of an angle between equal axes
 

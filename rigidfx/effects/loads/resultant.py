@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rigidfx.base.errors import SceneError
+from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import vector
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
-from rigidfx.effects.base import NO_VECTOR, WHOLE, Scaled, Vector, check_vector
+from rigidfx.effects.base import NO_VECTOR, WHOLE, Scaled, Vector
 from rigidfx.effects.joints.remote import OnFace, RemoteMotion, RemoteNodes
 from rigidfx.effects.joints.sides import Surface
 from rigidfx.effects.loads.dead_load import DeadForces
@@ -64,13 +64,24 @@ class Resultant(OnFace, Scaled):
         """Name of the body it acts on; None if it acts on a face."""
         return None if isinstance(self.where, Surface) else self.where or WHOLE
 
-    def force_at(self, t: float) -> Array:
-        """Force at t, shape (3,) [N]."""
-        return self.factor(t) * np.asarray(self.force, dtype=np.float64)
+    def _both(self, t: float) -> Array:
+        """Force [N] and torque [N m] at t, shape (2, 3)."""
+        with np.errstate(invalid="ignore"):  # what is not finite is met below
+            return self.factor(t) * np.array([self.force, self.torque], dtype=np.float64)
 
-    def torque_at(self, t: float) -> Array:
-        """Torque at t, shape (3,) [N m]."""
-        return self.factor(t) * np.asarray(self.torque, dtype=np.float64)
+    def signal(self, t: float, dt: float) -> Array:
+        """Force and torque."""
+        return self._both(t).ravel()
+
+    def both_at(self, t: float) -> tuple[Array, Array]:
+        """Force [N] and torque [N m] at t; `SceneError` on this rank, if one is not finite."""
+        force, torque = both = self._both(t)
+        if not np.isfinite(both).all():
+            raise SceneError(
+                f"{self.owner}: at t = {t:g} s force and torque are {force} N and {torque} N m; "
+                "check its time function."
+            )
+        return force, torque
 
     def intensity(self, t: float) -> Array:
         """Force at t that dead loads have in the middle of a face: see `both_at`."""
@@ -81,17 +92,6 @@ class Resultant(OnFace, Scaled):
         out, middle = np.zeros(scene.owned_nodes), self.remote.middle
         out[middle.nodes] = middle.weights
         return out
-
-    def both_at(self, t: float) -> tuple[Array, Array]:
-        """Force [N] and torque [N m] at t; `SceneError` on this rank, if one is not finite."""
-        with np.errstate(invalid="ignore"):  # what is not finite is met below
-            force, torque = self.force_at(t), self.torque_at(t)
-        if not np.isfinite([force, torque]).all():
-            raise SceneError(
-                f"{self.owner}: at t = {t:g} s force and torque are {force} N and {torque} N m; "
-                "check its time function."
-            )
-        return force, torque
 
     def bind_points(self, structure: Structure) -> Action | None:
         """Its couple on a face, as far as the motion changes it."""
@@ -109,12 +109,8 @@ class Resultant(OnFace, Scaled):
                 f"Resultant: '{self.where}' is not the name of a Rigid body; {instead} "
                 f"{bodies or 'none'}.{at * deforms}"
             )
-        for function in (self.force_at, self.torque_at):
-            check_vector(scene, self.owner, self.start, partial(function, self.start))
-
-    def signal(self, t: float, dt: float) -> Array:
-        """Force and torque."""
-        return np.concatenate([self.force_at(t), self.torque_at(t)])
+        function = f"{self.owner}: its function of time"
+        together(scene.comm, function, partial(self.both_at, self.start))
 
     def bind(self, structure: Structure) -> Action | None:
         """Force and torque on the body of its name; nothing while a support clamps that."""

@@ -178,7 +178,7 @@ class Given:
     def _value(self, t: float, dt: float) -> Array:
         load = self._load
         if load.is_dead and not load.uniform:
-            return load.intensities(t, self._X)
+            return load.intensity(t, self._X)
         return np.atleast_1d(self._signal(t, dt))
 
 

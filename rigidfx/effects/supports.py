@@ -1,7 +1,6 @@
-"""Nodes that are moved along a path, or turned about an axis.
+"""Supports: what holds the nodes of a set, moves them along a path, or turns them about an axis.
 
-Supports that follow a user's path: is a velocity given beside it its derivative?
-
+A support that follows a user's path may be given a velocity: is it the derivative of the path?
 Neither is known but at instants that are asked for, and so is not the time in which they change.
 One-sided difference quotients over several spans are compared with the velocity, as far as rounding
 leaves them two digits, and over no span in which the path goes there and back. The velocity is
@@ -11,7 +10,7 @@ the same instant, which may vanish there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import pairwise
@@ -25,53 +24,196 @@ from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import direction, numbers, of_time, scalar, shown, vector
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
-from rigidfx.effects.base import NO_VECTOR, PlaceAndTime, Vector, of_place, values_at
-from rigidfx.effects.supports.support import Support, slope_after
+from rigidfx.effects.base import (
+    NO_VECTOR,
+    Effect,
+    PlaceAndTime,
+    Vector,
+    Windowed,
+    of_place,
+    values_at,
+)
+
+FLAT = 1e-9  # of the size of the mesh: extent of a plane along its normal
+AT_START = 1e-2  # of the largest velocity: nodes get the velocity of the start
+LATER = 5e-2  # of it: a path may be a polygon and the velocity that of the curve it stands for
+ROUNDING = 16 * float(np.finfo(np.float64).eps)  # of a difference of displacements
+SPANS = 10.0 ** -np.arange(1, 10)  # s
+GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)  # its multiples hit no period and no round number
+EVENLY, EARLY = 17, 7  # instants spread over a run, and ever closer to its start
 
 
 @dataclass(frozen=True)
-class GuidedSupport(Support):
-    """Refuses a velocity that is not the derivative of the path, where a run would use it."""
+class Support(Windowed):
+    """Prescribes components of the motion of a named set's nodes.
 
-    moves: ClassVar[bool] = True
+    Attributes:
+        where: Name of a set of any dimension; all nodes in its closure take part.
+        components: Which of the components x, y, z are held, for example "xz".
+    """
+
+    is_load: ClassVar[bool] = True
+    is_support: ClassVar[bool] = True
+    holds: ClassVar[bool] = True
+    moves: ClassVar[bool] = False  # whether its motion is a user's function of time
+    uniform: ClassVar[bool] = True  # whether all its nodes move alike
+
+    where: str
+    components: str = "xyz"
+
+    def __post_init__(self) -> None:
+        """Raise `SceneError` unless components names some of x, y, z once each."""
+        super().__post_init__()
+        c = self.components
+        if not isinstance(c, str) or not c or set(c) - set("xyz") or len(set(c)) != len(c):
+            raise SceneError(
+                f"{self.owner}: components must be some of 'xyz', each once, got {shown(c)}."
+            )
+
+    @property
+    def bends(self) -> Mapping[float, float]:
+        """None: a kink of a path is a jump of the velocity."""
+        return {}
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """The held components as numbers 0, 1, 2."""
+        return tuple("xyz".index(c) for c in self.components)
+
+    def displacements_at(self, t: float, X: Array) -> Array:
+        """Prescribed displacements of points X at t [s], up to a constant of no consequence.
+
+        Shape (3,), or (points, 3) where they are not `uniform` [m]; zero of one at rest.
+        """
+        return np.zeros(3)
+
+    def increments_of(self, t0: float, t1: float, X: Array, x: Array) -> Array:
+        """Prescribed increments from t0 to t1 of points X, at x at t0, shape (points, 3) [m]."""
+        return self.displacements_at(t1, X) - self.displacements_at(t0, X)
+
+    def velocities_at(self, t: float, dt: float, X: Array, x: Array) -> Array:
+        """Prescribed velocities of points just after t [s], likewise [m/s].
+
+        Reference positions are X, places at t are x; dt scales a difference quotient [s].
+        """
+        return np.zeros(3)
+
+    def path_at(self, t: float) -> Array:
+        """Its path in the components held, of all its nodes or some; equal on all ranks [m]."""
+        return np.asarray(self.displacements_at(t, self.points)[..., list(self.axes)]).ravel()
 
     @property
     def path_and_velocity(self) -> PathAndVelocity | None:
         """Path and given velocity, of held nodes; None without such a velocity."""
-        raise NotImplementedError
+        return None
+
+    @property
+    def keeps_rigid(self) -> bool:
+        """Whether it may take a part named rigid along: its motion strains nothing."""
+        return self.uniform
+
+    def same_motion(self, other: Support) -> bool:
+        """Whether both prescribe the same motion, as at rest, so that they may share nodes."""
+        return not (self.moves or other.moves)
 
     def check(self, scene: Any) -> None:
-        """See whether path and velocity can be used, and go together at the start and at kinks."""
-        super().check(scene)
+        """See whether its motion can be used; path and velocity go together at its kinks."""
+        self.check_functions(
+            scene,
+            lambda: next(nodes for support, nodes in scene.supports if support is self),
+            lambda X: self.displacements_at(self.start, X),
+            lambda X: self.velocities_at(self.start, 1.0, X, X),
+        )
         starts = {self.start, *(t for t in self.breakpoints if self.start < t < self.until)}
-        spans = list(pairwise([*sorted(starts), self.until]))
-
-        def compare(both: PathAndVelocity) -> str:
-            return next(filter(None, (both.contradiction_at(*s) for s in spans if s[0] < s[1])), "")
-
-        self._refuse(scene, compare)
+        spans = pairwise([*sorted(starts), self.until])
+        looks = ((np.array([t]), np.array([end]), AT_START) for t, end in spans if t < end)
+        self._refuse(scene, looks, 1)
 
     def check_run(self, scene: Any, t_end: float) -> None:
-        """See whether path and velocity go together in a run."""
-        start, end = self.start, min(self.until, t_end)
-        if start < end:
-            self._refuse(scene, lambda b: b.contradiction_within(start, end, self.breakpoints))
+        """Raise `SceneError` on every rank if its motion cannot be used in a run. Collective.
 
-    def _refuse(self, scene: Any, contradiction: Callable[[PathAndVelocity], str]) -> None:
-        """Refuse a contradiction of path and velocity. Collective."""
-        both = self.path_and_velocity
+        Path and velocity are compared at several instants. No quotient straddles a kink. At one
+        instant alone an unnamed kink may be the cause, so that a contradiction takes two of them.
+        """
+        start, end = self.start, min(self.until, t_end)
+        shares = (0.5 + GOLDEN * np.arange(EVENLY)) % 1, GOLDEN * 10.0 ** -np.arange(EARLY)
+        instants = start + (end - start) * np.concatenate(shares)
+        ends = np.array([*sorted(k for k in self.breakpoints if start < k < end), end])
+        after = np.minimum(np.searchsorted(ends, instants, side="right"), len(ends) - 1)
+        if start < end:
+            self._refuse(scene, [(instants, ends[after], LATER)], 2)
+
+    def _refuse(self, scene: Any, looks: Iterable[tuple[Array, Array, float]], least: int) -> None:
+        """Refuse a velocity that is wrong at `least` instants of a look, or more. Collective."""
+        if (both := self.path_and_velocity) is None:
+            return
 
         def compare() -> None:
-            if both is not None and (wrong := contradiction(both)):
-                raise SceneError(
-                    f"{self.owner}: {wrong}. Give the path's derivative, or no velocity at all."
-                )
+            for look in looks:
+                if len(wrong := both.contradictions(*look)) >= least:
+                    raise SceneError(
+                        f"{self.owner}: {max(wrong)[1]}. Give the path's derivative, or no "
+                        "velocity at all."
+                    )
 
         together(scene.comm, f"{self.owner}: its path or velocity", compare)
 
 
 @dataclass(frozen=True)
-class PrescribedMotion(GuidedSupport):
+class Fixed(Support):
+    """Holds the nodes of a named set where they are when the window begins."""
+
+
+@dataclass(frozen=True)
+class Symmetry(Fixed):
+    """Holds the nodes of a plane in the direction of its normal, which is x, y or z.
+
+    It is the plane of the nodes after an `InitialDisplacement`.
+
+    Loads, reactions and energies are those of the modelled half. Give half of a force that acts in
+    the plane itself. A `RigidFace` that the plane cuts, such as half of a hole, moves along the
+    plane and turns about its normal only. A joint of the name "Symmetry on 'plane' - RigidFace
+    'hole'" holds it, and tells its force.
+
+    Attributes:
+        components: The normal: found by the scene.
+    """
+
+    components: str = field(default="xyz", init=False)
+
+    def placed(self, scene: Any) -> Symmetry:
+        """The same with the normal of its plane, as that lies at the start. Collective.
+
+        `SceneError` if the set is unknown, or no plane with the normal x, y or z.
+        """
+        nodes = scene.nodes(self.where, self.kind, (2,))
+        X = scene.start_places[nodes]
+        low, high = scene.box_of(X)
+        extent = high - low
+        size = float(np.max(np.nan_to_num(extent, posinf=0.0, neginf=0.0)))
+        flat = np.flatnonzero(extent <= FLAT * max(size, np.abs([low, high]).max()))
+        if len(flat) != 1:
+            raise SceneError(
+                f"{self.owner}: its facets must lie in one plane whose normal is x, y or z; they "
+                f"reach from {tuple(low.tolist())} to {tuple(high.tolist())} m at the start."
+            )
+        return self._with(components="xyz"[int(flat[0])])
+
+
+@dataclass(frozen=True)
+class ResolvedForces(Effect):
+    """Reactions, forces of joints and torques of motors without vibration faster than Δt.
+
+    Flexible parts that start or are struck vibrate in all frequencies that their cells have. Those
+    far above 1/Δt alternate from step to step for ever, and reactions with them. With this effect
+    reports, files and peaks have the forces of the motion that Δt resolves: of a vibration with n
+    steps a period 0.99 at n = 10, 0.997 at 13. The motion, its energy and its work stay as they
+    are; `report.impulse` has the rest. Each step takes one tangent, with its factors, more.
+    """
+
+
+@dataclass(frozen=True)
+class PrescribedMotion(Support):
     """Moves the nodes of a named set along a given path, from where they are at its start.
 
     Attributes:
@@ -83,6 +225,7 @@ class PrescribedMotion(GuidedSupport):
             A wrong derivative is an error: path and velocity are compared at one node.
     """
 
+    moves: ClassVar[bool] = True
     checks: ClassVar[Checks] = {"displacement": of_time, "velocity": of_time}
 
     displacement: PlaceAndTime = field(kw_only=True)
@@ -116,7 +259,7 @@ class PrescribedMotion(GuidedSupport):
         return numbers(function(t)) if self.uniform else values_at(function, X, t)
 
     def same_motion(self, other: Support) -> bool:
-        """The same path and the same velocity, given by the same functions."""
+        """Whether path and velocity are given by the same functions."""
         return (
             isinstance(other, PrescribedMotion)
             and other.displacement == self.displacement
@@ -145,7 +288,7 @@ class PrescribedMotion(GuidedSupport):
 
 
 @dataclass(frozen=True)
-class PrescribedRotation(GuidedSupport):
+class PrescribedRotation(Support):
     """Rotates the nodes of a named set about a fixed axis, from their positions at its start.
 
     In a step from t₀ to t₁ a node at x moves by (R(φ(t₁) - φ(t₀)) - I) (x - c), with c
@@ -162,6 +305,7 @@ class PrescribedRotation(GuidedSupport):
             compared, as the path and the velocity of a `PrescribedMotion` are.
     """
 
+    moves: ClassVar[bool] = True
     uniform: ClassVar[bool] = False
     checks: ClassVar[Checks] = {
         "axis": direction,
@@ -241,52 +385,17 @@ class PrescribedRotation(GuidedSupport):
         return self.angular_velocity(t, dt) if self.acts(t) else np.zeros(3)
 
 
-AT_START = 1e-2  # of the largest velocity: nodes get the velocity of the start
-LATER = 5e-2  # of it: a path may be a polygon and the velocity that of the curve it stands for
-ROUNDING = 16 * float(np.finfo(np.float64).eps)  # of a difference of displacements
-SPANS = 10.0 ** -np.arange(1, 10)  # s
-GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)  # its multiples hit no period and no round number
-EVENLY, EARLY = 17, 7  # instants spread over a run, and ever closer to its start
-
-
 @dataclass(frozen=True)
 class PathAndVelocity:
-    """A path and a velocity as functions of time, and the components that count.
+    """A path and a velocity as functions of time, and the components that count."""
 
-    Attributes:
-        path: Function t → displacement, shape (3,) [m].
-        velocity: Function t → velocity, shape (3,) [m/s].
-        axes: The components that are compared.
-        unit: That of the path, for messages.
-    """
-
-    path: Callable[[float], Array]
-    velocity: Callable[[float], Array]
+    path: Callable[[float], Array]  # t → displacement, shape (3,) [m]
+    velocity: Callable[[float], Array]  # t → velocity, shape (3,) [m/s]
     axes: tuple[int, ...]
-    unit: str = "m"
+    unit: str = "m"  # that of the path, for messages
 
-    def contradiction_at(self, t: float, end: float) -> str:
-        """Contradiction of velocity and path just after t, before an end [s]; "" if none."""
-        wrong = self._wrong(np.array([t]), np.array([end]), AT_START)
-        return wrong[0][1] if wrong else ""
-
-    def contradiction_within(self, start: float, end: float, kinks: Sequence[float]) -> str:
-        """Contradiction at several instants between start and end [s]; "" if none.
-
-        No quotient straddles a kink. At one instant alone an unnamed kink may be the cause, so that
-        takes two of them.
-        """
-        shares = np.append(
-            (0.5 + GOLDEN * np.arange(EVENLY)) % 1, GOLDEN * 10.0 ** -np.arange(EARLY)
-        )
-        instants = start + (end - start) * shares
-        ends = np.array([*sorted(k for k in kinks if start < k < end), end])
-        after = np.minimum(np.searchsorted(ends, instants, side="right"), len(ends) - 1)
-        wrong = self._wrong(instants, ends[after], LATER)
-        return max(wrong)[1] if len(wrong) > 1 else ""
-
-    def _wrong(self, t: Array, ends: Array, share: float) -> list[tuple[float, str]]:
-        """By how much quotients before the ends of instants are off the velocity, and in words.
+    def contradictions(self, t: Array, ends: Array, share: float) -> list[tuple[float, str]]:
+        """By how much quotients from instants to before their ends are off the velocity, in words.
 
         Only instants count where all are off by more than a share of the largest velocity [m/s].
         """
@@ -311,15 +420,12 @@ class PathAndVelocity:
         ]
 
     def _of(self, function: Callable[[float], Array], t: Array) -> Array:
-        """The components that count, shape (*t, components); NaN where a function is not defined.
-
-        A step would tell of that.
-        """
+        """The components that count, shape (*t, components); NaN where a function has no value."""
 
         def value(t: float) -> Array:
             try:
                 found = function(t)
-            except Exception:  # whatever a user's function may raise
+            except Exception:  # whatever a user's function may raise; a step would tell of it
                 found = np.empty(0)
             return found[list(self.axes)] if np.shape(found) == (3,) else none
 
@@ -331,3 +437,10 @@ class PathAndVelocity:
         along = "" if names == "xyz" else f" along {', '.join(names)}"
         unit = f"{self.unit}/s"
         return f"at t = {t:g} s its velocity is {v} {unit}{along}, and its path moves by {q} {unit}"
+
+
+def slope_after(path: Callable[[float], Any], t: float, dt: float) -> Any:
+    """One-sided difference quotient of second order just after t [s], by a thousandth of dt [s]."""
+    h = 1e-3 * dt
+    u0, u1, u2 = (path(t + k * h) for k in range(3))
+    return (4 * u1 - 3 * u0 - u2) / (2 * h)

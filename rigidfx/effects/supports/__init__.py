@@ -1,1 +1,0 @@
-"""Supports: effects that hold or move nodes."""
