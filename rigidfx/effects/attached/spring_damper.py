@@ -114,7 +114,7 @@ class SpringDamper(Between, Elastic):
         return -inf if self.pulls_only else free, free
 
     @property
-    def loose(self) -> float:
+    def loose(self) -> float:  # type: ignore[override]
         """A cable that is but just slack counts as taut [m]."""
         return max(TAUT * self.ends_at[1], float(np.finfo(np.float64).tiny))
 
@@ -175,7 +175,7 @@ class Tension(Action):
     def _tension(self, q0: float, q1: float, dt: float) -> tuple[float, float]:
         """N [N], and its derivative by the length at the end [N/m]."""
         spring = self._spring
-        force, slope = spring.pull(q1) if self._static else spring.law(q0, q1, dt)
+        force, slope, *_ = spring.pull(q1) if self._static else spring.law(q0, q1, dt)
         return -force, -slope
 
     def resist(self, motion: Any, forces: Any) -> None:
@@ -200,7 +200,7 @@ class Tension(Action):
         if self._static:
             return 0.0
         q0, q1, *_ = self._step(motion)
-        return self._spring.taken(q0, q1, motion.dt)
+        return self._spring.law(q0, q1, motion.dt)[2]
 
     def stored(self, at: Any) -> float:
         """Energy of the law at its length [J]."""

@@ -230,7 +230,7 @@ class Drives:
             out[0, drive.number] = drive.force
         for drive in self._springs:
             law, (q0, q1) = drive.effect, self.ends_of(drive)
-            out[:, drive.number] = law.pull(q1) if self.static else law.law(q0, q1, self._dt)
+            out[:, drive.number] = (law.pull(q1) if self.static else law.law(q0, q1, self._dt))[:2]
         return out[0], out[1]
 
     def residual(self) -> Array:
@@ -304,17 +304,13 @@ class Drives:
 
     # After a step ---------------------------------------------------------------------------------
 
-    def work(self) -> tuple[float, dict[str, float]]:
-        """Work of motors in the step, and loss by dampers by their kind [J]."""
-        done, taken = 0.0, dict[str, float]()
-        for drive in self._motors:
-            gained = float(self._gained[drive.number])
-            done += float(self.multipliers[drive.number]) * drive.size * gained
-        for drive in () if self.static else self._springs:
-            if (law := drive.effect).damping:
-                energy = law.taken(*self.ends_of(drive), self._dt)
-                taken[law.kind] = taken.get(law.kind, 0.0) + energy
-        return done, taken
+    def work(self) -> tuple[float, list[tuple[str, float]]]:
+        """Work of motors in the step, and loss by each damper with its kind [J]."""
+        efforts = self.multipliers * self._size
+        done = sum(float(efforts[d.number] * self._gained[d.number]) for d in self._motors)
+        dampers = [d for d in self._springs if d.effect.damping and not self.static]
+        each = ((d.effect, d.effect.law(*self.ends_of(d), self._dt)) for d in dampers)
+        return done, [(effect.kind, energy) for effect, (_, _, energy) in each]
 
     def stored(self, q: Mapping[tuple[int, str], float]) -> float:
         """Energy of springs and stops where coordinates are these [J]."""

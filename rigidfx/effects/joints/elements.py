@@ -43,14 +43,10 @@ class Elastic(Effect):
     """An effect with such a law, by its stiffness k and damping c."""
 
     checks: ClassVar[Checks] = {"stiffness": at_least_zero, "damping": at_least_zero}
+    loose = 0.0  # way by which q may be short of an end that is stiff in statics already
 
     stiffness: float
     damping: float
-
-    @property
-    def loose(self) -> float:
-        """Way by which q may be short of an end that is stiff in statics already [rad or m]."""
-        return 0.0
 
     @property
     def ends_at(self) -> tuple[float, float]:
@@ -78,8 +74,8 @@ class Elastic(Effect):
         low, high = self.ends_at
         return self.is_spring or q > high - self.loose or q < low + self.loose
 
-    def _parts(self, q0: float, q1: float, dt: float) -> tuple[float, float, float]:
-        """Resistance by stiffness and by damping in a step, and the derivative of both by q₁."""
+    def law(self, q0: float, q1: float, dt: float) -> tuple[float, float, float]:
+        """Force or torque along q in a step, its derivative by q₁, and loss by the damper [J]."""
         P0, P1, moved, spring = self.beyond(q0), self.beyond(q1), q1 - q0, self.is_spring
         gained, slope1 = (moved, 1.0) if spring else (P1 - P0, float(P1 != 0.0))
         slope, bend = slope1, 0.0
@@ -89,13 +85,9 @@ class Elastic(Effect):
         k, c = self.stiffness, self.damping / dt
         elastic, viscous = 0.5 * k * (P0 + P1) * slope, c * gained
         if not spring and (elastic + viscous) * (P0 + P1) <= 0:
-            return elastic, -elastic, 0.0
-        return elastic, viscous, 0.5 * k * (slope1 * slope + (P0 + P1) * bend) + c * slope1
-
-    def law(self, q0: float, q1: float, dt: float) -> tuple[float, float]:
-        """Force or torque along q in a step, and its derivative by q₁: see `_parts`."""
-        elastic, viscous, slope = self._parts(q0, q1, dt)
-        return -elastic - viscous, -slope
+            return 0.0, 0.0, -elastic * moved
+        by_end = 0.5 * k * (slope1 * slope + (P0 + P1) * bend) + c * slope1
+        return -elastic - viscous, -by_end, viscous * moved
 
     def pull(self, q: float) -> tuple[float, float]:
         """Force or torque along q of statics, and its derivative."""
@@ -104,10 +96,6 @@ class Elastic(Effect):
     def stored(self, q: float) -> float:
         """Energy at q [J]."""
         return 0.5 * self.stiffness * self.beyond(q) ** 2
-
-    def taken(self, q0: float, q1: float, dt: float) -> float:
-        """Energy that its damper takes in a step [J]: see `_parts`."""
-        return self._parts(q0, q1, dt)[1] * (q1 - q0)
 
 
 class OfJoint(Effect):
@@ -339,21 +327,13 @@ class Stop(OfJoint, Elastic):
 
 
 class Blow(NamedTuple):
-    """How a stop, or a cable that is taut, acts in a step.
+    """How a stop, or a cable that is taut, acts in a step."""
 
-    Attributes:
-        stop: The stop or cable, with a stiffness and a damping.
-        effort: Size of its force or torque [N, N m].
-        force: Size of that over the joint's size, where it is a torque [N].
-        rate: Mean rate of the coordinate [rad/s, m/s].
-        pressed: Whether it had most of its elongation at the start of the step.
-    """
-
-    stop: Any
-    effort: float
-    force: float
-    rate: float
-    pressed: bool
+    stop: Any  # or cable, with a stiffness and a damping
+    effort: float  # size of its force or torque [N, N m]
+    force: float  # size of that over the joint's size, where it is a torque [N]
+    rate: float  # mean rate of the coordinate [rad/s, m/s]
+    pressed: bool  # whether it had most of its elongation at the start of the step
 
 
 def end_rates(q0: Any, q1: Any, middle: Any, dt: float) -> tuple[Any, Any]:
@@ -367,16 +347,13 @@ def titles_of(scene: Any) -> list[tuple[Any, str]]:
     The title is the owner, with more words where an owner has several.
     """
     effects = [effect for effect in scene.effects if hasattr(effect, "acts_along")]
-    of: dict[str, list[int]] = {}
-    for k, effect in enumerate(effects):
-        of.setdefault(effect.owner, []).append(k)
-    titles = [effect.owner for effect in effects]
-    for owner, numbers in of.items():
-        if len(numbers) > 1:
-            by = [getattr(effects[k], "by", effects[k].acts_along) for k in numbers]
-            for n, k in enumerate(numbers):
-                number = f" {by[: n + 1].count(by[n])}" if by.count(by[n]) > 1 else ""
-                titles[k] = f"{owner}{f', {by[n]}' if by[n] else ''}{number}"
+    each = [(effect.owner, getattr(effect, "by", effect.acts_along)) for effect in effects]
+    owners = [owner for owner, _ in each]
+    titles = list(owners)
+    for k, (owner, by) in enumerate(each):
+        if owners.count(owner) > 1:
+            number = f" {each[: k + 1].count((owner, by))}" if each.count((owner, by)) > 1 else ""
+            titles[k] = f"{owner}{f', {by}' if by else ''}{number}"
     return list(zip(effects, titles, strict=True))
 
 

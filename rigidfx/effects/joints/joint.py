@@ -123,6 +123,10 @@ class Joint(Between):
 
     shares: ClassVar[tuple[str, ...]] = ()  # what `Pieces` hold: "point", "axis", "line", ...
     leaves: ClassVar[tuple[str, ...]] = ()  # and measure: "angle", "travel"
+    unlike: ClassVar[str] = (  # of a surface that tells nothing
+        "no cylinder, whose axis and middle could be found. Give the joint's place, and its axis "
+        "if it has one."
+    )
     checks: ClassVar[Checks] = Between.checks | {"at": vector}
 
     at: Place | None = None
@@ -140,8 +144,8 @@ class Joint(Between):
     def placed(self, scene: Any) -> Joint:
         """The joint with averages over nodes; `SceneError` if it cannot be there. Collective."""
         self.check_title(scene)
-        if (missing := self.missing) and (found := self._found(scene, missing)) is not self:
-            return found.placed(scene)
+        if missing := [name for name in ("at", "axis") if getattr(self, name, "") is None]:
+            return self._found(scene, missing).placed(scene)
         a, b = (side_of(scene, self.owner, side) for side in (self.a, self.b))
         point = np.asarray(self.at, dtype=np.float64)
         check_sides(scene, self.owner, (self.a, self.b), (a, b), point)
@@ -149,12 +153,7 @@ class Joint(Between):
         self.build(pieces)
         return self._with(_pieces=pieces)
 
-    @property
-    def missing(self) -> tuple[str, ...]:
-        """Names of the fields that a surface is to tell."""
-        return () if self.at is not None else ("at",)
-
-    def _found(self, scene: Any, missing: tuple[str, ...]) -> Joint:
+    def _found(self, scene: Any, missing: Sequence[str]) -> Joint:
         """The joint with what a surface of a side tells; raise `SceneError` without. Collective."""
         surfaces = [side.where for side in self.sides if isinstance(side, Surface)]
         if not surfaces:
@@ -162,12 +161,13 @@ class Joint(Between):
                 f"{self.owner}: give its {' and '.join(missing)}; only a MeanFace or a "
                 "RigidFace that is a hole or a shaft tells them."
             )
-        centre, axis = self.shape_of(scene, surfaces[0])
-        told: dict[str, Any] = {"at": tuple(map(float, centre)), "axis": tuple(map(float, axis))}
-        return replace(self, **{name: told[name] for name in missing})
+        if (shape := self.shape_of(scene, surfaces[0])) is None:
+            raise SceneError(f"{self.owner}: the surface '{surfaces[0]}' is {self.unlike}")
+        told = {name: tuple(map(float, v)) for name, v in zip(("at", "axis"), shape, strict=True)}
+        return replace(self, **{name: told[name] for name in missing})  # type: ignore[arg-type]
 
-    def shape_of(self, scene: Any, where: str) -> tuple[Array, Array]:
-        """Middle and axis of a surface, shapes (3,); refused if it is no cylinder. Collective."""
+    def shape_of(self, scene: Any, where: str) -> tuple[Array, Array] | None:
+        """Middle and axis of a surface, shapes (3,); None if it is no cylinder. Collective."""
         return cylinder_of(scene, self.owner, where)
 
     @property
@@ -191,11 +191,6 @@ class Axial(Joint):
     checks: ClassVar[Checks] = Joint.checks | {"axis": direction}
 
     axis: Place | None = None
-
-    @property
-    def missing(self) -> tuple[str, ...]:
-        """Names of the fields that a surface is to tell, the axis among them."""
-        return (*super().missing, *(() if self.axis is not None else ("axis",)))
 
     @property
     def direction(self) -> Array:
@@ -231,19 +226,14 @@ class Spherical(Joint):
     """
 
     shares = ("point",)
+    unlike = (
+        "neither a ball nor a socket, whose centre could be found, nor a hole nor a shaft. Give "
+        "the joint's place (at)."
+    )
 
-    def shape_of(self, scene: Any, where: str) -> tuple[Array, Array]:
+    def shape_of(self, scene: Any, where: str) -> tuple[Array, Array] | None:
         """Centre of a ball or socket, or middle and axis of a hole or shaft."""
-        centre = sphere_of(scene, self.owner, where)
-        if centre is not None:
-            return centre, np.full(3, np.nan)
-        try:
-            return super().shape_of(scene, where)
-        except SceneError:
-            raise SceneError(
-                f"{self.owner}: the surface '{where}' is neither a ball nor a socket, whose centre "
-                "could be found, nor a hole nor a shaft. Give the joint's place (at)."
-            ) from None
+        return sphere_of(scene, self.owner, where) or super().shape_of(scene, where)
 
 
 @dataclass(frozen=True)

@@ -366,13 +366,10 @@ class Linkage:
         p = self._vectors.at(self.averages.positions(Instant(bodies)))
         return self.drives.stored(self._coordinates(p)) + self.points.stored(p)
 
-    def work(self) -> tuple[float, dict[str, float]]:
-        """Work of motors and torques in the step, and loss by dampers by their kind [J]."""
-        done, taken = self.drives.work()
-        more, lost = self.points.work()
-        for kind, energy in lost.items():
-            taken[kind] = taken.get(kind, 0.0) + energy
-        return done + more, taken
+    def work(self) -> tuple[float, list[tuple[str, float]]]:
+        """Work of motors and torques in the step, and loss by each damper with its kind [J]."""
+        (driven, damped), (done, lost) = self.drives.work(), self.points.work()
+        return driven + done, [*damped, *lost]
 
     def told(self, added: Callable[[], tuple[Array, Array]] | None = None) -> JointReports:
         """Force and motion of each joint in the step that has been solved, found when asked for.

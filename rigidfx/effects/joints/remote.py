@@ -280,16 +280,12 @@ class Points:
         """Reports of the actions that have a title, of the last step, by title."""
         return {a.title: a.told(self._motion) for a in self.actions if a.title}
 
-    def work(self) -> tuple[float, dict[str, float]]:
-        """Work of loads in the step, and loss by dampers by their kind [J]."""
-        done, lost = 0.0, dict[str, float]()
-        for action, taken in zip(self.actions, self._calls["taken"], strict=True):
-            energy = taken(self._motion)
-            if not action.dissipates:
-                done -= energy
-            elif energy:
-                lost[action.kind] = lost.get(action.kind, 0.0) + energy
-        return done, lost
+    def work(self) -> tuple[float, list[tuple[str, float]]]:
+        """Work of loads in the step, and loss by each damper with its kind [J]."""
+        energies = [take(self._motion) for take in self._calls["taken"]]
+        taken = list(zip(self.actions, energies, strict=True))
+        done = -sum(energy for action, energy in taken if not action.dissipates)
+        return done, [(a.kind, energy) for a, energy in taken if a.dissipates and energy]
 
     def accept(self) -> None:
         """Let actions remember the step."""

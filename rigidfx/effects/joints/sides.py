@@ -317,8 +317,8 @@ def _place(x: Array) -> str:
     return f"({', '.join(f'{each:.4g}' for each in x.round(9) + 0.0)})"
 
 
-def cylinder_of(scene: Any, owner: str, where: str) -> tuple[Array, Array]:
-    """Middle and unit axis of a surface, which is refused if it is no cylinder. Collective."""
+def cylinder_of(scene: Any, owner: str, where: str) -> tuple[Array, Array] | None:
+    """Middle and unit axis of a surface, shapes (3,); None if it is no cylinder. Collective."""
     x, middle, n = _facets(scene, owner, where)
     area = np.linalg.norm(n, axis=1)
     n /= np.where(area > 0, area, 1.0)[:, None]
@@ -331,15 +331,12 @@ def cylinder_of(scene: Any, owner: str, where: str) -> tuple[Array, Array]:
     (low,), (high,) = scene.box_of(along[:, None])
     worst = max(scene.comm.allgather(off))
     if values[0] > ROUND or values[1] < ROUND or not worst <= ROUND * radius:
-        raise SceneError(
-            f"{owner}: the surface '{where}' is no cylinder, whose axis and middle could be found. "
-            "Give the joint's place, and its axis if it has one."
-        )
+        return None
     return middle + across @ centre + 0.5 * (low + high) * axis, axis
 
 
-def sphere_of(scene: Any, owner: str, where: str) -> Array | None:
-    """Centre of a spherical surface, shape (3,) [m]; None if it is no sphere. Collective."""
+def sphere_of(scene: Any, owner: str, where: str) -> tuple[Array, Array] | None:
+    """Centre of a spherical surface, and no axis, shapes (3,); None if it is none. Collective."""
     x, middle, n = _facets(scene, owner, where)
     centre, radius, off = _fitted(scene, x.reshape(-1, 3))
     out = (x - centre).mean(axis=1)
@@ -347,7 +344,8 @@ def sphere_of(scene: Any, owner: str, where: str) -> Array | None:
     along = np.abs((n * out).sum(axis=1))
     tilted = 1 - (along / np.where(sizes > 0, sizes, 1.0)).min(initial=1.0)
     worst, tilt = np.max(scene.comm.allgather((off, tilted)), axis=0)
-    return middle + centre if worst <= ROUND * radius and tilt <= ROUND else None
+    round_enough = worst <= ROUND * radius and tilt <= ROUND
+    return (middle + centre, np.full(3, np.nan)) if round_enough else None
 
 
 def _facets(scene: Any, owner: str, where: str) -> tuple[Array, Array, Array]:

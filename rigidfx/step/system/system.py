@@ -276,19 +276,18 @@ class System(Equations):
             forces[prescribed] @ d[prescribed],
             -sum(map(integral, self._taken.against_loads)),
         )
-        loads, further = dead + followed, []
+        loads, further = dead + followed, list[tuple[str, float]]()
         if self._damping is not None:
-            further.append(self._damping.taken(self.increments, dt))
+            further += self._damping.taken(self.increments, dt).items()
         if len(self.held):
             supports += self.increments.work_of_supports(self.body_rows)
         supports += sum(touch.work for touch in touches.values())
         if self.linkage is not None:
             driven, damped = self.linkage.work()
             loads += driven
-            further.append(damped)
-        for own in further:
-            for kind, energy in own.items():
-                dissipated[kind] = dissipated.get(kind, 0.0) + energy
+            further += damped
+        for kind, energy in further:
+            dissipated[kind] = dissipated.get(kind, 0.0) + energy
         named = *of_supports, alternating, touches, *self.told(added)
         return Work(loads, supports, dissipated, *named)
 
