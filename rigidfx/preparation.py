@@ -81,7 +81,7 @@ def prepare(
                 borne = BodyForces(stepper, pieces)
                 measure = _measure(scene, rigidify, forces)
                 growth = Growth(stepper, borne, measure, timeline.dt)
-                switch.shape_found(growth.shaped)
+                switch.shape_found(growth.found.shaped)
                 stepper.watches += [borne, growth]
                 if scene.named(Rigid):
                     held = HeldParts(stepper, pieces) if switch.clamps else None
@@ -97,7 +97,7 @@ def prepare(
 
 def _about(switch: Switch, state: State, growth: Growth | None, body: Body) -> About:
     """The expansion of a body with shapes. Collective."""
-    found = None if growth is None else growth.about(body)
+    found = None if growth is None else growth.found.about(body)
     return switch.shaping.about(state, body) if found is None else found
 
 

@@ -18,7 +18,11 @@ APART = {
     *("WholeMass._matrix", "WholeMass._without"),  # made when it is asked for
     *("_last", "Whereabouts._first", "held", "_seen"),  # reports, the preload, bodies by identity
     *("Growth._strains", "Growth._reached"),  # of a last look
-    *("Growth._found", "Growth._linear", "Shortening._follows"),  # made when they are asked for
+    *(
+        "FoundBodies._matrices",
+        "FoundBodies._linear",
+        "Shortening._follows",
+    ),  # made when they are asked for
 }
 
 

@@ -188,6 +188,31 @@ class Record(Kind):
         return self._made(**given)
 
 
+class Each(Kind):
+    """Dataclass records by numbers that all ranks know."""
+
+    def __init__(self, made: type, **inner: Kind) -> None:
+        """Name a class, and kinds of its fields; others are the same on all ranks."""
+        self._made = made
+        self._kinds = {f.name: inner.get(f.name, SAME) for f in fields(made)}
+
+    def part(self, value: Any, order: MeshOrder) -> Any:
+        """The fields of each record, as their kinds gather them."""
+        return {
+            number: {
+                name: kind.part(getattr(one, name), order) for name, kind in self._kinds.items()
+            }
+            for number, one in value.items()
+        }
+
+    def own(self, whole: Any, order: MeshOrder) -> Any:
+        """The records of this rank."""
+        return {
+            number: self._made(**{n: kind.own(one[n], order) for n, kind in self._kinds.items()})
+            for number, one in whole.items()
+        }
+
+
 class Part(Kind):
     """An object, or a sequence of objects, with `remembered` of their own."""
 

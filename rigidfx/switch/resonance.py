@@ -18,10 +18,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rigidfx.base.remembered import SAME, Kind, MeshOrder, Record, Remembered
+from rigidfx.base.remembered import Each, Record, Remembered
 from rigidfx.base.types import Array
 from rigidfx.scene.scene import Scene
-from rigidfx.switch.growth_control import GrowthControl
 from rigidfx.withheld.fields import Fields, Force, dots
 
 # ΩΔt that rounding may make of none.
@@ -60,51 +59,30 @@ class Tuned:
 
     def followed(self, fields: Fields) -> Tuned:
         """The same with the fields that the body has now. Collective."""
-        return replace(
-            self,
-            momenta=fields.followed(self.momenta),
-            impulse=fields.followed(self.impulse),
-            last=fields.followed(self.last),
-            change=fields.followed(self.change),
-            before=fields.followed(self.before),
-        )
+        names = ("momenta", "impulse", "last", "change", "before")
+        forces: dict[str, Any] = {name: fields.followed(getattr(self, name)) for name in names}
+        return replace(self, **forces)
 
 
-class _ByBody(Kind):
-    """What bodies may have built up, by their numbers."""
-
-    _force = Record(Force, "beside")
-
-    def _kind(self, name: str) -> Kind:
-        return self._force if Tuned.__annotations__[name] == Force.__name__ else SAME
-
-    def part(self, value: Any, order: MeshOrder) -> Any:
-        return {
-            number: {name: self._kind(name).part(own, order) for name, own in vars(one).items()}
-            for number, one in value.items()
-        }
-
-    def own(self, whole: Any, order: MeshOrder) -> Any:
-        return {
-            number: Tuned(**{name: self._kind(name).own(own, order) for name, own in one.items()})
-            for number, one in whole.items()
-        }
+_FORCE = Record(Force, "beside")
 
 
 class Resonance:
     """Momenta that withheld forces may have built up in modes which bodies lack."""
 
-    remembered: ClassVar[Remembered] = {"_of": _ByBody()}
+    remembered: ClassVar[Remembered] = {
+        "_of": Each(
+            Tuned, momenta=_FORCE, impulse=_FORCE, last=_FORCE, change=_FORCE, before=_FORCE
+        )
+    }
 
-    def __init__(self, scene: Scene, control: GrowthControl) -> None:
+    def __init__(self, scene: Scene, every: int, periods: float) -> None:
         """Nothing has built up.
 
-        Args:
-            scene: The problem.
-            control: Over how many steps the frequency of forces is a mean, and in how many periods
-                oscillators fall to 1/e.
+        The frequency of forces is a mean over `every` so many steps, and oscillators fall to 1/e in
+        so many periods.
         """
-        self._scene, self._control = scene, control
+        self._scene, self._every, self._periods = scene, every, periods
         self._of: dict[int, Tuned] = {}  # by number
 
     def momenta(self, fields: Fields) -> Force | None:
@@ -134,7 +112,7 @@ class Resonance:
             pairs += [(fields, change + own.before, own.change)]
         products = dots(self._scene, pairs).reshape(-1, 2)
         for (number, force, own, change), new in zip(known, products, strict=True):
-            sums = np.array([own.square, own.product]) * (1 - 1 / self._control.every)
+            sums = np.array([own.square, own.product]) * (1 - 1 / self._every)
             square, product = sums + new * (own.steps > 2)
             out[number] = replace(
                 self._built_up(own, force, square, product, lacking[number], dt),
@@ -158,7 +136,7 @@ class Resonance:
         p, s = own.impulse, own.momenta
         middle = (dt / angle) ** 2 * (angle > lacking * dt) * force
         c, sine = np.cos(angle), np.sin(angle)
-        left = np.exp(-angle / 2 / np.pi / self._control.periods)
+        left = np.exp(-angle / 2 / np.pi / self._periods)
         return replace(
             own,
             impulse=left * (middle + c * (p - middle) + sine * dt / angle * s),
