@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from rigidfx.base.matrices import Matrix, Pattern
+from rigidfx.base.matrices import Matrix
 from rigidfx.base.types import Array
 from rigidfx.effects.joints.elements import (
     Blow,
@@ -100,21 +100,15 @@ class Drives:
         self.prescribed = self._all(lambda drive: drive.effect.prescribes).astype(bool)
         self.kappa = np.ones(len(elements))  # κ of each [N/m], set where a step begins
         self.multipliers: Array = np.zeros(len(elements))  # λ of each at the last iterate [N]
-        self._coordinates = Coordinates(
-            [drive.joint.coordinates[drive.key[1]] for drive in self.each],
-            [firsts[drive.key[0]] for drive in self.each],
-        )
-        self.averages = self._coordinates.at.ravel()  # numbers of those that they act on
+        of = [drive.joint.coordinates[drive.key[1]] for drive in self.each]
+        self._coordinates = Coordinates(of, [firsts[drive.key[0]] for drive in self.each], count)
+        self.averages = self._coordinates.averages  # numbers of those that they act on
         self._dt = 1.0
         self._q0: Mapping[tuple[int, str], float] = {}
         self._start: Array = np.zeros((count, 3))
         self._moved = self._start
-        self._mean: Array = np.zeros((len(elements), 3, 3))  # ∇̄q of each at the last iterate
+        self._mean: Array = np.zeros((2, len(elements)))  # secants of each at the last iterate
         self._gained: Array = np.zeros(len(elements))  # q₁ - q₀ likewise
-        at = (3 * self._coordinates.at[:, :, None] + np.arange(3)).reshape(-1, 9)
-        rows, n = np.repeat(np.arange(len(elements)), 9), 3 * count
-        self._pattern = Pattern(rows, at.ravel(), (len(elements), n))
-        self._bent = Pattern(np.repeat(at, 9, axis=1).ravel(), np.tile(at, 9).ravel(), (n, n))
 
     def __len__(self) -> int:
         """How many there are."""
@@ -254,42 +248,39 @@ class Drives:
             out[drive.number] = -drive.effect.pull(self.ends_of(drive)[1])[1] / drive.size**2
         return out
 
-    def _filled(self, factors: Array, slopes: Array) -> Matrix:
-        """A matrix of derivatives of coordinates by their vectors, times a factor of each."""
-        return self._pattern.filled((factors[:, None, None] * slopes).ravel())
+    def _in_step(self) -> tuple[Array, Array]:
+        """Derivatives by invariants along which forces act, and where vectors are then."""
+        if self.static:
+            end = self._start + self._moved
+            return self._coordinates.slopes(end), end
+        return self._mean, self._start + 0.5 * self._moved
 
-    def _gradients(self, share: float) -> Array:
-        """Derivatives of coordinates by their vectors after a part of the step."""
-        return self._coordinates.gradients(self._start + share * self._moved)
-
-    def _in_step(self) -> Array:
-        """Derivatives of coordinates along which forces act, shape (drives, 3, 3)."""
-        return self._gradients(1.0) if self.static else self._mean
-
-    def add_to(self, forces: Array) -> Array:
+    def add_to(self, forces: Array) -> None:
         """Add their forces at the last iterate to those on vectors, shape (vectors, 3) [N]."""
-        own = (-self._size * self.multipliers)[:, None, None] * self._in_step()
-        np.add.at(forces, self._coordinates.at, own)
-        return forces
+        slopes, p = self._in_step()
+        forces += self._coordinates.forces(p, (-self._size * self.multipliers * slopes).ravel())
 
     def test(self) -> Matrix:
         """Forces on vectors per λ, as a resistance, shape (drives, 3 · vectors)."""
-        return self._filled(-self._size, self._in_step())
+        slopes, p = self._in_step()
+        return self._coordinates.chained(-self._size * slopes, p)
 
     def trial(self) -> Matrix:
         """Derivatives of F by vectors, likewise."""
         by_laws = -self._laws()[1] / (self._size * self.kappa)
-        return self._filled(np.where(self.prescribed, -self._size, by_laws), self._gradients(1.0))
+        return self._chained(np.where(self.prescribed, -self._size, by_laws), 1.0)
 
     def along(self, share: float) -> Matrix:
         """Derivatives of F by vectors after a part of the step, by the motion alone, likewise."""
-        return self._filled(-self._size, self._gradients(share))
+        return self._chained(-self._size, share)
+
+    def _chained(self, factors: Array, share: float) -> Matrix:
+        p = self._start + share * self._moved
+        return self._coordinates.chained(factors * self._coordinates.slopes(p), p)
 
     def curvature(self) -> csr_array:
         """Derivative of forces by vectors in statics, shape (3 · vectors,) * 2 [N/m]."""
-        factors = (-self._size * self.multipliers)[:, None, None]
-        curvatures = self._coordinates.curvatures(self._start + self._moved)
-        return self._bent.sparse((factors * curvatures).ravel())
+        return self._coordinates.bent(self._start + self._moved, -self._size * self.multipliers)
 
     @property
     def given(self) -> Array:

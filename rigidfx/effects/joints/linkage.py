@@ -194,7 +194,7 @@ class Linkage:
             for k, joint in enumerate(joints)
             for name, own in joint.pieces.coordinates.items()
         }
-        self._free = Coordinates(list(free.values()), [firsts[k] for k, _ in free])
+        self._free = Coordinates(list(free.values()), [firsts[k] for k, _ in free], of.count)
         self._q: dict[tuple[int, str], float] = dict.fromkeys(free, 0.0)
         self._remember()
         self._dt = 1.0
@@ -280,8 +280,9 @@ class Linkage:
         self.rows.look(self._moved, multipliers[:n])
         self.drives.look(self._moved, multipliers[n:])
         p = self._start + self._share * self._moved
-        forces = self.rows.terms.forces(p, self.rows.multipliers)
-        self.forces = self.drives.add_to(forces)
+        self.forces = self.rows.terms.forces(p, self.rows.multipliers)
+        if len(self.drives):
+            self.drives.add_to(self.forces)
         dt = self._dt or 1.0  # a time that is fixed has none
         self.points.look(RemoteMotion(self._start, self._moved, dt), self.forces)
 

@@ -20,7 +20,7 @@ from rigidfx.base.types import TINY, Array, Ints
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.effects import Joint, SpringDamper, Windowed
 from rigidfx.effects.joints.elements import coordinate_of
-from rigidfx.effects.joints.pieces import Terms
+from rigidfx.effects.joints.pieces import Coordinates, Terms
 from rigidfx.effects.joints.vectors import Vector, slopes_of
 from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.scene.points import parts_of_nodes
@@ -55,10 +55,9 @@ def joint_rows(scene: Any, acting: Sequence[Windowed], motions: Callable[[Ints],
     for effect in elements_of(scene, acting):
         if effect.resists:
             joint, name = coordinate_of(scene, effect.owner, effect.joint, effect.acts_along)
-            coordinate = joint.pieces.coordinates[name]
-            at = list(coordinate.averages)
-            slope = coordinate.gradient(places[joint.title][at]).reshape(1, -1)
-            out.append(slope @ moved[joint.title][at].reshape(slope.size, -1))
+            p = places[joint.title]
+            q = Coordinates([joint.pieces.coordinates[name]], [0], len(p))
+            out.append(dense(q.chained(q.slopes(p), p)) @ moved[joint.title].reshape(p.size, -1))
     for spring in scene.named(SpringDamper):
         (a, b), by = look(spring.averages)
         if spring.taut:
