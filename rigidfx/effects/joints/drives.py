@@ -33,6 +33,7 @@ from rigidfx.effects.joints.elements import (
 )
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.pieces import Coordinates, Pieces
+from rigidfx.effects.joints.remote import RemoteMotion, at_rest
 
 Element = Motor | JointSpring | Stop
 
@@ -103,10 +104,8 @@ class Drives:
         of = [drive.joint.coordinates[drive.key[1]] for drive in self.each]
         self._coordinates = Coordinates(of, [firsts[drive.key[0]] for drive in self.each], count)
         self.averages = self._coordinates.averages  # numbers of those that they act on
-        self._dt = 1.0
         self._q0: Mapping[tuple[int, str], float] = {}
-        self._start: Array = np.zeros((count, 3))
-        self._moved = self._start
+        self._motion = at_rest(np.zeros((count, 3)))
         self._mean: Array = np.zeros((2, len(elements)))  # secants of each at the last iterate
         self._gained: Array = np.zeros(len(elements))  # q₁ - q₀ likewise
 
@@ -157,7 +156,7 @@ class Drives:
         for drive in self._stops:
             (q0, q1), force = self.ends_of(drive), float(abs(self.multipliers[drive.number]))
             pressed = 2 * abs(drive.effect.beyond(q0)) > abs(drive.effect.beyond(q1))
-            rate = (q1 - q0) / self._dt
+            rate = (q1 - q0) / self._motion.dt
             out[drive.title] = Blow(drive.effect, force * drive.size, force, rate, pressed)
         return out
 
@@ -179,7 +178,7 @@ class Drives:
 
     def set_time(self, t: float, dt: float, q: Mapping[tuple[int, str], float]) -> None:
         """Evaluate functions for a step from t on, at coordinates q; raise as `Motor.at`."""
-        self._dt, self._q0 = dt, q
+        self._q0 = q
         for drive in self._motors:
             motor = drive.effect
             if not motor.prescribes:
@@ -197,20 +196,21 @@ class Drives:
                 if not self.static:
                     drive.given = end_rates(first, last, motor.at(t + 0.5 * dt), dt)
 
-    def begin(self, q: Mapping[tuple[int, str], float], start: Array) -> None:
-        """Begin a step where coordinates are q, by joint and name, and vectors are at start."""
-        self._q0, self._start = q, start
-        self.look(np.zeros_like(start), self.multipliers)
+    def begin(self, q: Mapping[tuple[int, str], float], at: RemoteMotion) -> None:
+        """Begin a step where coordinates are q, by joint and name, and vectors are at a place."""
+        self._q0 = q
+        self.look(at, self.multipliers)
 
     def efforts(self, multipliers: Array, joint: int) -> dict[str, float]:
         """Torque [N m] or force [N] of each on a joint of this number, by title, of these λ [N]."""
         own = (drive for drive in self.each if drive.key[0] == joint)
         return {drive.title: float(multipliers[drive.number]) * drive.size for drive in own}
 
-    def look(self, moved: Array, multipliers: Array) -> None:
-        """See an iterate: increments of vectors, and λ."""
-        self._moved, self.multipliers = moved, np.array(multipliers)
-        self._mean, self._gained = self._coordinates.secants(self._start, moved, self._large)
+    def look(self, motion: RemoteMotion, multipliers: Array) -> None:
+        """See an iterate of the vectors, and λ."""
+        self._motion, self.multipliers = motion, np.array(multipliers)
+        secants = self._coordinates.secants(motion.places, motion.moved, self._large)
+        self._mean, self._gained = secants
 
     def ends_of(self, drive: Drive) -> tuple[float, float]:
         """q of one of them at the start of the step, and at the last iterate."""
@@ -224,7 +224,9 @@ class Drives:
             out[0, drive.number] = drive.force
         for drive in self._springs:
             law, (q0, q1) = drive.effect, self.ends_of(drive)
-            out[:, drive.number] = (law.pull(q1) if self.static else law.law(q0, q1, self._dt))[:2]
+            out[:, drive.number] = (
+                law.pull(q1) if self.static else law.law(q0, q1, self._motion.dt)
+            )[:2]
         return out[0], out[1]
 
     def residual(self) -> Array:
@@ -250,10 +252,8 @@ class Drives:
 
     def _in_step(self) -> tuple[Array, Array]:
         """Derivatives by invariants along which forces act, and where vectors are then."""
-        if self.static:
-            end = self._start + self._moved
-            return self._coordinates.slopes(end), end
-        return self._mean, self._start + 0.5 * self._moved
+        p = self._motion.after(1.0 if self.static else 0.5)
+        return self._coordinates.slopes(p) if self.static else self._mean, p
 
     def add_to(self, forces: Array) -> None:
         """Add their forces at the last iterate to those on vectors, shape (vectors, 3) [N]."""
@@ -275,12 +275,12 @@ class Drives:
         return self._chained(-self._size, share)
 
     def _chained(self, factors: Array, share: float) -> Matrix:
-        p = self._start + share * self._moved
+        p = self._motion.after(share)
         return self._coordinates.chained(factors * self._coordinates.slopes(p), p)
 
     def curvature(self) -> csr_array:
         """Derivative of forces by vectors in statics, shape (3 · vectors,) * 2 [N/m]."""
-        return self._coordinates.bent(self._start + self._moved, -self._size * self.multipliers)
+        return self._coordinates.bent(self._motion.after(1.0), -self._size * self.multipliers)
 
     @property
     def given(self) -> Array:
@@ -300,7 +300,7 @@ class Drives:
         efforts = self.multipliers * self._size
         done = sum(float(efforts[d.number] * self._gained[d.number]) for d in self._motors)
         dampers = [d for d in self._springs if d.effect.damping and not self.static]
-        each = ((d.effect, d.effect.law(*self.ends_of(d), self._dt)) for d in dampers)
+        each = ((d.effect, d.effect.law(*self.ends_of(d), self._motion.dt)) for d in dampers)
         return done, [(effect.kind, energy) for effect, (_, _, energy) in each]
 
     def stored(self, q: Mapping[tuple[int, str], float]) -> float:

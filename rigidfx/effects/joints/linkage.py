@@ -26,7 +26,7 @@ from rigidfx.effects.joints.drives import Drives, Element
 from rigidfx.effects.joints.elements import Blow
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.pieces import Coordinates, Terms
-from rigidfx.effects.joints.remote import Points, RemoteMotion
+from rigidfx.effects.joints.remote import Points, RemoteMotion, at_rest
 from rigidfx.effects.joints.sides import GROUND
 from rigidfx.effects.joints.vectors import BoundAverages, Vectors, stiff_rows
 from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion
@@ -121,7 +121,7 @@ class JointRows:
         self.multipliers: Array = np.zeros(len(self._titles))  # λ of all rows [N]
         self.violation: Array = self.multipliers  # g of all rows at the end of the step [m]
         self._g0: Array = self.multipliers
-        self._step: tuple[Array, Array] = np.empty((0, 3)), np.empty((0, 3))
+        self._motion = at_rest(np.zeros((vectors, 3)))
 
     def keep(self, rows: Ints) -> None:
         """Let only these rows have forces: numbers among all of them, sorted."""
@@ -129,17 +129,17 @@ class JointRows:
         self._dropped = np.setdiff1d(np.arange(len(self._titles)), rows)
         self.multipliers[self._dropped] = 0.0
 
-    def begin(self, p: Array) -> None:
-        """Begin a step where vectors are at p, shape (vectors, 3)."""
+    def begin(self, at: RemoteMotion) -> None:
+        """Begin a step where vectors are."""
+        p = at.places
         g = self.terms.value(p)
         self._g0 = np.where(np.abs(g) > self.terms.rounding(p), g, 0.0)  # at rest nothing moves
-        self._step, self.violation = (p, np.zeros_like(p)), self._g0
+        self._motion, self.violation = at, self._g0
 
-    def look(self, moved: Array, multipliers: Array) -> None:
-        """See an iterate: increments of vectors, and λ of the active rows [N]."""
-        start, _ = self._step
-        self._step, self.multipliers[self.active] = (start, moved), multipliers
-        self.violation = self._g0 + self.terms.gained(start + 0.5 * moved, moved)
+    def look(self, motion: RemoteMotion, multipliers: Array) -> None:
+        """See an iterate, and λ of the active rows [N]."""
+        self._motion, self.multipliers[self.active] = motion, multipliers
+        self.violation = self._g0 + self.terms.gained(motion.after(0.5), motion.moved)
 
     @property
     def redundant(self) -> dict[str, float]:
@@ -149,8 +149,7 @@ class JointRows:
 
     def gradient(self, share: float) -> Matrix:
         """Derivatives of the active rows by vectors, after a part of the step."""
-        start, moved = self._step
-        every = self.terms.gradient(start + share * moved)
+        every = self.terms.gradient(self._motion.after(share))
         return every[self.active] if self._dropped.size else every
 
 
@@ -196,19 +195,14 @@ class Linkage:
         }
         self._free = Coordinates(list(free.values()), [firsts[k] for k, _ in free], of.count)
         self._q: dict[tuple[int, str], float] = dict.fromkeys(free, 0.0)
-        self._remember()
-        self._dt = 1.0
-        none: Array = np.zeros((of.count, 3))
-        self._start, self._moved, self.forces = none, none, none
-        self._pose = bodies.pose
-
-    def _remember(self) -> None:
-        """Keep the memory of earlier divisions."""
-        for k, (joint, own) in enumerate(zip(self._joints, self.rows.of_joints, strict=True)):
+        for k, (joint, rows) in enumerate(zip(joints, self.rows.of_joints, strict=True)):
             if (before := self._notes.get(id(joint))) is not None:
-                self.rows.multipliers[own] = before[0]
+                self.rows.multipliers[rows] = before[0]
                 self._q |= {(k, name): q for name, q in before[1].items()}
         self.drives.remember(self._notes)
+        self._dt = 1.0
+        self._motion = at_rest(np.zeros((of.count, 3)))
+        self.forces: Array = self._motion.moved
 
     @property
     def count(self) -> int:
@@ -265,26 +259,23 @@ class Linkage:
 
     def begin(self, bodies: Bodies) -> None:
         """Begin a step of these bodies: find where averages and vectors are. Collective."""
-        self._pose = bodies.pose
-        self._start = p = self._vectors.begin(self.averages.positions(Instant(bodies)))
-        self._moved = np.zeros_like(p)
-        self._q = self._coordinates(p)
-        self.drives.begin(self._q, p)
-        self.rows.begin(p)
+        self._motion = at_rest(self._vectors.begin(self.averages.positions(Instant(bodies))))
+        self._q = self._coordinates(self._motion.places)
+        self.drives.begin(self._q, self._motion)
+        self.rows.begin(self._motion)
 
     def look(self, motion: Motion, multipliers: Array) -> None:
         """See an iterate, with λ of the active rows [N]. Collective."""
-        n, increments = self.rows.active.size, motion.increments
-        self._moved = self._vectors.look(self.averages.moved(motion))
-        self._pose = increments.start.pose + self._share * increments.displacement
-        self.rows.look(self._moved, multipliers[:n])
-        self.drives.look(self._moved, multipliers[n:])
-        p = self._start + self._share * self._moved
+        n, moved = self.rows.active.size, self._vectors.look(self.averages.moved(motion))
+        dt = self._dt or 1.0  # a time that is fixed has none
+        self._motion = RemoteMotion(self._motion.places, moved, dt)
+        self.rows.look(self._motion, multipliers[:n])
+        self.drives.look(self._motion, multipliers[n:])
+        p = self._motion.after(self._share)
         self.forces = self.rows.terms.forces(p, self.rows.multipliers)
         if len(self.drives):
             self.drives.add_to(self.forces)
-        dt = self._dt or 1.0  # a time that is fixed has none
-        self.points.look(RemoteMotion(self._start, self._moved, dt), self.forces)
+        self.points.look(self._motion, self.forces)
 
     def test(self) -> Matrix:
         """Forces on averages per multiplier, transposed, shape (rows, 3 · averages)."""
@@ -346,15 +337,16 @@ class Linkage:
         on_vectors = self.forces if on_vectors is None else on_vectors
         self.averages.add(self._vectors.forces(on_vectors, self._share), forces)
 
-    def resist_at_nodes(self, forces: ForcesOfNodes) -> None:
-        """Add the forces on nodes, in bodies or not."""
+    def resist_at_nodes(self, motion: Motion, forces: ForcesOfNodes) -> None:
+        """Add the forces on nodes, in bodies or not, at the last iterate."""
         self.averages.add(self._vectors.forces(self.forces, self._share), forces)
-        self._vectors.spread(self.forces, self._pose, forces)
+        of = motion.increments
+        self._vectors.spread(self.forces, of.start.pose + self._share * of.displacement, forces)
 
     def accept(self) -> None:
         """Remember multipliers and coordinates for later steps and divisions."""
         self.points.accept()
-        self._q = self._coordinates(self._start + self._moved)
+        self._q = self._coordinates(self._motion.after(1.0))
         for k, (joint, own) in enumerate(zip(self._joints, self.rows.of_joints, strict=True)):
             free = {name: q for (j, name), q in self._q.items() if j == k}
             self._notes[id(joint)] = self.rows.multipliers[own].copy(), free
@@ -377,7 +369,7 @@ class Linkage:
 
         `added` gives additions to multipliers [N], and their forces on vectors; none in statics.
         """
-        end, middle = (self._start + share * self._moved for share in (1.0, self._share))
+        end, middle = self._motion.after(1.0), self._motion.after(self._share)
         before, now, rows = self._q, self._coordinates(end), self.rows
         dt = np.inf if self.drives.static else self._dt
         forces, multipliers = self.forces, self.drives.multipliers

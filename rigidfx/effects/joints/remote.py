@@ -186,6 +186,15 @@ class RemoteMotion:
         """The start of the step."""
         return self
 
+    def after(self, share: float) -> Array:
+        """Where averages are after a part of the step [m]."""
+        return self.places + share * self.moved
+
+
+def at_rest(p: Array) -> RemoteMotion:
+    """A state of averages at p."""
+    return RemoteMotion(p, np.zeros_like(p))
+
 
 class RemoteNodes:
     """Some averages, its ends, as nodes: see `Nodes`; arrays are equal on all ranks."""
@@ -258,7 +267,7 @@ class Points:
         """The averages of all actions, whose first one has this number."""
         for action in self.actions:
             first = action.nodes.number(first)
-        self._motion = RemoteMotion(np.zeros((first, 3)), np.zeros((first, 3)))
+        self._motion = at_rest(np.zeros((first, 3)))
         return [end for action in self.actions for end in action.nodes.ends]
 
     def look(self, motion: RemoteMotion, forces: Array) -> None:
@@ -294,5 +303,4 @@ class Points:
 
     def stored(self, p: Array) -> float:
         """Energy of springs where all averages are at p [J]."""
-        at = RemoteMotion(p, np.zeros_like(p))
-        return float(sum(stored(at) for stored in self._calls["stored"]))
+        return float(sum(stored(at_rest(p)) for stored in self._calls["stored"]))

@@ -190,7 +190,7 @@ class System(Equations):
         every = ForcesOfNodes(np.zeros((self._scene.owned_nodes, 3)))
         self.actions.resist_at_nodes(self.motion, every)
         if self.linkage is not None:
-            self.linkage.resist_at_nodes(every)
+            self.linkage.resist_at_nodes(self.motion, every)
         forces += every.nodes[nodes]
 
     @property
