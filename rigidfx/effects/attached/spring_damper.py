@@ -27,7 +27,7 @@ from rigidfx.effects.base import Vector as Point
 from rigidfx.effects.joints.elements import Elastic
 from rigidfx.effects.joints.joint import Between
 from rigidfx.effects.joints.remote import RemoteMotion, RemoteNodes
-from rigidfx.effects.joints.sides import GROUND, end_of
+from rigidfx.effects.joints.sides import GROUND, end_of, one_side
 from rigidfx.effects.joints.vectors import Vector, value_at
 
 TAUT = float(np.sqrt(np.finfo(np.float64).eps))  # of its length, by which a taut cable may be short
@@ -72,9 +72,9 @@ class SpringDamper(Between, Elastic):
 
     is_lasting: ClassVar[bool] = True
     many: ClassVar[str] = "springs"
-    named: ClassVar[str] = "the name of a Rigid part or of a set"
     checks: ClassVar[Checks] = (
         Between.checks
+        | dict.fromkeys("ab", one_side("the name of a Rigid part or of a set"))
         | Elastic.checks
         | {
             "length": at_least_zero,

@@ -201,8 +201,8 @@ class Motor(OfJoint, Windowed):
         if self.by_speed:
             return self.at(t)
         h = SOON * dt
-        q0, q1, q2 = (self.at(t + k * h) for k in range(3))
-        return (4 * q1 - 3 * q0 - q2) / (2 * h)
+        first, middle, last = (self.at(t + k * h) for k in range(3))
+        return float(end_rates(first, last, middle, 2 * h)[0])
 
     def drive(self, t: float, dt: float) -> float:
         """Its torque or force, or the speed that it prescribes, while it acts; else zero."""
@@ -281,13 +281,7 @@ class Stop(OfJoint, Elastic):
 
     is_lasting: ClassVar[bool] = True
     checks: ClassVar[Checks] = (
-        OfJoint.checks
-        | Elastic.checks
-        | {
-            "low": number,
-            "high": number,
-            "stiffness": positive,
-        }
+        OfJoint.checks | Elastic.checks | {"low": number, "high": number, "stiffness": positive}
     )
 
     joint: str

@@ -20,9 +20,9 @@ from rigidfx.effects.joints.sides import (
     GROUND,
     Side,
     Surface,
-    check_side,
     check_sides,
     cylinder_of,
+    one_side,
     rigid_faces,
     side_name,
     side_of,
@@ -32,6 +32,7 @@ from rigidfx.effects.joints.vectors import Vector
 from rigidfx.effects.supports import Support, Symmetry
 
 Supports = tuple[tuple[Support, Indices], ...]
+PART = "the name of a Rigid part"  # a side that is a text
 RIGHT_ANGLE = 1e-6  # cosine that the axes of a universal joint may have at the start
 
 
@@ -39,9 +40,8 @@ RIGHT_ANGLE = 1e-6  # cosine that the axes of a universal joint may have at the 
 class Between(Effect):
     """Something between two sides a and b, in the whole run."""
 
-    checks: ClassVar[Checks] = {"name": text("a text")}
+    checks: ClassVar[Checks] = {"name": text("a text")} | dict.fromkeys("ab", one_side(PART))
     many: ClassVar[str] = "joints"  # its kind, for messages
-    named: ClassVar[str] = "the name of a Rigid part"  # a side that is a text, likewise
 
     a: Side
     b: Side
@@ -50,8 +50,6 @@ class Between(Effect):
     def __post_init__(self) -> None:
         """Refuse names that are none, sides that cannot be used, and the same side twice."""
         super().__post_init__()
-        for name in ("a", "b"):
-            check_side(self.kind, name, getattr(self, name), self.named)
         same = isinstance(self.a, Surface) and isinstance(self.b, Surface)
         if self.a == self.b or (same and self.joins[0] == self.joins[1]):
             raise SceneError(
@@ -128,13 +126,9 @@ class Joint(Between):
         "if it has one."
     )
     checks: ClassVar[Checks] = Between.checks | {"at": vector}
+    pieces: ClassVar[Pieces]  # its averages and rows, once a scene has placed it
 
     at: Place | None = None
-
-    @property
-    def pieces(self) -> Pieces:
-        """Its averages and rows, once a scene has placed it."""
-        return self._pieces  # type: ignore[attr-defined]
 
     @property
     def averages(self) -> Sequence[Vector]:
@@ -151,7 +145,7 @@ class Joint(Between):
         check_sides(scene, self.owner, (self.a, self.b), (a, b), point)
         pieces = Pieces(a, b, point, self.direction)
         self.build(pieces)
-        return self._with(_pieces=pieces)
+        return self._with(pieces=pieces)
 
     def _found(self, scene: Any, missing: Sequence[str]) -> Joint:
         """The joint with what a surface of a side tells; raise `SceneError` without. Collective."""

@@ -275,7 +275,7 @@ class Linkage:
         self.forces = self.rows.terms.forces(p, self.rows.multipliers)
         if len(self.drives):
             self.drives.add_to(self.forces)
-        self.points.look(self._motion, self.forces)
+        self.points.resist(self._motion, self.forces)
 
     def test(self) -> Matrix:
         """Forces on averages per multiplier, transposed, shape (rows, 3 · averages)."""
@@ -327,7 +327,7 @@ class Linkage:
         if self.drives.static and len(self.drives):
             rows = csr_array(rows + self.drives.curvature())
         if len(self.points):
-            rows = csr_array(rows + self.points.stiffness())
+            rows = csr_array(rows + self.points.stiffness(self._motion))
         return self._vectors.stiffness(rows, self.forces, self._share)
 
     # Forces ---------------------------------------------------------------------------------------
@@ -357,17 +357,20 @@ class Linkage:
         if not (len(self.drives) or len(self.points)):
             return 0.0
         p = self._vectors.at(self.averages.positions(Instant(bodies)))
-        return self.drives.stored(self._coordinates(p)) + self.points.stored(p)
+        return self.drives.stored(self._coordinates(p)) + self.points.stored(at_rest(p))
 
     def work(self) -> tuple[float, list[tuple[str, float]]]:
         """Work of motors and torques in the step, and loss by each damper with its kind [J]."""
-        (driven, damped), (done, lost) = self.drives.work(), self.points.work()
+        (driven, damped), (done, lost) = self.drives.work(), self.points.work(self._motion)
         return driven + done, [*damped, *lost]
 
-    def told(self, added: Callable[[], tuple[Array, Array]] | None = None) -> JointReports:
-        """Force and motion of each joint in the step that has been solved, found when asked for.
+    def told(
+        self, added: Callable[[], tuple[Array, Array]] | None = None
+    ) -> tuple[JointReports, dict[str, Any]]:
+        """Reports of joints in the step that has been solved, and of actions with a title.
 
-        `added` gives additions to multipliers [N], and their forces on vectors; none in statics.
+        Those of joints are found when asked for. `added` gives additions to multipliers [N], and
+        their forces on vectors; none in statics.
         """
         end, middle = self._motion.after(1.0), self._motion.after(self._share)
         before, now, rows = self._q, self._coordinates(end), self.rows
@@ -396,4 +399,5 @@ class Linkage:
 
         total = float(np.abs(self.multipliers).sum())
         blows = {} if self.drives.static else self.drives.blows
-        return JointReports([joint.title for joint in joints], of, total, blows=blows)
+        points = {a.title: a.told(self._motion) for a in self.points.actions if a.title}
+        return JointReports([joint.title for joint in joints], of, total, blows=blows), points

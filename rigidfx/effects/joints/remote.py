@@ -56,6 +56,7 @@ class OnFace(Effect):
 
     places: ClassVar[tuple[type, ...]] = (str, Surface)
     turns: ClassVar[bool] = False  # whether it acts on directions too
+    remote: ClassVar[RemotePoint]  # its point, once a scene has placed it
     checks: ClassVar[Checks] = {"at": vector}
 
     def __post_init__(self) -> None:
@@ -89,11 +90,6 @@ class OnFace(Effect):
         where: Any = getattr(self, "where", None)
         return f"{self.kind} on {where.name if self.face else repr(where or WHOLE)}"
 
-    @property
-    def remote(self) -> RemotePoint:
-        """The point, once a scene has placed it."""
-        return self._remote  # type: ignore[attr-defined]
-
     def placed(self, scene: Any) -> Self:
         """The effect with its point on the mesh; raise `SceneError` if it is far. Collective."""
         if (face := self.face) is None:
@@ -110,7 +106,7 @@ class OnFace(Effect):
 
     def with_point(self, remote: RemotePoint) -> Self:
         """The effect with a point that was found before."""
-        return self._with(_remote=remote)
+        return self._with(remote=remote)
 
 
 @dataclass(frozen=True)
@@ -237,10 +233,7 @@ class RemoteNodes:
 
     def stiffen(self, blocks: Array, tangent: RemoteTangent) -> None:
         """Add the stiffness of each by itself, shape (nodes, 3, 3) [N/m]."""
-        n = len(self.ends)
-        every = np.zeros((n, 3, n, 3))
-        every[np.arange(n), :, np.arange(n)] = blocks
-        self.couple(every, tangent)
+        self.couple(np.einsum("nij,nm->nimj", blocks, np.eye(len(blocks))), tangent)
 
     def couple(self, blocks: Array, tangent: RemoteTangent) -> None:
         """Add the derivative of forces on each by each, shape (nodes, 3, nodes, 3) [N/m]."""
@@ -267,31 +260,25 @@ class Points:
         """The averages of all actions, whose first one has this number."""
         for action in self.actions:
             first = action.nodes.number(first)
-        self._motion = at_rest(np.zeros((first, 3)))
         return [end for action in self.actions for end in action.nodes.ends]
 
-    def look(self, motion: RemoteMotion, forces: Array) -> None:
-        """See an iterate, and add resistances to forces on all averages, (averages, 3) [N]."""
-        self._motion = motion
+    def resist(self, motion: RemoteMotion, forces: Array) -> None:
+        """Add resistances to forces on all averages, shape (averages, 3) [N]."""
         for resist in self._calls["resist"]:
             resist(motion, forces)
 
-    def stiffness(self) -> csr_array:
+    def stiffness(self, motion: RemoteMotion) -> csr_array:
         """Their derivatives by all averages, shape (3 · averages,) * 2 [N/m]."""
-        none, size = np.empty(0, np.int64), 3 * len(self._motion.places)
+        none, size = np.empty(0, np.int64), 3 * len(motion.places)
         tangent: RemoteTangent = [(none, none, np.empty(0))]
         for stiffen in self._calls["stiffen"]:
-            stiffen(self._motion, tangent)
+            stiffen(motion, tangent)
         row, column, value = map(np.concatenate, zip(*tangent, strict=True))
         return csr_array((value, (row, column)), shape=(size, size))
 
-    def told(self) -> dict[str, Any]:
-        """Reports of the actions that have a title, of the last step, by title."""
-        return {a.title: a.told(self._motion) for a in self.actions if a.title}
-
-    def work(self) -> tuple[float, list[tuple[str, float]]]:
+    def work(self, motion: RemoteMotion) -> tuple[float, list[tuple[str, float]]]:
         """Work of loads in the step, and loss by each damper with its kind [J]."""
-        energies = [take(self._motion) for take in self._calls["taken"]]
+        energies = [take(motion) for take in self._calls["taken"]]
         taken = list(zip(self.actions, energies, strict=True))
         done = -sum(energy for action, energy in taken if not action.dissipates)
         return done, [(a.kind, energy) for a, energy in taken if a.dissipates and energy]
@@ -301,6 +288,6 @@ class Points:
         for accept in self._calls["accept"]:
             accept()
 
-    def stored(self, p: Array) -> float:
-        """Energy of springs where all averages are at p [J]."""
-        return float(sum(stored(at_rest(p)) for stored in self._calls["stored"]))
+    def stored(self, at: RemoteMotion) -> float:
+        """Energy of springs in a state [J]."""
+        return float(sum(stored(at) for stored in self._calls["stored"]))

@@ -8,7 +8,7 @@ x - c: the vertices of a hole between two rings lie on a sphere too.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,7 @@ from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.domain.domain import nodes_of
 from rigidfx.effects.base import Vector as Point
+from rigidfx.effects.base import must_be
 from rigidfx.effects.joints.vectors import Average, FaceVector, Vector, slopes_of
 from rigidfx.effects.supports import Support
 from rigidfx.mechanics.rigid_body import RigidBody
@@ -185,13 +186,10 @@ class RigidFace(Surface):
 Side = str | Surface
 
 
-def check_side(owner: str, name: str, side: Any, named: str) -> None:
-    """Refuse a given value that is no side, and not the name of what `named` says."""
-    if not isinstance(side, Surface) and not (isinstance(side, str) and side):
-        raise SceneError(
-            f"{owner}: {name} must be '{GROUND}', {named}, a MeanFace or a RigidFace, got "
-            f"{shown(side)}."
-        )
+def one_side(named: str) -> Callable[[str, str, Any], None]:
+    """A check that a field is a side; a text is the name of what `named` says."""
+    words = f"'{GROUND}', {named}, a MeanFace or a RigidFace"
+    return must_be(words, lambda side: isinstance(side, Surface | str) and side != "")
 
 
 def side_name(side: Side) -> str:

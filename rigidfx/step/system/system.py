@@ -221,9 +221,7 @@ class System(Equations):
 
     def told(self, added: Added | None = None) -> Links:
         """Forces and motions of joints, and of springs between two points, by their titles."""
-        if self.linkage is None:
-            return JointReports(), {}
-        return self.linkage.told(added), self.linkage.points.told()
+        return (JointReports(), {}) if self.linkage is None else self.linkage.told(added)
 
     def taken(self, *local: float) -> tuple[list[float], dict[str, float]]:
         """Sums of numbers over ranks, and the energy that each kind of damping takes [J]."""
