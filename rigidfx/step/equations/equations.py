@@ -28,6 +28,7 @@ from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Effect, Structure, Support, Windowed
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.motion import Forces, Instant, Motion, Tangent
@@ -40,7 +41,7 @@ from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.constraints import Constraints, linked
 from rigidfx.step.equations.division import Division
-from rigidfx.step.equations.round_off import Lost, Rounding
+from rigidfx.step.equations.round_off import Rounding
 from rigidfx.step.equations.shape_damping import ShapeDamping
 from rigidfx.step.equations.supports import PrescribedDofs
 
@@ -58,6 +59,7 @@ class Trial:
         imposed: Increments of the held dofs [m].
         start: Displacements of the active nodes at the start of the step [m].
         bodies: The step of the bodies.
+        begun: Bodies at the start of the step, as effects see them.
     """
 
     dt: float
@@ -65,6 +67,37 @@ class Trial:
     imposed: Array
     start: Array
     bodies: Step
+    begun: Instant
+
+
+class Inertia:
+    """The resistance of masses in a step, M (v₁ - v₀)/Δt with v₁ = 2 d/Δt - v₀.
+
+    Attributes:
+        before: M v₀ of the active nodes [kg m/s].
+        gained: M (v₁ - v₀) at the last iterate [kg m/s].
+    """
+
+    def __init__(self, mass: Mass, rows: Rows) -> None:
+        """Make room for the momenta."""
+        self._mass = mass
+        self._v, self.before, self.gained = (rows.vector() for _ in range(3))
+
+    def begin(self, v0: PETSc.Vec) -> None:
+        """Begin a step at velocities v₀ [m/s]. Collective."""
+        self._mass.mult(v0, self.before)
+
+    def add_to(self, f: PETSc.Vec, d: PETSc.Vec, trial: Trial) -> None:
+        """Add it to forces [N], rounded as the update of the velocity is. Collective."""
+        trial.v0.copy(self._v)
+        self._v.axpby(2 / trial.dt, -2.0, d)
+        self._mass.mult(self._v, self.gained)
+        f.axpy(1 / trial.dt, self.gained)
+
+    def destroy(self) -> None:
+        """Free the vectors. Collective."""
+        for vector in (self._v, self.before, self.gained):
+            vector.destroy()
 
 
 class Equations:
@@ -72,15 +105,13 @@ class Equations:
 
     Attributes:
         kind: Which equations they are.
-        inertial: Whether masses resist; in steps only.
         prescribed: Dofs that supports hold.
         layout: Division of cells and dofs.
         mass: Mass operator of the flexible cells.
         structure: The division as effects see it.
         prolongation: Map between unknowns and dofs.
         actions: Actions on nodes and bodies.
-        linkage: The joints; None if there are none.
-        constraints: Their rows and multipliers; None without any.
+        constraints: Rows and multipliers of joints; None without any.
         trial: The step that is being solved, frozen.
         d: Increments of the active nodes at the iterate of the last residual [m].
         forces_out_of_balance: Residual at the active nodes there [N]; at held dofs it is the force
@@ -90,7 +121,6 @@ class Equations:
     """
 
     actions: Actions
-    linkage: Linkage | None
     constraints: Constraints | None
 
     def __init__(
@@ -114,7 +144,6 @@ class Equations:
         """
         flexible, bodies, driven = division.flexible, division.bodies, division.driven_cells
         self.kind, self._scene, self._forces, self._driven = kind, scene, forces, driven
-        self.inertial = kind == "step"
         known = division.driven_nodes, jumps, division.nodes_of_held
         self.prescribed = PrescribedDofs(scene, supports, *known)
         self.layout = layout = dof_layout(scene, flexible, bodies.of, self.prescribed.mask, driven)
@@ -129,24 +158,30 @@ class Equations:
             u=state.u.x.array,
             surface=forces.surface,
             notes=notes,
-            static=not self.inertial,
+            static=kind != "step",
         )
         self._dealt = (
             None if dealing is None else dealing.rows(layout, forces.loaded(flexible, driven or {}))
         )
         self.prolongation = Prolongation(layout, scene.comm, self._dealt)
-        self._rows = layout.rows
-        # DOLFINx makes a new array of a vector each time that it is asked for one.
-        self._u0, self._u1 = forces.u0.x.array, forces.u1.x.array
-        self.d, self.forces_out_of_balance, self._work, self._inertia, self._before = (
-            self._rows.vector() for _ in range(5)
-        )
-        self._moments: Array = np.zeros_like(self.prolongation.increments.displacement)
-        self.body_rows: Array = self.prolongation.no_bodies
+        rows, p = layout.rows, self.prolongation
+        self._inertia = Inertia(self.mass, rows) if kind == "step" else None
+        self.d, self.forces_out_of_balance = rows.vector(), rows.vector()
+        self._moments: Array = np.zeros_like(p.increments.displacement)
+        self.body_rows: Array = p.no_bodies
         self._last: Array = np.empty(0)  # unknowns that d and u₁ belong to
-        none = np.empty(0)
-        self.trial = Trial(0.0, None, none, none, self.prolongation.increments.step)
-        self._begun: Instant | None = None
+        none, step = np.empty(0), p.increments.step
+        self.trial = Trial(0.0, None, none, none, step, Instant(bodies))
+
+    @property
+    def inertial(self) -> bool:
+        """Whether masses resist; in steps only."""
+        return self._inertia is not None
+
+    @property
+    def linkage(self) -> Linkage | None:
+        """The joints; None if there are none."""
+        return None if self.constraints is None else self.constraints.linkage
 
     def bind(
         self,
@@ -164,15 +199,13 @@ class Equations:
         """
         scene, forces, p = self._scene, self._forces, self.prolongation
         self.actions, self._damping = Actions(self.structure, effects, acting), damping
-        self.linkage = linked(self.structure, acting) if joints else None
         self.constraints = None
-        if self.linkage is not None:
+        if joints and (linkage := linked(self.structure, acting)) is not None:
             anchored = self.kind == "static" and not loose
-            self.constraints = Constraints(self.linkage, self.structure.bodies, p, anchored)
+            self.constraints = Constraints(linkage, self.structure.bodies, p, anchored)
         of = self._forces_of_cells(acting)
         self._cells = CellForces(p, of.residual, forces)
         self._tangent = CondensedMatrix(p, of.interior, of.interface)
-        self._lost = Lost(scene, p)
         self._rounding = Rounding(scene, forces, of.undeformed, self._tangent, p, self.actions)
 
     def _forces_of_cells(self, acting: Sequence[Windowed]) -> BoundForces:
@@ -200,11 +233,11 @@ class Equations:
         """
         damping = None if self._damping is None else self._damping.matrix(dt)
         bodies = Step(start, dt, damping, given) if self.inertial else StaticStep(start, given)
-        self.trial = Trial(dt, v0, imposed, self._u0[self._rows.dofs], bodies)
-        self._begun = Instant(start)
+        u0 = self.structure.u[self.layout.rows.dofs]
+        self.trial = Trial(dt, v0, imposed, u0, bodies, Instant(start))
         self._cells.begin(self.trial.start)
-        if self.inertial:
-            self.mass.mult(v0, self._before)
+        if self._inertia is not None:
+            self._inertia.begin(v0)
         if self.constraints is not None:
             self.constraints.begin(dt, start)
         return self.trial
@@ -309,12 +342,8 @@ class Equations:
         f = self.forces_out_of_balance
         self._cells.evaluate(f.array)
         f.axpy(-1.0, self.actions.loads.vector)
-        if self.inertial:
-            # M (v₁ - v₀)/Δt with v₁ = 2 d/Δt - v₀, rounded as the update of the velocity is.
-            self.trial.v0.copy(self._work)
-            self._work.axpby(2 / self.dt, -2.0, self.d)
-            self.mass.mult(self._work, self._inertia)
-            f.axpy(1 / self.dt, self._inertia)
+        if self._inertia is not None:
+            self._inertia.add_to(f, self.d, self.trial)
         more = None if self.actions.dead and joints is None else self._resistance(f)
         self.prolongation.collapse(f.array_r, self._body_forces(f, more), r)
         if joints is not None:
@@ -323,7 +352,7 @@ class Equations:
     @property
     def motion(self) -> Motion:
         """The iterate of the last residual, as effects see it."""
-        return Motion(self.d, self.prolongation.increments, self.dt, self._begun)
+        return Motion(self.d, self.prolongation.increments, self.dt, self.trial.begun)
 
     def _resistance(self, f: PETSc.Vec) -> Array:
         """Add the resistance of effects to forces on nodes; its moments on bodies. Collective."""
@@ -377,8 +406,8 @@ class Equations:
     @property
     def positions(self) -> Array:
         """Where the active nodes are at the iterate of the last residual, shape (nodes, 3) [m]."""
-        u = self._u1[self._rows.dofs]
-        return np.asarray(self._rows.X + u.reshape(-1, 3))
+        u = self.start + self.d.array_r
+        return np.asarray(self.layout.rows.X + u.reshape(-1, 3))
 
     def waves(self, dt: float) -> float:
         """How many cells a wave passes in a step of Δt [s], about."""
@@ -398,7 +427,7 @@ class Equations:
     def noise(self) -> float:
         """Size of the terms whose small difference the last residual is [N]. Collective."""
         external = self.actions.loads.vector
-        momentum = None if not self.inertial else self._before
+        momentum = None if self._inertia is None else self._inertia.before
         found = self._rounding.in_residual(self.dt, momentum, external, self.trial.bodies.start)
         return found if self.constraints is None else found + self.constraints.noise
 
@@ -407,17 +436,17 @@ class Equations:
 
         See `Lost.of_all`; energy alone where supports hold something, nothing in statics.
         """
-        if not self.inertial:
+        if self._inertia is None:
             return np.empty(0)
-        known = self.d, self.trial.v0, self._before, self._inertia
-        d, v0, before, gained = (v.array_r for v in known)
+        lost, known = self._rounding.lost, (self._inertia.before, self._inertia.gained)
+        d, v0, before, gained = (v.array_r for v in (self.d, self.trial.v0, *known))
         energy = 0.5 * (v0 @ before) + abs(gained @ d) / self.dt
         energy += abs(self.actions.loads.vector.array_r @ d)
-        if not self._lost.of_momenta:
-            return self._lost.of_energy(self._own(y), self._own(r), energy)
+        if not lost.of_momenta:
+            return lost.of_energy(self._own(y), self._own(r), energy)
         momentum = np.abs(before).sum() + np.abs(gained).sum()
-        x = self._rows.X + (self.start + 0.5 * d).reshape(-1, 3)
-        return self._lost.of_all(self.dt, self._own(y), self._own(r), x, energy, momentum)
+        x = self.layout.rows.X + (self.start + 0.5 * d).reshape(-1, 3)
+        return lost.of_all(self.dt, self._own(y), self._own(r), x, energy, momentum)
 
     def left(self, residual: PETSc.Vec) -> float:
         """Largest displacement of an unknown by the rest of R [N], by itself [m]. Collective."""
@@ -429,11 +458,12 @@ class Equations:
 
     def worst_place(self) -> Array:
         """Reference position of the node with the largest residual [m], shape (3,). Collective."""
-        f, free = np.zeros(self._rows.dofs.size), self.prolongation.free
+        rows, free = self.layout.rows, self.prolongation.free
+        f = np.zeros(rows.dofs.size)
         f[free] = self.forces_out_of_balance.array_r[free]
         size = np.nan_to_num(np.abs(f), nan=np.inf).reshape(-1, 3).max(axis=1)
         k = int(np.argmax(size)) if size.size else -1
-        best: tuple[float, Any] = (float(size[k]), self._rows.X[k]) if k >= 0 else (-1.0, None)
+        best: tuple[float, Any] = (float(size[k]), rows.X[k]) if k >= 0 else (-1.0, None)
         return max(self.prolongation.comm.allgather(best), key=lambda item: item[0])[1]
 
     def unbind(self) -> None:
@@ -444,7 +474,7 @@ class Equations:
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
         self.unbind()
-        own = self.d, self.forces_out_of_balance, self._work, self._inertia, self._before
+        own = self.d, self.forces_out_of_balance, self._inertia
         for item in (self.mass, self._dealt, *own):
             if item is not None:
                 item.destroy()

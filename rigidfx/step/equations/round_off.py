@@ -176,7 +176,11 @@ class StiffParts:
 
 
 class Rounding:
-    """Rounding in the equations of one division."""
+    """Rounding in the equations of one division.
+
+    Attributes:
+        lost: Measures the loss of energy and momenta by residuals.
+    """
 
     def __init__(
         self,
@@ -193,7 +197,7 @@ class Rounding:
         """
         self._scene, self._forces, self._actions = scene, forces, actions
         self._tangent = tangent
-        self._rest = undeformed
+        self._rest, self.lost = undeformed, Lost(scene, prolongation)
         self._cell_size = scene.mean_cell_size
         self._comm = prolongation.comm
         self._stiff_parts = StiffParts(scene, prolongation)
