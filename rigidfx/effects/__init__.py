@@ -13,7 +13,12 @@ from rigidfx.effects.base import Effect, Table, Windowed, bends_of
 from rigidfx.effects.contact import Contact
 from rigidfx.effects.contacts.obstacles import Cylinder, Obstacle, Plane, Sphere
 from rigidfx.effects.damping import KelvinVoigt, MassDamping, NumericalDamping, StiffnessDamping
-from rigidfx.effects.initial import InitialDisplacement, InitialVelocity, places_at_start
+from rigidfx.effects.initial import (
+    InitialDisplacement,
+    InitialVelocity,
+    Preload,
+    places_at_start,
+)
 from rigidfx.effects.joints.elements import JointSpring, Motor, Stop, efforts_of
 from rigidfx.effects.joints.joint import (
     Cylindrical,
@@ -27,7 +32,6 @@ from rigidfx.effects.joints.joint import (
 from rigidfx.effects.joints.linkage import JointReport, JointReports
 from rigidfx.effects.joints.sides import MeanFace, RigidFace, rigid_faces
 from rigidfx.effects.loads.dead_load import BodyForce, DeadLoad, Gravity, NodalForce, Traction
-from rigidfx.effects.loads.preload import Preload
 from rigidfx.effects.loads.pressure import Pressure
 from rigidfx.effects.loads.resultant import Resultant
 from rigidfx.effects.rigid import Reduced, Rigid

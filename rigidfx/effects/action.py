@@ -16,37 +16,25 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rigidfx.base.types import Array, Bools
-from rigidfx.effects.motion import Forces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.element import Element
 
 
 @dataclass(frozen=True, kw_only=True)
 class Structure:
-    """A division of a scene as effects see it.
+    """A division of a scene as effects see it."""
 
-    Attributes:
-        scene: The problem: its mesh, names and nodal weights.
-        rows: Rows of the nodes that take part in a step.
-        own: For each of these nodes, whether it belongs to no body.
-        bodies: The rigid bodies.
-        mass: Mass operator of these nodes; None in statics.
-        u: Displacements of all local dofs at the start of a step [m], changed by each step.
-        surface: The deformed boundary; None where no effect asks for it.
-        notes: Memory of effects from step to step, by their identity; None where bodies are treated
-            as if they were flexible.
-        static: Whether forces are those at the end of a step, and nothing moves.
-    """
-
-    scene: Any
-    rows: Any
-    own: Bools
+    scene: Any  # the problem: its mesh, names and nodal weights
+    rows: Any  # rows of the nodes that take part in a step
+    own: Bools  # for each of these nodes, whether it belongs to no body
     bodies: Bodies
-    mass: Any
-    u: Array
-    surface: Any = None
+    mass: Any  # mass operator of these nodes; None in statics
+    u: Array  # displacements of all local dofs at the start of a step [m], changed by each step
+    surface: Any = None  # the deformed boundary; None where no effect asks for it
+    # Memory of effects from step to step, by their identity; None where bodies are treated as if
+    # they were flexible.
     notes: dict[int, Any] | None = None
-    static: bool = False
+    static: bool = False  # whether forces are those at the end of a step, and nothing moves
 
     @property
     def once(self) -> float:
@@ -99,25 +87,17 @@ class Action:
 
     Forces that depend on the motion are written as *resistance*, which is added to the residual.
     Numbers of nodes are this rank's, those of bodies are equal on all ranks.
-
-    Attributes:
-        kind: Name of the effect's class.
-        title: Name in reports.
-        rounding: Size of a force that the machine precision is to be multiplied with [N].
-        dissipates: Whether the energy that it takes is dissipated, and not work of a load.
-        couples: Whether forces on nodes depend on other nodes. Where bodies are treated as if they
-            were flexible it is asked in the run's division, for forces on all nodes.
-        presses: Whether it is a contact: see `ContactForces`.
-        nodes: The nodes that it acts on; `RemoteNodes` if joints move them.
     """
 
-    kind: str = ""
-    title: str = ""
-    rounding: float = 0.0
-    dissipates: bool = True
+    kind: str = ""  # name of the effect's class
+    title: str = ""  # name in reports
+    rounding: float = 0.0  # size of a force that the machine precision is to be multiplied with [N]
+    dissipates: bool = True  # whether the energy that it takes is dissipated, not work of a load
+    # Whether forces on nodes depend on other nodes. Where bodies are treated as if they were
+    # flexible it is asked in the run's division, for forces on all nodes.
     couples: bool = False
-    nodes: Any = None
-    presses: ClassVar[bool] = False
+    nodes: Any = None  # the nodes that it acts on; `RemoteNodes` if joints move them
+    presses: ClassVar[bool] = False  # whether it is a contact: see `ContactForces`
 
     @classmethod
     def does(cls, method: str) -> bool:
@@ -127,7 +107,7 @@ class Action:
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate functions of time for a step whose midpoint is t [s]; one that fails raises."""
 
-    def load(self, forces: Forces) -> None:
+    def load(self, forces: Any) -> None:
         """Add dead loads to the external forces of a step: asked once in each."""
 
     def resist(self, motion: Any, forces: Any) -> None:
@@ -159,19 +139,12 @@ class Action:
 
 
 class FormTerm:
-    """A term of the compiled forms; it exists in them only while its effect acts.
+    """A term of the compiled forms; it exists in them only while its effect acts."""
 
-    Attributes:
-        kind: Name of the effect's class.
-        boundary: Whether it is an integral over facets, those of `where`, instead of cells.
-        dissipates: Whether its loss in a step is dissipated energy, and not work of a load.
-        viscous: Whether it is a stress that grows with 1/Δt.
-    """
-
-    kind: str = ""
-    boundary: bool = False
-    dissipates: bool = True
-    viscous: bool = False
+    kind: str = ""  # name of the effect's class
+    boundary: bool = False  # whether an integral over facets, those of `where`, instead of cells
+    dissipates: bool = True  # whether its loss in a step is dissipated energy, not work of a load
+    viscous: bool = False  # whether it is a stress that grows with 1/Δt
 
     def of(self, law: Any) -> FormTerm:
         """The term in cells of a `Law`; itself where the stored energy does not matter."""

@@ -104,17 +104,13 @@ class Effect:
     ground_stiffness: ClassVar[Array | None] = None  # total, against the ground, (3, 3) [N/m]
 
     def __post_init__(self) -> None:
-        """Copy its values; raise `SceneError` unless `where` and other fields pass their checks.
-
-        None will do where it is the default.
-        """
+        """Copy its values; raise `SceneError` unless `where` and other fields pass their checks."""
         take_fields(self)
-        for place in (f for f in fields(self) if f.name == "where"):
+        for default in (own.default for own in fields(self) if own.name == "where"):
             where = getattr(self, "where", None)
-            if not (isinstance(where, self.places) or where is place.default is None):
-                raise SceneError(
-                    f"{self.kind}: where must be the name of a set, got {shown(where)}."
-                )
+            if not (isinstance(where, self.places) or where is default is None):
+                wanted = "where must be the name of a set"
+                raise SceneError(f"{self.kind}: {wanted}, got {shown(where)}.")
         check_fields(self, self.checks)
 
     @property
@@ -131,10 +127,9 @@ class Effect:
         return f"{self.kind} on '{named}'"
 
     def placed(self, scene: Any) -> Effect:
-        """The effect with the data that it takes from the mesh; itself without. Collective.
+        """The effect with data from the mesh; itself without, or a `SceneError`. Collective.
 
-        The scene's space and start places are known already. `SceneError` on every rank, if it
-        cannot be there.
+        The scene's space and start places are known already.
         """
         return self
 
@@ -145,10 +140,9 @@ class Effect:
         return out
 
     def check(self, scene: Any) -> None:
-        """Check it against the mesh and its names. Collective.
+        """Raise `SceneError` if a name is unknown, or a function cannot be used. Collective.
 
-        The scene's mesh, space and masses are known already. `SceneError` on every rank, if a name
-        is unknown or a function of time cannot be used.
+        The scene's mesh, space and masses are known already.
         """
         if self.on_cells:
             scene.owned_cells(getattr(self, "where", None), self.kind)

@@ -37,7 +37,7 @@ from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.effects.action import Action, FormTerm, Structure
 from rigidfx.effects.base import Effect, Windowed
-from rigidfx.effects.motion import Forces, Motion, Tangent
+from rigidfx.effects.nodes import Forces, Motion, Tangent
 from rigidfx.mechanics.element import Element, Portion
 from rigidfx.mechanics.schemes import Law, initial_stiffness_times
 

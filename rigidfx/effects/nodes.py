@@ -1,8 +1,14 @@
-"""Nodes as effects see them, wherever they are: flexible, held by a support, or in a body.
+"""Iterates and nodes as effects see them, and where these hand in forces and stiffness.
 
-`Nodes` are some nodes of this rank. `LinearNodes` stand for nodes whose forces are linear in their
-displacements: those of a body then have at most n + 3 representatives, however many they are.
-`SharedNodes` are known on all ranks, for forces between places that any rank may have.
+A node of a body has constant body-fixed coordinates a, shape (n,), and moves by a · D with one
+matrix D of the body, shape (n, 3). Forces on nodes enter the body by their moments Σ a fᵀ, and a
+stiffness of nodes by the derivative of these moments. Actions add what this rank's nodes have;
+what all ranks know counts on the first one (`Structure.once`).
+
+`Nodes` are some nodes of this rank: flexible, held by a support, or in a body. `LinearNodes` stand
+for nodes whose forces are linear in their displacements: those of a body then have at most n + 3
+representatives, however many they are. `SharedNodes` are known on all ranks, for forces between
+places that any rank may have.
 
 Linear forces of a body's nodes need the sums Σ w c cᵀ of c = [a, u₀] only, with the body-fixed
 coordinates a and the displacements u₀ at a reference pose. With QR of √w c these are Σ r rᵀ over
@@ -12,6 +18,7 @@ weight 1. Forces, stiffness and energies come out as those of all nodes.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,21 +29,138 @@ from scipy.sparse import csr_array, diags_array
 from rigidfx.base.matrices import Matrix, compact
 from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import Structure
-from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion, Tangent
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.body_step import Increments
+
+
+@dataclass(frozen=True)
+class Instant:
+    """A state of bodies and of rows at t [s]; displacements are those at a step's start if None."""
+
+    bodies: Bodies
+    u: Array | None = None
+    t: float = float("nan")
+
+
+@dataclass(frozen=True)
+class Motion:
+    """An iterate of a step."""
+
+    d: Any  # increments of the nodes of the rows, a PETSc vector [m]
+    increments: Increments  # those of the bodies
+    dt: float  # length of the step [s]; of no meaning in statics
+    begun: Instant | None = None  # its start, the same object as long as nothing of it changes
+
+    @property
+    def start(self) -> Instant:
+        """The start of the step."""
+        return Instant(self.increments.start) if self.begun is None else self.begun
+
+    @property
+    def array_r(self) -> Array:
+        """Increments of the rows, one number each [m]."""
+        return np.asarray(self.d.array_r)
+
+    @property
+    def nodes(self) -> Array:
+        """The same, shape (nodes, 3) [m]."""
+        return self.array_r.reshape(-1, 3)
+
+    @property
+    def finite(self) -> bool:
+        """Whether it is finite on this rank: an iteration may run away."""
+        every = self.array_r, self.increments.unknowns
+        return all(bool(np.isfinite(values).all()) for values in every)
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Forces on nodes and bodies, which actions add to."""
+
+    vector: Any  # on the nodes of the rows, a PETSc vector [N]
+    moments: Array  # Σ a fᵀ of this rank's forces on each body, shape (bodies, n, 3) [N, N m]
+    torques: Array  # on the bodies as such, shape (bodies, 3) [N m]
+
+    @classmethod
+    def none(cls, vector: Any, pose: Array | None = None) -> Forces:
+        """Forces on a vector as it is, and none on bodies with places `pose`, (bodies, n, 3)."""
+        pose = np.empty((0, 1, 3)) if pose is None else pose
+        return cls(vector, np.zeros(pose.shape), np.zeros((len(pose), 3)))
+
+    @property
+    def nodes(self) -> Array:
+        """On the nodes of the rows, shape (nodes, 3) [N]."""
+        return np.asarray(self.vector.array.reshape(-1, 3))
+
+    @property
+    def parts(self) -> tuple[Array, ...]:
+        """All of them."""
+        return self.vector.array, self.moments, self.torques
+
+    def scale(self, factor: float) -> None:
+        """Multiply all of them."""
+        for part in self.parts:
+            part *= factor
+
+    def add(self, at: Any, forces: Array) -> None:
+        """Add forces on some `Nodes` of this rank, shape (nodes, 3) [N]."""
+        count = at.rows.size
+        self.nodes[at.rows] += forces[:count]
+        if count < len(forces):
+            self.moments[...] += at.gather(forces[count:])
+
+
+@dataclass(frozen=True)
+class ForcesOfNodes:
+    """Forces on all owned nodes of this rank, in bodies or not, shape (owned nodes, 3) [N]."""
+
+    nodes: Array
+
+    def add(self, at: Any, forces: Array) -> None:
+        """Add forces on some `Nodes` of this rank, shape (nodes, 3) [N]."""
+        self.nodes[at.nodes] += forces
+
+
+class Tangent:
+    """A tangent that is being assembled."""
+
+    def __init__(self, matrix: Any, prolongation: Any) -> None:
+        """Begin with none; the matrix has `add_nodal` and `add_coupling`, see `CondensedMatrix`."""
+        self.matrix, self.prolongation = matrix, prolongation
+        P = prolongation.increments.P
+        self._moves: Array = P.reshape(len(P), P.shape[1] // 3, 3, P.shape[2])
+        # Derivative of Σ a fᵀ of this rank's forces by the unknowns of their body, shape (bodies,
+        # 3 n, unknowns).
+        self.moments: Array = np.zeros_like(P)
+
+    @property
+    def blocks(self) -> Array:
+        """Derivative of the forces on the bodies' unknowns, shape (bodies, 6, 6) [N/m]."""
+        return np.asarray(self.prolongation.increments.L.swapaxes(1, 2) @ self.moments)
+
+    def add(self, at: Any, blocks: Array, which: Ints | None = None) -> None:
+        """Add blocks of stiffness [N/m] of each of some `Nodes`, or of sorted ones. Collective."""
+        which = np.arange(len(at.nodes)) if which is None else which
+        count = int(np.searchsorted(which, at.rows.size))
+        self.matrix.add_nodal(at.free[which[:count]], blocks[:count])
+        if count < len(blocks):
+            held = which[count:] - at.rows.size
+            moved = at.follow(self._moves)
+            forces = np.zeros_like(moved)
+            forces[held] = (blocks[count:] @ moved[held].reshape(len(held), 3, -1)).reshape(
+                len(held), -1
+            )
+            self.moments += at.gather(forces).reshape(self.moments.shape)
+
+    def add_spread(self, spread: Array, K: Array) -> None:
+        """Add K, shape (3, 3) [N/m], on nodes of bodies, Σ w a aᵀ being (bodies, n, n)."""
+        if len(spread):
+            rows = (K @ self._moves).reshape(*spread.shape[:2], -1)
+            self.moments += (spread @ rows).reshape(self.moments.shape)
 
 
 class Nodes:
-    """Some nodes of this rank; arrays have those in no body first, and then each body's.
-
-    Attributes:
-        rows: Places of those in no body among the nodes of the rows.
-        free: The same by their number on this rank.
-        nodes: Numbers of all on this rank.
-        order: Place of each among the nodes that were named.
-        share: Part of a step at whose end forces are: one half, or all in statics.
-        bodies: Of each the body that it is in, -1 if none.
-    """
+    """Some nodes of this rank; arrays have those in no body first, and then each body's."""
 
     def __init__(self, structure: Structure, nodes: npt.NDArray[Any]) -> None:
         """Find whose owned nodes of this rank are; those that take no part are left out.
@@ -45,21 +169,21 @@ class Nodes:
         """
         rows, u = structure.rows, structure.u.reshape(-1, 3)
         self._comm: MPI.Intracomm = structure.scene.comm
-        self.share = 1.0 if structure.static else 0.5
+        self.share = 1.0 if structure.static else 0.5  # part of a step at whose end forces are
         place = np.full(len(u), -1)
         place[rows.nodes[structure.own]] = np.flatnonzero(structure.own)
         mine = np.flatnonzero(place[nodes] >= 0)
-        self.free = np.asarray(nodes[mine], dtype=np.int32)
-        self.rows = place[self.free]
+        self.free = np.asarray(nodes[mine], dtype=np.int32)  # those in no body
+        self.rows = place[self.free]  # their places among the nodes of the rows
         self._X, self._dofs = rows.X[self.rows], rows.dofs.reshape(-1, 3)[self.rows]
         self._u0, self._pose = structure.u, structure.bodies.pose
         body, coordinates, _ = structure.bodies.of.holding(len(u))
         held = np.flatnonzero(body[nodes] >= 0)
         held = held[np.argsort(body[nodes[held]], kind="stable")]
-        self.order: Ints = np.concatenate([mine, held])
-        self.nodes = np.asarray(nodes[self.order])
+        self.order: Ints = np.concatenate([mine, held])  # places among the nodes that were named
+        self.nodes = np.asarray(nodes[self.order])  # numbers of all on this rank
         of = np.asarray(body[nodes[held]], dtype=np.int64)
-        self.bodies: Ints = np.r_[np.full(mine.size, -1), of]
+        self.bodies: Ints = np.r_[np.full(mine.size, -1), of]  # that each is in, -1 if none
         self._hold(of, coordinates[nodes[held]], u[nodes[held]])
 
     def _hold(self, of: Ints, coordinates: Array, displacement: Array) -> None:
@@ -174,14 +298,7 @@ class LinearNodes(Nodes):
 
 
 class SharedNodes(Nodes):
-    """Nodes whose forces depend on each other; arrays over all of them are equal on all ranks.
-
-    Attributes:
-        size: How many there are on all ranks.
-        bodies: Of each the body that it is in, -1 if none, shape (size,).
-        rigid: The same, but -1 too for those in a body that deforms.
-        in_one_body: Whether all are in the same rigid body, and so cannot move against each other.
-    """
+    """Nodes whose forces depend on each other; arrays over all of them are equal on all ranks."""
 
     def __init__(
         self, structure: Structure, nodes: npt.NDArray[Any], numbers: Ints, size: int
@@ -190,12 +307,13 @@ class SharedNodes(Nodes):
         super().__init__(structure, nodes)
         self.size, self._numbers = size, np.asarray(numbers)[self.order]
         of = self._everywhere(np.asarray(self.bodies[:, None] + 1, dtype=np.float64))[:, 0]
-        self.bodies = of.astype(np.int64) - 1
+        self.bodies = of.astype(np.int64) - 1  # of all
         a = np.zeros((len(self._numbers), self._pose.shape[1]))
         a[self.rows.size :] = self._a
         self._coordinates = self._everywhere(a)
         deforms = np.array([b.deforms_by > 0 for b in structure.bodies.of.records] + [False])
-        self.rigid = np.where(deforms[self.bodies], -1, self.bodies)
+        self.rigid = np.where(deforms[self.bodies], -1, self.bodies)  # -1 in one that deforms, too
+        # Whether all are in the same rigid body, and so cannot move against each other.
         self.in_one_body = bool((self.rigid >= 0).all() and np.ptp(self.rigid) == 0)
         self._unknowns: Ints | None = None
 

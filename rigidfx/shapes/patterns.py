@@ -19,7 +19,7 @@ from rigidfx.effects import DeadLoad, Effect, Resultant
 from rigidfx.effects.base import vector_at
 from rigidfx.effects.joints.remote import RemoteMotion
 from rigidfx.effects.joints.vectors import slopes_of
-from rigidfx.effects.motion import Forces, Motion
+from rigidfx.effects.nodes import Forces, Motion
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.scene.scene import Scene

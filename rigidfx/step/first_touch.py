@@ -20,7 +20,7 @@ from typing import ClassVar
 
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.effects import Contact
-from rigidfx.effects.motion import Instant
+from rigidfx.effects.nodes import Instant
 from rigidfx.step.length.time_error import SETTLED
 from rigidfx.step.stepper import Stepper
 

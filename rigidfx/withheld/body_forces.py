@@ -25,7 +25,7 @@ from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.types import Array
 from rigidfx.coupling.mass import Mass
 from rigidfx.effects import Structure, Windowed
-from rigidfx.effects.motion import Forces, Motion
+from rigidfx.effects.nodes import Forces, Motion
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments, Step

@@ -19,7 +19,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from rigidfx.base.types import Array, Indices
-from rigidfx.effects.motion import Instant
+from rigidfx.effects.nodes import Instant
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import RigidBody

@@ -1,13 +1,9 @@
 """Springs, dampers and cables between two points.
 
 With r the vector from the first end to the second and L = |r|, the forces on the ends in a step
-from r₀ to r₁ are N n̄ and -N n̄, with
-
-    n̄ = (r₀ + r₁)/(L₀ + L₁)
-
-and N by the law of `rigidfx.effects.joints.elements` along L. As n̄ · Δr = L₁ - L₀ exactly, N takes
-exactly the energy of the law. As n̄ is parallel to the vector half-way, the forces have no moment.
-In statics n = r₁/L₁.
+from r₀ to r₁ are N n̄ and -N n̄, n̄ = (r₀ + r₁)/(L₀ + L₁), with N by the law of `Elastic` along L. As
+n̄ · Δr = L₁ - L₀ exactly, N takes exactly the energy of the law. As n̄ is parallel to the vector
+half-way, the forces have no moment. In statics n = r₁/L₁.
 """
 
 from __future__ import annotations
@@ -72,17 +68,14 @@ class SpringDamper(Between, Elastic):
 
     is_lasting: ClassVar[bool] = True
     many: ClassVar[str] = "springs"
-    checks: ClassVar[Checks] = (
-        Between.checks
-        | dict.fromkeys("ab", one_side("the name of a Rigid part or of a set"))
-        | Elastic.checks
-        | {
-            "length": at_least_zero,
-            "pulls_only": truth,
-            "at_a": vector,
-            "at_b": vector,
-        }
-    )
+    checks: ClassVar[Checks] = {
+        **(Between.checks | Elastic.checks),
+        **dict.fromkeys("ab", one_side("the name of a Rigid part or of a set")),
+        "length": at_least_zero,
+        "pulls_only": truth,
+        "at_a": vector,
+        "at_b": vector,
+    }
 
     stiffness: float = 0.0
     damping: float = field(default=0.0, kw_only=True)
@@ -99,8 +92,6 @@ class SpringDamper(Between, Elastic):
         for name, side in (("at_a", self.a), ("at_b", self.b)):
             if getattr(self, name) is None and side == GROUND:
                 raise SceneError(f"{self.owner}: give {name}, the place of its end on the ground.")
-
-    # On a mesh ------------------------------------------------------------------------------------
 
     @property
     def averages(self) -> tuple[Vector, Vector]:
@@ -127,9 +118,8 @@ class SpringDamper(Between, Elastic):
         """The spring with its ends on a mesh; raise `SceneError` if it cannot be. Collective."""
         self.check_title(scene)
         X = scene.space.tabulate_dof_coordinates()
-        ends = [
-            end_of(scene, self.owner, *end) for end in ((self.a, self.at_a), (self.b, self.at_b))
-        ]
+        given = (self.a, self.at_a), (self.b, self.at_b)
+        ends = [end_of(scene, self.owner, *end) for end in given]
         at_start = [end.start for end in ends]
         on_mesh = [value_at(scene, end, X) for end in ends]
         first, distance = (float(np.linalg.norm(b - a)) for a, b in (at_start, on_mesh))
@@ -140,12 +130,6 @@ class SpringDamper(Between, Elastic):
             )
         free = distance if self.length is None else float(self.length)
         return self._with(_ends=tuple(ends), _free=free, _first=first)
-
-    @staticmethod
-    def gradient(p: Array) -> Array:
-        """Derivatives of its length by its ends at p, shape (2, 3); zero if they coincide."""
-        n = _unit(p[1] - p[0])
-        return np.stack([-n, n])
 
     def bind_points(self, structure: Structure) -> Action:
         """Its forces on its ends."""
@@ -169,7 +153,7 @@ class Tension(Action):
         before, gained = places[1] - places[0], moved[1] - moved[0]
         after = before + gained
         q0, q1 = float(np.linalg.norm(before)), float(np.linalg.norm(after))
-        n1 = _unit(after)
+        n1 = after / (q1 or 1.0)
         return q0, q1, n1 if self._static else (before + after) / ((q0 + q1) or 1.0), n1
 
     def _tension(self, q0: float, q1: float, dt: float) -> tuple[float, float]:
@@ -212,9 +196,3 @@ class Tension(Action):
         q0, q1, *_ = self._step(motion)
         rate = 0.0 if self._static else (q1 - q0) / motion.dt
         return SpringDamperReport(self._tension(q0, q1, motion.dt)[0], q1, rate)
-
-
-def _unit(r: Array) -> Array:
-    """A vector over its length; itself if it has none."""
-    length = float(np.linalg.norm(r))
-    return np.asarray(r / (length or 1.0))

@@ -30,8 +30,7 @@ from rigidfx.effects.contacts.surface import (
     secant,
     soonest,
 )
-from rigidfx.effects.motion import Instant, Motion, Tangent
-from rigidfx.effects.nodes import Nodes
+from rigidfx.effects.nodes import Instant, Motion, Nodes, Tangent
 from rigidfx.mechanics.rotation import IDENTITY
 
 

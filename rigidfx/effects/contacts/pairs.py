@@ -27,7 +27,7 @@ from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
 from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
-from rigidfx.base.errors import SceneError, agree
+from rigidfx.base.errors import SceneError
 from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.effects.action import Structure, Touch
 from rigidfx.effects.contacts.surface import (
@@ -41,8 +41,7 @@ from rigidfx.effects.contacts.surface import (
     surface_of,
     triangles_of,
 )
-from rigidfx.effects.motion import Instant, Motion, Tangent
-from rigidfx.effects.nodes import SharedNodes, on_all_ranks
+from rigidfx.effects.nodes import Instant, Motion, SharedNodes, Tangent, on_all_ranks
 
 NEAREST = 12  # triangles that are looked at for a node
 BESIDE = 1e-6  # of a triangle: how far beside it a node may be and still meet it
@@ -271,15 +270,13 @@ def refuse_overlap(scene: Any, where: str, owner: str) -> None:
     point, cell = point[~shared], cell[~shared]
     held = [_holds(scene.mesh, c, points[p]) for p, c in zip(point, cell, strict=True)]
     every = np.unique(np.concatenate(comm.allgather(point[np.array(held, dtype=bool)])))
-    problem = None
     if every.size:
         x, y, z = points[every[0]]
-        problem = (
+        raise SceneError(
             f"{owner}: the mesh overlaps itself at ({x:.6g}, {y:.6g}, {z:.6g}) m, and behind "
             f"{every.size} of {len(points)} triangles of '{where}' in all: a surface that may meet "
             "itself has to begin free of itself. Move its parts out of each other."
         )
-    agree(comm, problem, SceneError)
 
 
 def _hits(mesh: Any, points: Array) -> tuple[Any, Any]:

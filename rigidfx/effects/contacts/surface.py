@@ -23,11 +23,11 @@ from dolfinx import fem, la
 from mpi4py import MPI
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 
-from rigidfx.base.errors import SceneError, agree
+from rigidfx.base.errors import SceneError
 from rigidfx.base.form_cache import form_on
 from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import Action, Structure, Touch
-from rigidfx.effects.motion import Instant
+from rigidfx.effects.nodes import Instant
 from rigidfx.mechanics.materials import Material
 
 LAYERS = 5.0  # default stiffness in those of a layer of cells
@@ -72,7 +72,8 @@ def _found(scene: Any, where: str, stiffness: float | None, owner: str) -> Conta
         k = _weights(scene, where, owner, _layers(scene, where, owner))
     own = area[: scene.owned_nodes]
     total, count = scene.sum([own.sum(), np.count_nonzero(own)])
-    agree(scene.comm, None if count else f"{owner}: '{where}' has no facets.", SceneError)
+    if not count:
+        raise SceneError(f"{owner}: '{where}' has no facets.")
     return ContactSurface(area, k, float(np.sqrt(total / count)))
 
 
@@ -148,16 +149,13 @@ def area_vectors(corners: Array) -> Array:
 
 
 def _layers(scene: Any, where: str, owner: str) -> fem.Function:
-    """Stiffness of a layer of cells for an area, (λ + 2μ)/h, in cells of a set of facets [N/m³].
-
-    h is the volume of a cell by the area of its facets in the set, three times that in tetrahedra:
-    their height. Collective.
-    """
+    """Stiffness of a layer of cells for an area, (λ + 2μ)/h, behind facets [N/m³]. Collective."""
     space = scene.cell_space
     test, facets = ufl.TestFunction(space), scene.boundary(where, owner)
     ds = ufl.Measure("ds", domain=scene.mesh, subdomain_data=[(1, facets.reshape(-1))])(1)
     forms = test * ufl.dx(domain=scene.mesh), test * ds
     volume, area = (fem.assemble_vector(form_on(scene.comm, form)).array for form in forms)
+    # h is the volume of a cell by the area of its facets in the set; the height of a tetrahedron.
     count = np.bincount(space.dofmap.list[facets[:, 0], 0], minlength=volume.size)
     out = scene.cellwise([(_modulus(scene, m, owner), cells) for m, cells in scene.materials])
     thickness = (3.0 if scene.simplex else 1.0) * volume * count
@@ -169,13 +167,11 @@ def _layers(scene: Any, where: str, owner: str) -> fem.Function:
 def _modulus(scene: Any, material: Material, owner: str) -> float:
     """λ + 2μ of a material at rest [Pa]; `SceneError` on every rank if unknown. Collective."""
     modulus = modulus_of(scene.comm, material)
-    problem = (
-        None
-        if np.isfinite(modulus)
-        else f"{owner}: {type(material).__name__} does not tell how stiff contact is to be; give "
-        "stiffness [N/m³], some ten times (λ + 2μ)/h of a cell of size h."
-    )
-    agree(scene.comm, problem, SceneError)
+    if np.isnan(modulus):
+        raise SceneError(
+            f"{owner}: {type(material).__name__} does not tell how stiff contact is to be; give "
+            "stiffness [N/m³], some ten times (λ + 2μ)/h of a cell of size h."
+        )
     return modulus
 
 
@@ -268,10 +264,7 @@ class ContactForces(Action):
         raise NotImplementedError
 
     def outdated(self) -> bool:
-        """Whether points of this rank closed, opened, stuck or slipped since the last tangent.
-
-        A kept tangent is then renewed at once; a gradual change shows in residuals.
-        """
+        """Whether points of this rank closed, opened, stuck or slipped since the last tangent."""
         now = self._slopes()
         return bool((np.abs(now - self._in_tangent) > STALE * np.maximum(self._k, now)).any())
 
@@ -280,10 +273,7 @@ class ContactForces(Action):
         return float(stored(self._k, self._gap(at)).sum())
 
     def creep_for(self, time: float, began: Instant) -> None:
-        """Let friction be that of a longer motion [s] from `began` on, until a time is set again.
-
-        A step that needs forces by displacements, not by velocities, has no Δt of its own.
-        """
+        """Let friction be that of a longer motion [s] from `began` on, until times are set anew."""
 
     def pressing(self) -> tuple[Ints, Array]:
         """Owned nodes that are pressed, deeper than rounding, and how.

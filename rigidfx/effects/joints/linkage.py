@@ -29,7 +29,7 @@ from rigidfx.effects.joints.pieces import Coordinates, Terms
 from rigidfx.effects.joints.remote import Points, RemoteMotion, at_rest
 from rigidfx.effects.joints.sides import GROUND
 from rigidfx.effects.joints.vectors import BoundAverages, Vectors, stiff_rows
-from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion
+from rigidfx.effects.nodes import Forces, ForcesOfNodes, Instant, Motion
 from rigidfx.mechanics.bodies import Bodies
 
 

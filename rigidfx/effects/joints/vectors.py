@@ -29,8 +29,7 @@ from scipy.sparse import csr_array
 from rigidfx.base.matrices import Matrix, Pattern, compact, dense
 from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import Structure
-from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant
-from rigidfx.effects.nodes import Nodes
+from rigidfx.effects.nodes import Forces, ForcesOfNodes, Instant, Nodes
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.mechanics.rotation import AXES, cross, nearest_rotations, skew
 

@@ -1,1 +1,1 @@
-"""Loads: dead ones, pressure, resultants of rigid bodies, those of a static preload."""
+"""Loads: dead ones, pressure, resultants of rigid bodies and of points of faces."""

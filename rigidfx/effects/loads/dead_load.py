@@ -34,8 +34,7 @@ from rigidfx.effects.base import (
     values_at,
     vector_at,
 )
-from rigidfx.effects.motion import Forces
-from rigidfx.effects.nodes import Nodes
+from rigidfx.effects.nodes import Forces, Nodes
 from rigidfx.mechanics.rigid_body import RigidBody
 
 

@@ -25,7 +25,7 @@ from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, FormTerm, Structure
 from rigidfx.effects.base import Scaled
-from rigidfx.effects.motion import Motion, Tangent
+from rigidfx.effects.nodes import Motion, Tangent
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.element import Element
 from rigidfx.mechanics.rotation import IDENTITY
@@ -61,8 +61,7 @@ class Pressure(Scaled):
         pressure = scalar(value) * self.factor(t)
         if not isfinite(pressure):
             raise SceneError(
-                f"Pressure on '{self.where}': at t = {t:g} s it is {pressure}; check its value "
-                "and time function."
+                f"{self.owner}: at t = {t:g} s it is {pressure}; check its value and time function."
             )
         return pressure
 
@@ -86,9 +85,7 @@ class Pressure(Scaled):
 
     def bind(self, structure: Structure) -> Action | None:
         """The pressure on rigid bodies."""
-        if not len(structure.bodies):
-            return None
-        return RotatedPressure(self, structure)
+        return RotatedPressure(self, structure) if len(structure.bodies) else None
 
 
 class PressureTerm(FormTerm):

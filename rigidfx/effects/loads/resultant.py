@@ -17,7 +17,7 @@ from rigidfx.effects.base import NO_VECTOR, WHOLE, Scaled, Vector
 from rigidfx.effects.joints.remote import OnFace, RemoteMotion, RemoteNodes
 from rigidfx.effects.joints.sides import Surface
 from rigidfx.effects.loads.dead_load import DeadForces
-from rigidfx.effects.motion import Forces
+from rigidfx.effects.nodes import Forces
 from rigidfx.mechanics.rotation import skew
 
 

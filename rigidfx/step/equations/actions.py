@@ -22,7 +22,7 @@ from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.base.uncaught import by_users
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Action, Effect, Structure, Touch
-from rigidfx.effects.motion import Forces, ForcesOfNodes, Instant, Motion, Tangent
+from rigidfx.effects.nodes import Forces, ForcesOfNodes, Instant, Motion, Tangent
 
 # Methods that a step calls.
 METHODS = (

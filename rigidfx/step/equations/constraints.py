@@ -28,7 +28,7 @@ from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Joint, JointSpring, Motor, PointMass, Stop, Structure, Windowed
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.remote import Points
-from rigidfx.effects.motion import Forces, Motion
+from rigidfx.effects.nodes import Forces, Motion
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.step.equations.actions import OwnMethods, bound
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigidfx.base.types import Array
-from rigidfx.effects.motion import Instant
+from rigidfx.effects.nodes import Instant
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.kernels import integral
 from rigidfx.mechanics.rotation import axial

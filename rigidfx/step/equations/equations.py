@@ -31,7 +31,7 @@ from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Effect, Structure, Support, Windowed
 from rigidfx.effects.joints.linkage import Linkage
-from rigidfx.effects.motion import Forces, Instant, Motion, Tangent
+from rigidfx.effects.nodes import Forces, Instant, Motion, Tangent
 from rigidfx.flexible.internal_forces import BoundForces, InternalForces
 from rigidfx.flexible.linear_forms import static_forces
 from rigidfx.mechanics.bodies import Bodies

@@ -26,7 +26,7 @@ from rigidfx.base.matrices import dense
 from rigidfx.base.types import Array
 from rigidfx.effects.joints.elements import end_rates
 from rigidfx.effects.joints.linkage import Linkage
-from rigidfx.effects.motion import Forces
+from rigidfx.effects.nodes import Forces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.rotation import orthonormalized

@@ -24,7 +24,7 @@ from rigidfx.effects import (
     Touch,
     Windowed,
 )
-from rigidfx.effects.motion import ForcesOfNodes
+from rigidfx.effects.nodes import ForcesOfNodes
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.kernels import integral
 from rigidfx.mechanics.body_step import Increments
