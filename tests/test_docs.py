@@ -143,8 +143,9 @@ WARNINGS = {
     "step/linear/petsc_options.py": ["PETSc options"],
     "step/watches/cells.py": ["a cell is strongly compressed", "a body rotates by more than 1 rad"],
     "step/watches/jumps.py": ["a path of a support or an obstacle", "a path of a support or"],
-    "switch/closing.py": ["a motor begins apart"],
-    "switch/switch.py": ["rows of joints follow", "velocities do not fit the joints"],
+    "switch/switch.py": [
+        *("a motor begins apart", "rows of joints follow", "velocities do not fit the joints"),
+    ],
     "vibration/modes.py": [
         *("a state is unstable", "parts turn differently"),
         *2 * ["a reduced part bends"],

@@ -20,7 +20,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body, BodyMotion, RigidBody
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.switch.mass_properties import freeze, mass_properties
+from rigidfx.switch.mass_properties import at_nodes, freeze, mass_properties
 
 
 def face_bodies(
@@ -49,15 +49,15 @@ def face_bodies(
             out.append(_body(scene, forces, state, face, nodes, number))
     first += len(rigid_faces(scene.effects))
     carried = (effect for effect in scene.named(PointMass) if effect.is_carried)
-    n, there = scene.owned_nodes, {body.data.name for body in others}
+    there = {body.data.name for body in others}
     for number, effect in enumerate(carried, start=first):
         if effect.title in there:
             continue
         if effect.title in known:
             out.append(known[effect.title])
         else:
-            u, v = (f.x.array[: 3 * n].reshape(-1, 3) for f in (state.u, state.v))
-            out.append(Body(*body_of(effect, scene, state.X[:n] + u, v, number)))
+            x, _, v = at_nodes(state)
+            out.append(Body(*body_of(effect, scene, x, v, number)))
     return out
 
 
@@ -109,9 +109,7 @@ def _without_mass(
     scene: Scene, forces: InternalForces, state: State, what: PlannedBody
 ) -> Body | None:
     """A face beside cells whose mass is consistent; None if its nodes lie on a line. Collective."""
-    n, nodes = scene.owned_nodes, what.nodes
-    u, v = (f.x.array[: 3 * n].reshape(-1, 3) for f in (state.u, state.v))
-    x = state.X[:n] + u
+    nodes, (x, u, v) = what.nodes, at_nodes(state)
     points = mass_properties(scene, forces.cells(what.cells), nodes, x, v)
     area = mass_properties(scene, {}, nodes, x, v, scene.averaging_mass[nodes])
     if area.singular:

@@ -111,12 +111,8 @@ def excess_of_lumping(scene: Scene, cells: Indices, x: Array) -> Array:
 
     A cell's lumped masses have its mass and its centre of mass, so that the excess is the same
     about any point and adds up over cells. With second-order hexahedra it is nearly nothing: their
-    nodes and masses are a rule that integrates x² exactly.
-
-    Args:
-        scene: The problem.
-        cells: Owned cells.
-        x: Position of all local nodes, ghosts included, shape (nodes, 3) [m].
+    nodes and masses are a rule that integrates x² exactly. Local nodes, ghosts included, are at x,
+    shape (nodes, 3) [m].
     """
     density = np.empty(scene.mesh.topology.index_map(3).size_local)
     for material, own in scene.materials:
@@ -139,14 +135,22 @@ def excess_of_lumping(scene: Scene, cells: Indices, x: Array) -> Array:
     return np.asarray(np.trace(second) * np.eye(3) - second)
 
 
+def at_nodes(state: State) -> tuple[Array, Array, Array]:
+    """Places x [m], displacements u [m] and velocities v [m/s] of owned nodes, as fields have them.
+
+    Each has the shape (nodes, 3).
+    """
+    n = state.u.function_space.dofmap.index_map.size_local
+    u, v = (f.x.array[: 3 * n].reshape(-1, 3) for f in (state.u, state.v))
+    return state.X[:n] + u, u, v
+
+
 def freeze(scene: Scene, forces: InternalForces, state: State, what: PlannedBody) -> Body | None:
     """The body of planned cells, None if their inertia is singular. Collective.
 
     Displacement and velocity of its nodes are up to date.
     """
-    n = scene.owned_nodes
-    u, v = (f.x.array[: 3 * n].reshape(-1, 3) for f in (state.u, state.v))
-    x = state.X[:n] + u
+    x, u, v = at_nodes(state)
     cells = forces.cells(what.cells)
     p = mass_properties(scene, cells, what.nodes, x, v)
     if p.singular:

@@ -7,15 +7,18 @@ Where there are joints, fields keep these closed as well: ∇g · v = 0 at the p
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
+from rigidfx.base.errors import together
 from rigidfx.base.types import Array, Bools
-from rigidfx.coupling.dof_layout import DofLayout, nodes_of, rigid_fields, split
+from rigidfx.coupling.dof_layout import nodes_of, rigid_fields, split
 from rigidfx.coupling.mass import Mass
+from rigidfx.coupling.ports import Ports
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Joint, Motor, Structure
@@ -25,7 +28,7 @@ from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.linear.linear_solver import conjugate_gradients, solver_of
-from rigidfx.switch.closing import Closing
+from rigidfx.step.newton.border import parted
 
 
 @dataclass(frozen=True)
@@ -139,6 +142,70 @@ class WholeMass:
         return self._matrix
 
 
+class Closing:
+    """Corrects velocities for the joints, at fixed places.
+
+    The velocities that keep joints closed, D Eᵀ y = 0, and are nearest to given ones in the metric
+    of the mass, are
+
+        y - M⁻¹ E Dᵀ Λ,    (D Eᵀ M⁻¹ E Dᵀ) Λ = D Eᵀ y,
+
+    with impulses Λ of the joints and the ports Eᵀ of `rigidfx.coupling.ports`. With redundant rows
+    Λ is the least solution. Motors that prescribe a motion, locks among them, have a row each, with
+    its speed s on the right side: their impulses do the work Λ·s. Ports on parts that M does not
+    couple share a solve.
+    """
+
+    def __init__(
+        self,
+        state: State,
+        linkage: Linkage,
+        prolongation: Prolongation,
+        mass: PETSc.Mat,
+        solve: Callable[[Array], Array],
+        dt: float,
+    ) -> None:
+        """Find the effects of unit impulses on a state. Collective.
+
+        Raises:
+            SceneError: On every rank, if the function of a motor cannot be used.
+        """
+        self._linkage, self._comm = linkage, prolongation.comm
+        linkage.begin(state.bodies)
+        ports = Ports(prolongation, linkage)
+        self._E = ports.entries
+        self._D = linkage.test() @ ports.lead(prolongation.increments)
+        Y = parted(mass, self._E).responses(solve)
+        self._by_impulses = Y @ self._D.T
+        resisted = self._D @ self._sum((self._E.T @ Y).toarray()) @ self._D.T
+        speeds = together(prolongation.comm, "A motor", lambda: linkage.drives.speeds(state.t, dt))
+        self._wanted = np.r_[np.zeros(resisted.shape[0] - speeds.size), speeds]
+        self._inverse = np.linalg.pinv(resisted, hermitian=True)
+
+    def _sum(self, values: Array) -> Array:
+        values = np.ascontiguousarray(values)
+        self._comm.Allreduce(MPI.IN_PLACE, values)
+        return values
+
+    def impulses(self, y: Array, fixed: Array, driven: bool) -> Array:
+        """Λ by velocities y that close the joints, one per row [N s, N m s]. Collective.
+
+        Supports give velocities of nodes, zero elsewhere [m/s]; motors rest if they are not driven.
+        """
+        rates = self._D @ self._sum(self._E.T @ y) + self._linkage.rates(fixed)
+        if driven:
+            rates -= self._wanted
+        return np.asarray(-self._inverse @ rates)
+
+    def correction(self, impulses: Array) -> Array:
+        """Addition by impulses to velocities of this rank's unknowns [m/s]."""
+        return np.asarray(self._by_impulses @ impulses)
+
+    def work(self, impulses: Array, fixed: Array) -> float:
+        """Work of impulses while motors have their speeds and supports theirs [J]. Collective."""
+        return float(impulses @ (self._wanted - self._linkage.rates(fixed)))
+
+
 class RigidFields:
     """The velocity fields that are rigid in some bodies and keep joints; projects on them.
 
@@ -167,42 +234,24 @@ class RigidFields:
         self._prolongation.pose(bodies)
         self._blocks = bodies.given_mass_blocks
         self._reduced = self._prolongation.condense(mass, self._blocks)
-        # Closing joints takes a solve for each of their rows.
-        self._factors = solver_of(self._reduced.copy(), brief=True) if scene.named(Joint) else None
-        self._full = mass.createVecRight()
-        self._image = mass.createVecLeft()
-        joints = scene.named(Joint)
+        self._full, self._image = mass.createVecRight(), mass.createVecLeft()
+        self._factors: PETSc.KSP | None = None
         self._closing: Closing | None = None
-        if joints:
-            self._closing = self._closing_of(scene, state, layout, joints, motors, dt)
+        if joints := scene.named(Joint):
+            # Closing joints takes a solve for each of their rows.
+            self._factors = solver_of(self._reduced.copy(), brief=True)
+            own, u = layout.massive, state.u.x.array
+            structure = Structure(
+                scene=scene, rows=layout.rows, own=own, bodies=bodies, mass=None, u=u
+            )
+            known = Linkage(joints, motors, structure), self._prolongation, self._reduced
+            self._closing = Closing(state, *known, self._solved, dt)
 
-    def _closing_of(
-        self,
-        scene: Scene,
-        state: State,
-        layout: DofLayout,
-        joints: Sequence[Joint],
-        motors: Sequence[Motor],
-        dt: float,
-    ) -> Closing:
-        """Closes joints at the present places. Collective."""
-        structure = Structure(
-            scene=scene,
-            rows=layout.rows,
-            own=layout.massive,
-            bodies=state.bodies,
-            mass=None,
-            u=state.u.x.array,
-        )
-        linkage = Linkage(joints, motors, structure)
-        linkage.begin(state.bodies)
-
-        def solve(r: Array) -> Array:
-            self._r.array[:] = r
-            self._solve()
-            return self._y.array_r.copy()
-
-        return Closing(linkage, self._prolongation, self._reduced, solve, state.t, dt)
+    def _solved(self, r: Array) -> Array:
+        """The unknowns of their momenta. Collective."""
+        self._r.array[:] = r
+        self._solve()
+        return self._y.array_r.copy()
 
     def _solve(self) -> None:
         """Find y of the momenta of the unknowns. Collective."""

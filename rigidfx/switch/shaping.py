@@ -318,15 +318,11 @@ class Shaping:
         too large by ρᵀ K⁺ρ, but for the inertia of the response (J. H. Wilkinson, The Algebraic
         Eigenvalue Problem, 1965, Section 2.8). Static responses to accelerations that are
         polynomials of second order in place, orthogonal to all φ, have Rayleigh quotients not below
-        ω² of missing modes. Springs and joints are not in K. Collective.
+        ω² of missing modes. Springs and joints are not in K.
 
-        Args:
-            bodies: The bodies.
-            squares: ω² of each, shape (n,) [1/s²].
-            fields: φ at the owned nodes, shape (owned nodes, 3, n) [1/√kg].
-
-        Returns:
-            Shape (n,), and ω² of modes that are missing below the last one that is not off [1/s²].
+        Of modes with ω² of the shape (n,) [1/s²] and φ at the owned nodes, (owned nodes, 3, n)
+        [1/√kg], the part is returned, shape (n,), and ω² of modes that are missing below the last
+        one that is not off [1/s²]. Collective.
         """
         assert self._responses is not None
         responses, nodes = self._responses, np.arange(self._scene.owned_nodes, dtype=np.int32)

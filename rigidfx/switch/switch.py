@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rigidfx.base.errors import InversionError
+from rigidfx.base.errors import InversionError, SceneError, together
 from rigidfx.base.remembered import OBJECTS, PART, Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.decide.bodies import Decision
@@ -25,6 +25,7 @@ from rigidfx.effects import (
     Preload,
     Windowed,
 )
+from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.remote import body_of
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, RigidBody
@@ -38,10 +39,9 @@ from rigidfx.step.equations.supports import Impact, PrescribedDofs, supports_of
 from rigidfx.step.load_path import apply_preload
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import INVERTED, remedy
-from rigidfx.switch.closing import check_stops, implied_rows, warn_of_jumps
 from rigidfx.switch.exchange import Exchange, Works
 from rigidfx.switch.inventory import check_clamps, divide
-from rigidfx.switch.mass_properties import mass_properties
+from rigidfx.switch.mass_properties import at_nodes, mass_properties
 from rigidfx.switch.shaping import Shaping
 
 
@@ -89,7 +89,7 @@ class Switch:
         linkage = stepper.system.linkage
         if linkage is not None and (new := set(linkage.rows.redundant) - self._told):
             self._told |= new
-            warn(scene.comm, implied_rows(tuple(linkage.rows.redundant)))
+            warn(scene.comm, _implied_rows(tuple(linkage.rows.redundant)))
 
     def _started(self, known: Set[int] = frozenset()) -> tuple[Motor, ...]:
         """Motors that start to prescribe a motion, beside the effects known, by identity."""
@@ -140,7 +140,7 @@ class Switch:
         self._set_moving()
         self._bind([])
         if self._start is None and not scene.named(Preload):
-            check_stops(stepper.system.linkage)
+            _check_stops(stepper.system.linkage)
         impact = self._closed(stepper.meet(supports, dt, stepper.measure()))
         if started := self._started():
             impact = self._closed(impact, started)
@@ -154,9 +154,7 @@ class Switch:
     def _set_moving(self) -> None:
         """Give bodies that statics have placed the motion of their nodes, or face. Collective."""
         scene, state, forces = self._stepper.scene, self._stepper.state, self._stepper.forces
-        n, motions = scene.owned_nodes, []
-        x = state.X[:n] + state.u.x.array[: 3 * n].reshape(-1, 3)
-        v = state.v.x.array[: 3 * n].reshape(-1, 3)
+        motions, (x, _, v) = [], at_nodes(state)
         carried = {mass.title: mass for mass in scene.named(PointMass) if mass.is_carried}
         for body in state.bodies:
             if body.data.name in carried:
@@ -219,7 +217,7 @@ class Switch:
             return impact
         stepper = self._stepper
         state, scene, before = stepper.state, stepper.scene, stepper.measure()
-        warn_of_jumps(scene, stepper.system.linkage, state.t, started)
+        _warn_of_jumps(scene, stepper.system.linkage, state.t, started)
         if before.kinetic == 0.0 and not started:  # velocities that are zero keep joints closed
             return impact
         state.rebuild()
@@ -354,3 +352,37 @@ def _changes(old: Mapping[int, RigidBody], new: Mapping[int, RigidBody]) -> tupl
             )
         )
     return tuple(changes)
+
+
+def _warn_of_jumps(
+    scene: Scene, linkage: Linkage | None, t: float, started: Sequence[Motor]
+) -> None:
+    """Warn of motors that begin with another angle or travel than their joint has. Collective."""
+    if linkage is None:
+        return
+    drives = linkage.drives
+    for found in together(scene.comm, "A motor", lambda: drives.apart(t, started)):
+        warn(scene.comm, f"{found}: it is thrown there in one step. Let both be the same.")
+
+
+def _check_stops(linkage: Linkage | None) -> None:
+    """Refuse stops that would throw a joint back from beyond a limit.
+
+    Raises:
+        SceneError: On every rank, if a joint is there.
+    """
+    if linkage is not None and (found := linkage.drives.beyond()):
+        raise SceneError(
+            f"{found[0]} at the start, where the stop would throw it back. Angles and travels "
+            "count from the places of the mesh: give limits around the place of the start, or "
+            "start from `rf.static`, whose springs are in balance."
+        )
+
+
+def _implied_rows(titles: Sequence[str]) -> str:
+    """A warning of rows of joints that others imply, by joint and direction."""
+    return (
+        f"{len(titles)} of the rows of joints follow from others and are left out: "
+        f"{'; '.join(titles)}. The motion is the same; how forces are shared among the joints that "
+        "hold the same is not determined."
+    )
