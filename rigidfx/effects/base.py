@@ -9,6 +9,7 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, fields
+from functools import partial
 from math import inf, isfinite
 from typing import Any, ClassVar, Self
 
@@ -185,9 +186,7 @@ def must_be(words: str, good: Callable[[Any], bool]) -> Callable[[str, str, Any]
     return check
 
 
-def at_least_one(owner: str, name: str, value: Any) -> None:
-    """Check that a field is a whole number ≥ 1."""
-    whole(owner, name, value, least=1)
+at_least_one = partial(whole, least=1)  # a check of a field
 
 
 def is_truth(value: Any) -> bool:
@@ -397,8 +396,7 @@ def of_place(function: Any) -> bool:
 def values_at(function: Callable[..., Any], X: Array, t: float) -> Array:
     """Vectors of a function of place and time at points X and time t, shape (points, 3).
 
-    The function may change its arguments in place. Unusable values come back as they are, an empty
-    array where one is not of real numbers, to be told by its owner's check.
+    Unusable values come back as they are, or empty if not of real numbers: see `check_values`.
     """
     if not len(X):  # a rank may have none, and a function may not be made for that
         return np.zeros((0, 3))
@@ -415,11 +413,10 @@ def values_of(owner: str, function: Callable[[Array], npt.ArrayLike], scene: Any
     X = scene.space.tabulate_dof_coordinates()
 
     def found() -> Array:
-        given = function(X.copy().T)  # it may change the positions in place
-        values = numbers(given).T
-        if values.size == 0 and np.size(given):
+        given = numbers(function(X.copy().T)).T  # it may change the positions in place
+        if len(X) and not given.size:
             raise TypeError("it gives no real numbers")
-        values = np.broadcast_to(values, X.shape)
+        values = np.broadcast_to(given, X.shape)
         if not np.isfinite(values).all():
             raise SceneError(f"{owner}: function gives values that are not finite.")
         return values

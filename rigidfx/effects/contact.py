@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,8 +15,7 @@ from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Windowed, must_be
-from rigidfx.effects.contacts.against_obstacle import AskedObstacle, Friction, ObstacleForces
-from rigidfx.effects.contacts.obstacles import Obstacle
+from rigidfx.effects.contacts.obstacles import Friction, Obstacle, ObstacleForces
 from rigidfx.effects.contacts.pairs import PairForces, PairSurface, pair_of, refuse_overlap
 from rigidfx.effects.contacts.surface import ContactSurface, surface_of
 
@@ -104,11 +104,10 @@ class Contact(Windowed):
             on = np.flatnonzero(surface.area).astype(np.int32)
             self.check_functions(scene, lambda: on, lambda X: against.displacement(start))
             X = scene.space.tabulate_dof_coordinates()[on]
-            y, asked = X - against.displacement(start), AskedObstacle(self.owner, against)
-            obstacle = f"{self.owner}: its obstacle"  # which may be of a user's own
-            together(
-                scene.comm, obstacle, lambda: (asked.gap(y), asked.approach(y, y), asked.outward(y))
-            )
+            y = X - against.displacement(start)
+            self._ask(scene, "gap", y)
+            self._ask(scene, "approach", y, y)
+            self._ask(scene, "outward", y)
         if start <= 0.0:  # else its place is unknown yet
             self._check_depth(scene, surface.size)
 
@@ -132,6 +131,11 @@ class Contact(Windowed):
     def _surface(self, scene: Any) -> ContactSurface:
         """Its surface. Collective."""
         return surface_of(scene, self.where, self.stiffness, self.owner)
+
+    def _ask(self, scene: Any, name: str, *points: Array) -> Any:
+        """What its obstacle gives at points. Collective."""
+        asked: Any = partial(self.against.asked, self.owner, name, *points)  # type: ignore[union-attr]
+        return together(scene.comm, f"{self.owner}: its obstacle", asked)
 
     def _pair(self, scene: Any) -> PairSurface:
         """Its surface and the other one. Collective."""
@@ -159,12 +163,7 @@ class Contact(Windowed):
             own = np.isin(near, pair.numbers) & self.acts(t)
             on, gap = pair.nodes[np.searchsorted(pair.numbers, near[own])], gap[own]
         else:
-            against, asked = self.against, AskedObstacle(self.owner, self.against)
-            gap = together(
-                scene.comm,
-                f"{self.owner}: its obstacle",
-                lambda: asked.gap(x[on] - against.displacement(t)),
-            )
+            gap = self._ask(scene, "gap", x[on] - self.against.displacement(t))
         pressure = surface.stiffness[on] / surface.area[on] * np.maximum(-gap, 0.0)
         return on, gap, pressure
 
@@ -178,7 +177,7 @@ class Contact(Windowed):
         if self.friction or isinstance(against, str):
             return on, np.broadcast_to(np.eye(3), (on.size, 3, 3))
         y = scene.start_places[on] - against.displacement(0.0)
-        return on, AskedObstacle(self.owner, against).outward(y)[:, None, :]
+        return on, self._ask(scene, "outward", y)[:, None, :]
 
     def bind(self, structure: Structure) -> Action | None:
         """Its forces on nodes and bodies."""

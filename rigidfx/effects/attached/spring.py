@@ -80,10 +80,7 @@ class Spring(OnFace):
         """Total damping, shape (3, 3) [N s/m]."""
         return _tensor(self.owner, "damping", self.damping)
 
-    @property
-    def ground_stiffness(self) -> Array:  # type: ignore[override]
-        """K [N/m]."""
-        return self.K
+    ground_stiffness = K  # type: ignore[assignment]
 
     def check(self, scene: Any) -> None:
         """Look its nodes up."""

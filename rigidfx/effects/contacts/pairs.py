@@ -191,6 +191,7 @@ def projected(p: Array, corners: Array) -> tuple[Array, Array, Array]:
     return g, n, np.stack([1 - second - third, second, third], axis=1)
 
 
+@once
 def pair_of(
     scene: Any, where: str, against: str, stiffness: float | None, owner: str
 ) -> PairSurface:
@@ -198,13 +199,6 @@ def pair_of(
 
     Nodes of `where` are kept out of `against`; stiffness and errors are those of `surface_of`.
     """
-    key = where, against, stiffness
-    return once(scene, key, lambda: _found(scene, where, against, stiffness, owner))
-
-
-def _found(
-    scene: Any, where: str, against: str, stiffness: float | None, owner: str
-) -> PairSurface:
     surface = surface_of(scene, where, stiffness, owner)
     surface_of(scene, against, stiffness, owner)  # which refuses facets inside the mesh
     triangles = _on_all_ranks(scene, against, owner)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
@@ -46,25 +47,27 @@ class ContactSurface:
     size: float  # a typical distance of its nodes [m], equal on all ranks
 
 
-def once(scene: Any, key: tuple[Any, ...], find: Callable[[], Found]) -> Found:
-    """Data of a scene by a key, which are found when they are first asked for."""
-    known = _known.setdefault(scene, {})
-    if key not in known:
-        known[key] = find()
-    found: Found = known[key]
+def once(find: Callable[..., Found]) -> Callable[..., Found]:
+    """Let a function of a scene find data once for all owners, who come last and for messages."""
+
+    @wraps(find)
+    def found(scene: Any, *given: Any) -> Found:
+        known, key = _known.setdefault(scene, {}), (find, *given[:-1])
+        if key not in known:
+            known[key] = find(scene, *given)
+        out: Found = known[key]
+        return out
+
     return found
 
 
+@once
 def surface_of(scene: Any, where: str, stiffness: float | None, owner: str) -> ContactSurface:
     """The surface of a set of facets; found once for a scene. Collective.
 
     Stiffness of an area [N/m³] is that of the material if None. `SceneError` if the set is unknown,
     has facets inside the mesh or none, or a material tells no stiffness.
     """
-    return once(scene, (where, stiffness), lambda: _found(scene, where, stiffness, owner))
-
-
-def _found(scene: Any, where: str, stiffness: float | None, owner: str) -> ContactSurface:
     area = _weights(scene, where, owner)
     if stiffness is not None:
         k = stiffness * area
