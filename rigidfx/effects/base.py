@@ -9,7 +9,6 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, fields
-from functools import partial
 from math import inf, isfinite
 from typing import Any, ClassVar, Self
 
@@ -186,7 +185,9 @@ def must_be(words: str, good: Callable[[Any], bool]) -> Callable[[str, str, Any]
     return check
 
 
-at_least_one = partial(whole, least=1)  # a check of a field
+def at_least_one(owner: str, name: str, value: Any) -> None:
+    """Check that a field is a whole number ≥ 1."""
+    whole(owner, name, value, least=1)
 
 
 def is_truth(value: Any) -> bool:
@@ -258,15 +259,14 @@ class Windowed(Effect):
                 f"{self.kind}: the time window needs since < until, "
                 f"got {shown(self.since)} … {self.until!r}."
             )
-        named = ((own.name, getattr(self, own.name)) for own in fields(self))
-        kinks = [t for name, function in named for t in self._instants_of(name, function)]
+        kinks = [t for own in fields(self) for t in self._instants_of(own.name)]
         object.__setattr__(self, "_kinks", tuple(t for t in kinks if since < t < until))
 
-    def _instants_of(self, name: str, function: Any) -> tuple[float, ...]:
+    def _instants_of(self, name: str) -> tuple[float, ...]:
         """Instants that a function among its fields names now."""
         owner, given = f"{self.kind}: an instant among the breakpoints of {name}", None
         try:
-            given = getattr(function, "breakpoints", ())
+            given = getattr(getattr(self, name), "breakpoints", ())
             return tuple(number(owner, "t", t, infinite=True) for t in given)
         except SceneError:
             raise
@@ -297,10 +297,7 @@ class Windowed(Effect):
 
     @property
     def bends(self) -> Mapping[float, float]:
-        """Those of the breakpoints at which a load goes on without a jump, by their instants.
-
-        Each has the change of slope of the load's `Table` over its largest value [1/s].
-        """
+        """Breakpoints at which a load does not jump, with changes of slope: see `Table.bends`."""
         if not self.is_load:
             return {}
         bends = _common_bends([getattr(self, own.name) for own in fields(self)])
@@ -318,8 +315,9 @@ class Windowed(Effect):
 
         `SceneError` on every rank, unless they are finite; nodes are found if it is not `uniform`.
         """
-        X = None if self.uniform else scene.space.tabulate_dof_coordinates()[nodes()]
-        if X is not None:
+        X, arguments = None, "time"
+        if not self.uniform:
+            X, arguments = scene.space.tabulate_dof_coordinates()[nodes()], "place and time"
             object.__setattr__(self, "_points", _some_of(scene, X))
 
         def check() -> None:
@@ -327,7 +325,6 @@ class Windowed(Effect):
                 values = function(self.points if X is None else X)
                 check_values(self.owner, self.start, values, X)
 
-        arguments = "time" if X is None else "place and time"
         together(scene.comm, f"{self.owner}: its function of {arguments}", check)
 
 

@@ -159,7 +159,7 @@ class Contact(Windowed):
         on = np.flatnonzero(surface.area > 0) if self.acts(t) else np.empty(0, np.int64)
         if isinstance(self.against, str):
             pair = self._pair(scene)
-            near, gap = pair.gaps(pair.everywhere(scene.comm, x))
+            near, gap = pair.gaps(scene.comm, x)
             own = np.isin(near, pair.numbers) & self.acts(t)
             on, gap = pair.nodes[np.searchsorted(pair.numbers, near[own])], gap[own]
         else:

@@ -41,6 +41,8 @@ from rigidfx.effects.nodes import Forces, Motion, Tangent
 from rigidfx.mechanics.element import Element, Portion
 from rigidfx.mechanics.schemes import Law, initial_stiffness_times
 
+Share = Callable[[], float]
+
 
 class ViscousTerm(FormTerm):
     """A stress S = η ΔE/Δt in the compiled forms."""
@@ -322,11 +324,7 @@ class Centrifugal(MassForces):
     kind = "Preload"
 
     def __init__(
-        self,
-        spin: Array,
-        centre: Array,
-        structure: Structure,
-        share: Callable[[], float] | None = None,
+        self, spin: Array, centre: Array, structure: Structure, share: Share | None = None
     ) -> None:
         """Store ω [rad/s], c [m], and the share of the forces that acts in increments of a load.
 
@@ -335,8 +333,7 @@ class Centrifugal(MassForces):
         super().__init__(structure, lambda motion: -1.0 if share is None else -share())
         rows, self._with_nodes = structure.rows, share is not None
         self._S = spin @ spin * np.eye(3) - np.outer(spin, spin)
-        self._u0, self._dofs = structure.u, rows.dofs
-        self._arms = rows.X - centre
+        self._u0, self._dofs, self._arms = structure.u, rows.dofs, rows.X - centre
         self._axis = np.zeros_like(structure.bodies.pose)
         self._axis[:, 0] = centre
         self._nodes = rows.nodes[np.flatnonzero(structure.own)]

@@ -266,8 +266,7 @@ class LinearNodes(Nodes):
     ) -> None:
         """Find representatives of the nodes in bodies. Collective.
 
-        Each owned node has a weight > 0 and a displacement `rest` that displacements are counted
-        from, shape (nodes, 3) [m].
+        Each owned node has a weight > 0; displacements count from `rest`, shape (nodes, 3) [m].
         """
         super().__init__(structure, nodes)
         count, weights, rest = self.rows.size, weights[self.order], rest[self.order]
@@ -335,8 +334,7 @@ class SharedNodes(Nodes):
     def couple(self, nodes: Ints, G: Array, stiffness: Array, tangent: Tangent) -> None:
         """Add the stiffness of scalars of several nodes: Σ s (Lᵀ G)(Gᵀ P). Collective.
 
-        Each scalar depends on k nodes by derivatives G, shape (scalars, k, 3), and has a stiffness
-        s [N/m].
+        Each depends on k nodes by derivatives G, shape (scalars, k, 3), with a stiffness s [N/m].
         """
         p = tangent.prolongation
         if self._unknowns is None:

@@ -1,11 +1,10 @@
 """Supports: what holds the nodes of a set, moves them along a path, or turns them about an axis.
 
-A support that follows a user's path may be given a velocity: is it the derivative of the path?
-Neither is known but at instants that are asked for, and so is not the time in which they change.
-One-sided difference quotients over several spans are compared with the velocity, as far as rounding
-leaves them two digits, and over no span in which the path goes there and back. The velocity is
-right where one of them comes near it. The measure is the largest velocity near by, not the one at
-the same instant, which may vanish there.
+A user's path may come with a velocity, which has to be its derivative. Both are known only at
+instants that are asked for. One-sided difference quotients over several spans are compared with the
+velocity, as far as rounding leaves them two digits, and over no span in which the path goes there
+and back. The velocity is right where one of them comes near it. The measure is the largest velocity
+near by, as the one at the same instant may vanish.
 """
 
 from __future__ import annotations
@@ -182,10 +181,7 @@ class Symmetry(Fixed):
     components: str = field(default="xyz", init=False)
 
     def placed(self, scene: Any) -> Symmetry:
-        """The same with the normal of its plane, as that lies at the start. Collective.
-
-        `SceneError` if the set is unknown, or no plane with the normal x, y or z.
-        """
+        """The same with the normal of its plane at the start; else a `SceneError`. Collective."""
         nodes = scene.nodes(self.where, self.kind, (2,))
         X = scene.start_places[nodes]
         low, high = scene.box_of(X)
@@ -307,6 +303,7 @@ class PrescribedRotation(Support):
 
     moves: ClassVar[bool] = True
     uniform: ClassVar[bool] = False
+    keeps_rigid: ClassVar[bool] = True
     checks: ClassVar[Checks] = {
         "axis": direction,
         "through": vector,
@@ -365,11 +362,6 @@ class PrescribedRotation(Support):
     def velocities_at(self, t: float, dt: float, X: Array, x: Array) -> Array:
         """ω × (x - c) of some points just after t, shape (points, 3) [m/s]."""
         return np.cross(self.angular_velocity(t, dt), x - np.asarray(self.through))
-
-    @property
-    def keeps_rigid(self) -> bool:
-        """True: a rotation strains nothing."""
-        return True
 
     def same_motion(self, other: Support) -> bool:
         """The same angle about the same axis."""

@@ -35,6 +35,8 @@ class PointMass(OnFace):
     """
 
     turns: ClassVar[bool] = True
+    title: ClassVar[str]  # name of its body, once a scene has placed it
+    pieces: ClassVar[Pieces]  # averages and rows of the tie between the face and its body
     checks: ClassVar[Checks] = OnFace.checks | {"mass": positive}
 
     where: str | Surface
@@ -42,10 +44,7 @@ class PointMass(OnFace):
     at: Vector | None = field(default=None, kw_only=True)
 
     def nodal_mass(self, scene: Any) -> Array | None:
-        """Mass of each local node, ghosts included, shape (nodes,) [kg]. Collective.
-
-        None of a mass at a point of a face, which moves with the face.
-        """
+        """Mass of each local node, with ghosts [kg]; None at a point of a face. Collective."""
         if isinstance(self.where, Surface):
             return None
         return float(self.mass) * scene.shares(self.where, self.kind)
@@ -60,16 +59,6 @@ class PointMass(OnFace):
         """Whether a tie holds it: one in the middle of a face is part of the mass there."""
         return self.is_carried
 
-    @property
-    def pieces(self) -> Pieces:
-        """Averages and rows of the tie between the face and its body."""
-        return self._pieces  # type: ignore[attr-defined]
-
-    @property
-    def title(self) -> str:
-        """Name of its body, once a scene has placed it."""
-        return self._title  # type: ignore[attr-defined]
-
     def placed(self, scene: Any) -> Self:
         """The mass with its place; beside the middle of a face, with its body and the tie to it."""
         out = super().placed(scene)
@@ -77,7 +66,7 @@ class PointMass(OnFace):
             return out
         number = 1 + next(k for k, e in enumerate(scene.named(PointMass)) if e is self)
         title = f"{self.owner} ({number})"
-        return out._with(_title=title, _pieces=tie(title, out.remote, float(self.mass)))
+        return out._with(title=title, pieces=tie(title, out.remote, float(self.mass)))
 
     def check(self, scene: Any) -> None:
         """See whether what moves its point is flexible, or in one rigid part. Collective."""

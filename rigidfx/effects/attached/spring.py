@@ -16,7 +16,6 @@ from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Vector, one_of
 from rigidfx.effects.joints.remote import OnFace, RemoteNodes
 from rigidfx.effects.joints.sides import Surface
-from rigidfx.effects.joints.vectors import value_at
 from rigidfx.effects.nodes import LinearNodes
 
 Stiffness = float | Sequence[float] | Sequence[Sequence[float]]
@@ -103,9 +102,8 @@ class Spring(OnFace):
         """Its force at a point of a face."""
         if self.face is None:
             return None
-        scene, place, rest = structure.scene, self.remote.place, self.remote.place.start
-        if self.relaxed == "mesh":
-            rest = value_at(scene, place, scene.space.tabulate_dof_coordinates())
+        place, mesh = self.remote.place, self.relaxed == "mesh"
+        rest = self.remote.on_mesh(structure.scene) if mesh else place.start
         return SpringForces(self, structure, RemoteNodes(structure, (place,), rest))
 
 

@@ -84,10 +84,6 @@ class PairSurface:
     X: Array  # reference positions of all nodes, shape (size, 3) [m]
     itself: bool  # whether both are one surface
 
-    def everywhere(self, comm: MPI.Intracomm, values: Array) -> Array:
-        """Values of all nodes from those of this rank's local ones, shape (size, 3). Collective."""
-        return on_all_ranks(comm, self.size, self.numbers, values[self.nodes])
-
     def mates(self, x: Array, bodies: Ints) -> Ints:
         """The triangle that each slave may meet, -1 where there is none, shape (n,).
 
@@ -113,8 +109,8 @@ class PairSurface:
     def _nearest(self, x: Array) -> tuple[Ints, Ints]:
         """Slaves and the triangles near them, or near and facing them, shapes (n,) and (n,).
 
-        A surface that may meet itself is all near: its triangles are looked for by their places and
-        normals together, and those that look the same way as the node are far.
+        A surface that may meet itself is all near: triangles are found by places and normals
+        together, and those that look the same way as the node are far.
         """
         centres, p = x[self.triangles].mean(axis=1), x[self.slaves]
         low, high = centres.min(axis=0) - self.reach, centres.max(axis=0) + self.reach
@@ -138,10 +134,8 @@ class PairSurface:
         return near[row], facing[found[row, column]]
 
     def _normals(self, x: Array) -> tuple[Array, Array]:
-        """Unit normals of triangles, and means of theirs at all nodes, shapes (m, 3) and (size, 3).
-
-        All count alike at a node: by areas, the rim of a thin plate would look as its sides do.
-        """
+        """Unit normals of triangles, (m, 3), and means of theirs at all nodes, (size, 3)."""
+        # All count alike at a node: by areas, the rim of a thin plate would look as its sides do.
         normals, at_nodes = _unit(area_vectors(x[self.triangles])), np.zeros((self.size, 3))
         np.add.at(at_nodes, self.triangles, normals[:, None])
         return normals, _unit(at_nodes)
@@ -164,8 +158,12 @@ class PairSurface:
         at = np.flatnonzero(mate >= 0)
         return Met(at, self.slaves[at], self.triangles[mate[at]])
 
-    def gaps(self, x: Array) -> tuple[Ints, Array]:
-        """Slaves near a triangle at positions x, and distances from its plane, both (n,) [m]."""
+    def gaps(self, comm: MPI.Intracomm, x: Array) -> tuple[Ints, Array]:
+        """Slaves near a triangle, and distances from its plane, local nodes at x [m]. Collective.
+
+        Both have the shape (n,).
+        """
+        x = on_all_ranks(comm, self.size, self.numbers, x[self.nodes])
         near = self.met(self.mates(x, np.full(self.size, -1)))
         return near.slaves, near.projected(x)[0]
 
@@ -176,10 +174,7 @@ def _unit(v: Array) -> Array:
 
 
 def projected(p: Array, corners: Array) -> tuple[Array, Array, Array]:
-    """Gaps [m], normals and weights N of points p, (n, 3), over planes of triangles, (n, 3, 3) [m].
-
-    p - Σ N corners is the gap along the normal.
-    """
+    """Gaps g [m], normals n and weights N of points p over triangles: p - Σ N corners = g n."""
     a, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normal = np.cross(e1, e2)
     area = np.linalg.norm(normal, axis=1)

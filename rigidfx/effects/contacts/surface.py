@@ -204,10 +204,9 @@ def stored(k: Array, g: Array) -> Array:
 
 
 def secant(k: Array, g0: Array, g1: Array, static: bool = False) -> tuple[Array, Array]:
-    """[U] at gaps from g0 to g1, which is never positive, and its derivative by g1, never negative.
+    """[U] ≤ 0 at gaps from g0 to g1 [m], and its derivative by g1, never negative, shape (n,).
 
-    All have shape (n,) [m, N/m, N]. In statics both gaps are those at the end, and the derivative
-    is by both.
+    In statics both gaps are those at the end, and the derivative is by both.
     """
     closes, opens = (g0 >= 0) & (g1 < 0), (g0 < 0) & (g1 >= 0)
     apart = np.where(closes | opens, g1 - g0, 1.0)
@@ -279,10 +278,9 @@ class ContactForces(Action):
         """Let friction be that of a longer motion [s] from `began` on, until times are set anew."""
 
     def pressing(self) -> tuple[Ints, Array]:
-        """Owned nodes that are pressed, deeper than rounding, and how.
+        """Owned nodes that are pressed, deeper than rounding, and up to three directions of forces.
 
-        Up to three directions of forces on each, the main one first and zero ones for none, shape
-        (nodes, 3, 3).
+        The main one is first, zero ones stand for none, shape (nodes, 3, 3).
         """
         raise NotImplementedError
 

@@ -33,7 +33,7 @@ from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import WHOLE, Effect
 from rigidfx.effects.joints.pieces import Pieces
 from rigidfx.effects.joints.sides import Grounded, Surface, check_sides, side_of
-from rigidfx.effects.joints.vectors import Average, Vector, motion_at
+from rigidfx.effects.joints.vectors import Average, Vector, motion_at, value_at
 from rigidfx.mechanics.rigid_body import BodyMotion, RigidBody
 
 SMALL = 0.02  # radius of gyration over the size of the face; 1e-3 drowns low modes in rounding
@@ -49,6 +49,10 @@ class RemotePoint:
     middle: Vector
     arm: Array
     directions: tuple[Vector, ...]
+
+    def on_mesh(self, scene: Any) -> Array:
+        """The place before any `InitialDisplacement`, shape (3,) [m]. Collective."""
+        return value_at(scene, self.place, scene.space.tabulate_dof_coordinates())
 
 
 class OnFace(Effect):
@@ -77,7 +81,7 @@ class OnFace(Effect):
     @property
     def follows(self) -> bool:
         """Whether the motion of its point changes its force there."""
-        return True
+        return not self.is_dead
 
     @property
     def sides(self) -> Sequence[Surface]:

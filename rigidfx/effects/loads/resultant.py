@@ -50,11 +50,6 @@ class Resultant(OnFace, Scaled):
         return self.face is None or not (any(self.torque) or self._is_off_centre)
 
     @property
-    def follows(self) -> bool:
-        """Whether it turns with a face."""
-        return not self.is_dead
-
-    @property
     def _is_off_centre(self) -> bool:
         """Whether it acts at a point beside the middle of a face."""
         return self.at is not None and any(self.force) and bool(self.remote.arm.any())
