@@ -23,6 +23,20 @@ from rigidfx.state import State
 from rigidfx.switch.mass_properties import at_nodes, freeze, mass_properties
 
 
+def named_parts(scene: Scene, flexible: bool) -> list[Rigid]:
+    """Parts that are bodies by name, with `stiff` cells of those that are flexible, if they are."""
+    inside = [name for part in scene.named(Reduced) for name in part.stiff if flexible]
+    return [*scene.named(Rigid), *map(Rigid, inside)]
+
+
+def nodes_of(scene: Scene, part: Rigid) -> Indices:
+    """Owned nodes of a named part, sorted. Collective."""
+    if part.where is None:
+        return np.arange(scene.owned_nodes, dtype=np.int32)
+    nodes = scene.nodes(part.where, "Rigid", (3,))
+    return nodes[nodes < scene.owned_nodes]
+
+
 def face_bodies(
     scene: Scene,
     forces: InternalForces,
@@ -78,12 +92,10 @@ def with_faces(scene: Scene, forces: InternalForces, state: State) -> set[int]:
     held = np.zeros(scene.owned_nodes, dtype=bool)
     for body in others:
         held[body.data.nodes] = True
-    named = scene.named(Rigid)
-    for part in named:
-        nodes = scene.nodes(part.where, part.kind, (3,)) if part.where else np.arange(held.size)
-        held[nodes[nodes < held.size]] = True
+    for part in scene.named(Rigid):
+        held[nodes_of(scene, part)] = True
     there = {body.data.number for body in state.bodies}
-    first = len(named) + sum(len(part.stiff) for part in scene.named(Reduced)) + 1
+    first = len(named_parts(scene, True)) + 1
     faces = face_bodies(scene, forces, state, held, first, others)
     state.group(Bodies.of_each([*others, *faces]))
     return {face.data.number for face in faces} - there

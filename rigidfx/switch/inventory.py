@@ -14,7 +14,7 @@ import numpy as np
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.decide.bodies import PlannedBody
-from rigidfx.effects import Reduced, Resultant, Rigid, Support, Windowed
+from rigidfx.effects import Resultant, Rigid, Support, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body
@@ -25,7 +25,7 @@ from rigidfx.shapes.responses import Responses
 from rigidfx.state import State
 from rigidfx.step.equations.division import Division, Hold
 from rigidfx.step.equations.supports import dofs_of, supports_of
-from rigidfx.switch.faces import face_bodies
+from rigidfx.switch.faces import face_bodies, named_parts, nodes_of
 from rigidfx.switch.mass_properties import freeze
 
 CHAIN = (
@@ -46,9 +46,7 @@ def check_clamps(scene: Scene, timeline: Timeline) -> bool:
     times = sorted({0.0, *(t for e in windowed for t in e.ends if t > 0)})
     found = False
     for effect in scene.named(Rigid) if scene.named(Support) else ():
-        _, nodes = _cells_and_nodes(scene, effect)
-        title = f"{effect.kind} '{effect.name}'"
-        known = title, nodes
+        known = f"{effect.kind} '{effect.name}'", nodes_of(scene, effect)
         held: list[Hold | None] = []
         for t in times:
             acting = scene.acting(timeline.after(t))
@@ -102,10 +100,10 @@ def divide(
     held: dict[str, Hold] = {}
     taken = np.zeros(scene.owned_nodes, dtype=bool)
     known = {body.data.name: body for body in state.bodies}
-    for number, effect in enumerate(_named(scene, shape is None), start=1):
+    for number, effect in enumerate(named_parts(scene, shape is None), start=1):
         if effect.deforms and shape is None:
             continue
-        cells, nodes = _cells_and_nodes(scene, effect)
+        cells, nodes = scene.owned_cells(effect.where, "Rigid"), nodes_of(scene, effect)
         name = effect.name
         _check_hinge(scene, name, bool(taken[nodes].any()))
         taken[nodes] = True
@@ -129,7 +127,7 @@ def divide(
     bodies += found
     for body in found:
         taken[body.data.nodes] = True
-    bodies += face_bodies(scene, forces, state, taken, len(_named(scene, True)) + 1, bodies)
+    bodies += face_bodies(scene, forces, state, taken, len(named_parts(scene, True)) + 1, bodies)
     if not rigid:
         return Division(forces.cells(), Bodies.of_each(bodies), None, {}, {})
     every = scene.owned_cells(None, "")
@@ -163,13 +161,6 @@ def about_start(
     return Responses(scene, forces, at_start, acting, Bodies.of_each(bodies))
 
 
-def _named(scene: Scene, flexible: bool) -> list[Rigid]:
-    """Parts that are bodies by name, with `stiff` cells of those that are flexible, if they are."""
-    named = scene.named(Rigid)
-    inside = [name for part in scene.named(Reduced) for name in part.stiff if flexible]
-    return [*named, *map(Rigid, inside)]
-
-
 def _check_hinge(scene: Scene, name: str, shared: bool) -> None:
     """Refuse a body that shares nodes with another one. Collective."""
     agree(
@@ -200,15 +191,6 @@ def _freeze_named(
     excess = own.excess if effect.inertia is None else np.zeros((3, 3))
     given = replace(own, mass=mass, inertia=inertia, given=True, frozen=NOTHING, excess=excess)
     return Body(given, body.motion)
-
-
-def _cells_and_nodes(scene: Scene, effect: Rigid) -> tuple[Indices, Indices]:
-    """Owned cells and owned nodes of a body, sorted. Collective."""
-    cells = scene.owned_cells(effect.where, "Rigid")
-    if effect.where is None:
-        return cells, np.arange(scene.owned_nodes, dtype=np.int32)
-    nodes = scene.nodes(effect.where, "Rigid", (3,))
-    return cells, nodes[nodes < scene.owned_nodes]
 
 
 def _clamp(scene: Scene, active: Sequence[Support], name: str, nodes: Indices) -> int | None:
