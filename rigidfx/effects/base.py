@@ -300,7 +300,7 @@ class Windowed(Effect):
         """Breakpoints at which a load does not jump, with changes of slope: see `Table.bends`."""
         if not self.is_load:
             return {}
-        bends = _common_bends([getattr(self, own.name) for own in fields(self)])
+        bends = bends_of([getattr(self, own.name) for own in fields(self)])
         return {t: change for t, change in bends.items() if self.since < t < self.until}
 
     @property
@@ -328,20 +328,14 @@ class Windowed(Effect):
         together(scene.comm, f"{self.owner}: its function of {arguments}", check)
 
 
-def bends_of(effects: Iterable[Windowed]) -> dict[float, float]:
-    """Breakpoints of effects at which none of them jumps: largest change of slope there [1/s]."""
-    bends = _common_bends(effects)
-    return {t: bends[t] for t in sorted(bends)}
-
-
-def _common_bends(functions: Iterable[Any]) -> dict[float, float]:
-    """Breakpoints that are bends of all which name them; their largest change of slope [1/s]."""
+def bends_of(functions: Iterable[Any]) -> dict[float, float]:
+    """Breakpoints that are bends of all which name them, in order: most change of slope [1/s]."""
     hard, bends = set[float](), dict[float, float]()
     for function in functions:
         own = function.bends if isinstance(function, (Table, Windowed)) else {}
         hard.update(float(t) for t in getattr(function, "breakpoints", ()) if t not in own)
         bends |= {t: max(change, bends.get(t, 0.0)) for t, change in own.items()}
-    return {t: change for t, change in bends.items() if t not in hard}
+    return {t: bends[t] for t in sorted(bends.keys() - hard)}
 
 
 @dataclass(frozen=True)
@@ -365,10 +359,9 @@ class Scaled(Windowed):
 
     def moments(self, structure: Structure, weights: Array) -> Array:
         """Σ w a of owned nodes over each body, on this rank, shape (bodies, n). Collective."""
-        bodies = structure.bodies
-        body, a, _ = bodies.of.holding(structure.u.size // 3)
+        body, a, _ = structure.bodies.of.holding(structure.u.size // 3)
         held = np.flatnonzero(body[: len(weights)] >= 0)
-        out = np.zeros(bodies.pose.shape[:2])
+        out = np.zeros(structure.bodies.pose.shape[:2])
         np.add.at(out, body[held], a[held] * weights[held, None])
         return out
 

@@ -54,10 +54,7 @@ class PointMass(OnFace):
         """Whether it lies beside the middle of a face: then it is a body of its own."""
         return self.face is not None and self.remote.place.face is not None
 
-    @property
-    def follows(self) -> bool:
-        """Whether a tie holds it: one in the middle of a face is part of the mass there."""
-        return self.is_carried
+    follows = is_carried  # type: ignore[assignment]  # in a face's middle the mass there has it
 
     def placed(self, scene: Any) -> Self:
         """The mass with its place; beside the middle of a face, with its body and the tie to it."""

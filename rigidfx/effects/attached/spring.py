@@ -91,8 +91,7 @@ class Spring(OnFace):
         if self.face is not None:
             return None
         scene = structure.scene
-        n = scene.owned_nodes
-        weights = scene.shares(self.where, self.kind)[:n]
+        weights = scene.shares(self.where, self.kind)[: scene.owned_nodes]
         on = np.flatnonzero(weights)
         X = scene.space.tabulate_dof_coordinates()[on]
         rest = scene.start_places[on] - X if self.relaxed == "start" else np.zeros_like(X)

@@ -66,6 +66,8 @@ class SpringDamper(Between, Elastic):
         name: Its name in reports; kind and ends if None.
     """
 
+    _free: ClassVar[float]  # length without force, once a scene has placed it [m]
+    _first: ClassVar[float]  # length at the start, likewise
     is_lasting: ClassVar[bool] = True
     many: ClassVar[str] = "springs"
     checks: ClassVar[Checks] = {
@@ -101,8 +103,7 @@ class SpringDamper(Between, Elastic):
     @property
     def ends_at(self) -> tuple[float, float]:
         """Length without force, likewise; a cable is free below it [m]."""
-        free: float = self._free  # type: ignore[attr-defined]
-        return -inf if self.pulls_only else free, free
+        return -inf if self.pulls_only else self._free, self._free
 
     @property
     def loose(self) -> float:  # type: ignore[override]
@@ -112,7 +113,7 @@ class SpringDamper(Between, Elastic):
     @property
     def taut(self) -> bool:
         """Whether it resists at the start what moves its ends apart, likewise."""
-        return self.stiffness > 0 and self.is_stiff(self._first)  # type: ignore[attr-defined]
+        return self.stiffness > 0 and self.is_stiff(self._first)
 
     def placed(self, scene: Any) -> SpringDamper:
         """The spring with its ends on a mesh; raise `SceneError` if it cannot be. Collective."""

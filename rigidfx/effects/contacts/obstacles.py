@@ -367,8 +367,6 @@ class ObstacleForces(ContactForces):
     def _moved(self) -> Array:
         return np.asarray(self._ends[1] - self._ends[0])
 
-    # In each iteration --------------------------------------------------------------------------
-
     def _begin(self, motion: Motion) -> None:
         nodes, friction = self.nodes, self._friction
         if friction is not None and self._began is not None:
@@ -430,8 +428,6 @@ class ObstacleForces(ContactForces):
         self.nodes.stiffen(p.stiffness, tangent, p.at)
         self._in_tangent = self._slopes()
 
-    # After a step -------------------------------------------------------------------------------
-
     def _gap(self, at: Instant) -> Array:
         return self._ask("gap", self.nodes.positions(at) - self._place(at.t))
 
@@ -456,8 +452,8 @@ class ObstacleForces(ContactForces):
         p = self._pressed
         if p is None or not p.at.size:
             return Touch(self.title)
-        share = 1.0 if self._static else 0.5
-        at = self._ends[1] if self._static else self._ends.mean(axis=0)
+        share = self.nodes.share
+        at = (1 - share) * self._ends[0] + share * self._ends[1]
         place = self._y0[p.at] + share * p.moved + at
         out = self._touched(self._k[p.at], p.gaps[1], -p.force, place)
         return replace(out, work=float(out.force @ self._moved), dissipated=p.dissipated)

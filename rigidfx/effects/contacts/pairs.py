@@ -341,8 +341,6 @@ class PairForces(ContactForces):
         self._g0: Array = np.empty(0)  # gaps of those that may meet one, at its start [m]
         self._pressed: Pushed | None = None
 
-    # In each iteration --------------------------------------------------------------------------
-
     def resist(self, motion: Motion, forces: Any) -> None:
         """Add the resistance; between nodes of one body there is none. Collective."""
         if self._nodes.in_one_body:
@@ -387,8 +385,6 @@ class PairForces(ContactForces):
         weights = np.c_[np.ones(used.size), -p.N[used]]
         G = weights[:, :, None] * p.n[used, None]
         self._nodes.couple(nodes, G, p.slope[used], tangent)
-
-    # After a step -------------------------------------------------------------------------------
 
     def accept(self) -> None:
         """Store ḡ and the triangle of each node."""

@@ -68,15 +68,15 @@ class Resultant(OnFace, Scaled):
         """Force and torque."""
         return self._both(t).ravel()
 
-    def both_at(self, t: float) -> tuple[Array, Array]:
-        """Force [N] and torque [N m] at t; `SceneError` on this rank, if one is not finite."""
+    def both_at(self, t: float) -> Array:
+        """The same; `SceneError` on this rank, if one is not finite."""
         force, torque = both = self._both(t)
         if not np.isfinite(both).all():
             raise SceneError(
                 f"{self.owner}: at t = {t:g} s force and torque are {force} N and {torque} N m; "
                 "check its time function."
             )
-        return force, torque
+        return both
 
     def intensity(self, t: float) -> Array:
         """Force at t that dead loads have in the middle of a face: see `both_at`."""
@@ -125,12 +125,11 @@ class ForceAndTorque(Action):
     def __init__(self, load: Resultant) -> None:
         """Begin with none."""
         self._load = load
-        self._force: Array = np.zeros(3)
-        self._torque: Array = np.zeros(3)
+        self._both: Array = np.zeros((2, 3))
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate force and torque; `SceneError` on this rank, if one is not finite."""
-        self._force, self._torque = self._load.both_at(t)
+        self._both = self._load.both_at(t)
 
 
 class BodyLoad(ForceAndTorque):
@@ -143,8 +142,9 @@ class BodyLoad(ForceAndTorque):
 
     def load(self, forces: Forces) -> None:
         """Add force and torque."""
-        forces.moments[self._place, 0] += self._once * self._force
-        forces.torques[self._place] += self._once * self._torque
+        force, torque = self._once * self._both
+        forces.moments[self._place, 0] += force
+        forces.torques[self._place] += torque
 
 
 class FaceCouple(ForceAndTorque):
@@ -169,8 +169,8 @@ class FaceCouple(ForceAndTorque):
 
     def _resistance(self, motion: RemoteMotion) -> Array:
         """Forces on the directions, shape (3, 3) [N]."""
-        turned = 0.5 * np.cross(self._torque, self._duals(motion))
-        return np.asarray(-turned - self._arm * self._force)
+        force, torque = self._both
+        return np.asarray(-0.5 * np.cross(torque, self._duals(motion)) - self._arm * force)
 
     def resist(self, motion: Any, forces: Any) -> None:
         """Add the forces on the directions."""
@@ -179,7 +179,7 @@ class FaceCouple(ForceAndTorque):
     def stiffen(self, motion: Any, tangent: Any) -> None:
         """Add their derivative by δd^k = -Σ_a (d^k · δd_a) d^a."""
         E = self._duals(motion)
-        turned = -0.5 * E @ skew(self._torque).T
+        turned = -0.5 * E @ skew(self._both[1]).T
         self.nodes.couple(-self.nodes.share * np.einsum("ai,kb->kiab", turned, E), tangent)
 
     def taken(self, motion: Any) -> float:
