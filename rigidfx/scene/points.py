@@ -16,6 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
 from rigidfx.base.types import Array, Bools, Ints
+from rigidfx.domain.connected import ConnectedParts
 from rigidfx.effects import Contact
 from rigidfx.effects.joints.joint import Between
 from rigidfx.scene.scene import Scene
@@ -39,11 +40,14 @@ def find_probes(scene: Scene) -> Mapping[str, Point]:
     return found
 
 
-def parts_of_nodes(scene: Scene) -> Ints:
-    """Connected part of each local node, ghosts included. Collective."""
-    dofmap = scene.space.dofmap.list
+def parts_of_nodes(scene: Scene, parts: ConnectedParts | None = None) -> Ints:
+    """Connected part of each local node, ghosts included, of the scene's or given ones. Collective.
+
+    A node that given parts share counts for one of them.
+    """
+    dofmap, parts = scene.space.dofmap.list, scene.parts if parts is None else parts
     of_node = np.zeros(scene.space.tabulate_dof_coordinates().shape[0], dtype=np.int64)
-    of_node[dofmap] = scene.parts.of_cell[: len(dofmap), None]
+    of_node[dofmap] = parts.of_cell[: len(dofmap), None]
     return of_node
 
 

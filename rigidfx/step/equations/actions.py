@@ -28,8 +28,7 @@ from rigidfx.effects.nodes import Forces, ForcesOfNodes, Instant, Motion, Tangen
 METHODS = (
     *("load", "resist", "stiffen", "stored", "taken", "accept", "touch", "creep_for", "outdated"),
 )
-STORES = ("taken", "stored")  # those whose results are of an action's kind
-NUMBERS = ("stored", "taken")  # methods that give a number
+NUMBERS = ("taken", "stored")  # those that give a number, which is of an action's kind
 
 
 def doing(actions: Sequence[Action], method: str) -> list[Any]:
@@ -143,7 +142,7 @@ class Actions:
         self.contacts: list[Any] = [action for action in every if action.presses]
         self._calls = {name: self._own.calls(every, name) for name in METHODS}
         self._taking, self._storing = (
-            list(zip(doing(every, name), self._calls[name], strict=True)) for name in STORES
+            list(zip(doing(every, name), self._calls[name], strict=True)) for name in NUMBERS
         )
         if not self._calls["load"]:
             self.loads.scale(0.0)

@@ -79,12 +79,8 @@ def free_to_move(
     Owned nodes may be held in `further` directions, shape (nodes, n, 3). Of the effects with a time
     window those given act, locks of joints among them.
     """
-    parts = connected_parts(scene.mesh, 2)
-    n = scene.owned_nodes
-    dofmap = scene.space.dofmap
-    X = scene.space.tabulate_dof_coordinates()
-    part = np.zeros(len(X), dtype=np.int64)
-    part[dofmap.list] = parts.of_cell[: len(dofmap.list), None]
+    parts, n = connected_parts(scene.mesh, 2), scene.owned_nodes
+    X, part = scene.space.tabulate_dof_coordinates(), parts_of_nodes(scene, parts)
     gram = np.zeros((6 * parts.count, 6 * parts.count))
     held = np.flatnonzero(prescribed.mask)
     rows = motions_of_parts(X[held // 3], part[held // 3], parts)[np.arange(held.size), held % 3]
