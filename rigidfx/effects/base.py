@@ -395,10 +395,9 @@ def values_at(function: Callable[..., Any], X: Array, t: float) -> Array:
 
 
 def values_of(owner: str, function: Callable[[Array], npt.ArrayLike], scene: Any) -> Array:
-    """Vectors of a function of place at all local nodes, ghosts included, shape (nodes, 3).
+    """Vectors of a function of place at local nodes, ghosts too, shape (nodes, 3). Collective.
 
-    Collective. The function maps (3, n) [m] to (3, n), or to an array of which that can be made.
-    `SceneError` on every rank, if it gives anything but finite vectors.
+    `SceneError` on every rank, unless it maps (3, n) [m] to finite (3, n), or (3,) for all.
     """
     X = scene.space.tabulate_dof_coordinates()
 

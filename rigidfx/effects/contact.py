@@ -142,10 +142,7 @@ class Contact(Windowed):
         return pair_of(scene, self.where, str(self.against), self.stiffness, self.owner)
 
     def depth(self, scene: Any, x: Array, t: float) -> tuple[float, tuple[float, ...]]:
-        """How deep it is in the other at most at t, and where, with local nodes at x. Collective.
-
-        The depth [m] is negative while it is free and -inf if it meets nothing.
-        """
+        """Greatest depth [m] at t, and its place, nodes at x; -inf if it meets none. Collective."""
         on, gap, _ = self.at_nodes(scene, x, t)
         own = on < scene.owned_nodes
         x, depth = x[on[own]], -gap[own]

@@ -129,10 +129,7 @@ def _refuse_shared_nodes(scene: Any) -> None:
 def agree_with_support(
     scene: Any, velocity: Array, support: Any, nodes: Indices, wanted: Array
 ) -> None:
-    """Refuse a velocity of local nodes that contradicts a support at the start. Collective.
-
-    The support wants its nodes to have a velocity of shape (3,) or (its nodes, 3) [m/s].
-    """
+    """Refuse a velocity of local nodes other than a support wants its own to have. Collective."""
     scale = scene.comm.allreduce(float(np.abs(velocity).max(initial=0.0)), op=MPI.MAX)
     error = np.abs((velocity[nodes] - wanted)[:, list(support.axes)]).max(initial=0.0)
     bound = max(scale, float(np.abs(wanted).max(initial=0.0)))

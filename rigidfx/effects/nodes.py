@@ -163,11 +163,8 @@ class Nodes:
     """Some nodes of this rank; arrays have those in no body first, and then each body's."""
 
     def __init__(self, structure: Structure, nodes: npt.NDArray[Any]) -> None:
-        """Find whose owned nodes of this rank are; those that take no part are left out.
-
-        Displacements of the division are up to date at all nodes of bodies.
-        """
-        rows, u = structure.rows, structure.u.reshape(-1, 3)
+        """Find whose owned nodes of this rank are; those that take no part are left out."""
+        rows, u = structure.rows, structure.u.reshape(-1, 3)  # up to date at all nodes of bodies
         self._comm: MPI.Intracomm = structure.scene.comm
         self.share = 1.0 if structure.static else 0.5  # part of a step at whose end forces are
         place = np.full(len(u), -1)

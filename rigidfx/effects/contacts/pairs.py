@@ -85,14 +85,11 @@ class PairSurface:
     itself: bool  # whether both are one surface
 
     def mates(self, x: Array, bodies: Ints) -> Ints:
-        """The triangle that each slave may meet, -1 where there is none, shape (n,).
-
-        Nodes are at x, shape (size, 3) [m]; surfaces of one body, -1 if none, do not meet.
-        """
+        """The triangle that each slave may meet with nodes at x [m], -1 if none, shape (n,)."""
         out = np.full(self.slaves.size, -1)
         node, triangle = self._nearest(x)
         slaves, of_triangles = self.slaves[node], self.triangles[triangle]
-        of = bodies[of_triangles]
+        of = bodies[of_triangles]  # -1 if in none; surfaces of one body do not meet
         one = (of == bodies[slaves, None]).all(axis=1) & (of[:, 0] >= 0)
         one |= (of_triangles == slaves[:, None]).any(axis=1)  # its own
         node, triangle = node[~one], triangle[~one]
@@ -190,10 +187,7 @@ def projected(p: Array, corners: Array) -> tuple[Array, Array, Array]:
 def pair_of(
     scene: Any, where: str, against: str, stiffness: float | None, owner: str
 ) -> PairSurface:
-    """The surfaces of two sets of facets; found once for a scene. Collective.
-
-    Nodes of `where` are kept out of `against`; stiffness and errors are those of `surface_of`.
-    """
+    """Surfaces of two sets, see `surface_of`; `where` is kept out of `against`. Collective."""
     surface = surface_of(scene, where, stiffness, owner)
     surface_of(scene, against, stiffness, owner)  # which refuses facets inside the mesh
     triangles = _on_all_ranks(scene, against, owner)

@@ -97,10 +97,7 @@ def _weights(scene: Any, where: str, owner: str, density: fem.Function | None = 
 
 
 def triangles_of(scene: Any, where: str, owner: str) -> tuple[Ints, Ints]:
-    """Flat triangles of a named set's owned boundary facets: cells behind, and nodes. Collective.
-
-    Local nodes, shape (n, 3), are in such an order that normals point out of the cell.
-    """
+    """Flat triangles of a set's owned boundary facets: cells behind, local nodes. Collective."""
     facets, dofs = scene.boundary(where, owner), scene.space.dofmap.list
     cells, nodes = [np.empty(0, np.int64)], [np.empty((0, 3), np.int64)]
     for number, triangles in enumerate(_reference_triangles(scene)):
@@ -110,6 +107,7 @@ def triangles_of(scene: Any, where: str, owner: str) -> tuple[Ints, Ints]:
     every, out = np.concatenate(cells), np.concatenate(nodes)
     X = scene.space.tabulate_dof_coordinates()
     outwards = X[out].mean(axis=1) - X[dofs[every]].mean(axis=1)
+    # Nodes have such an order that normals point out of the cell.
     inwards = (outwards * area_vectors(X[out])).sum(axis=1) < 0
     out[inwards] = out[inwards][:, [0, 2, 1]]
     return every, out

@@ -254,9 +254,8 @@ class Gravity(DeadLoad):
     def _given(self, scene: Any, body: RigidBody) -> Array:
         """Σ w a of a body whose mass is given, shape (n,) [kg, kg m]. Collective.
 
-        The loaded fraction of its cells' weight, scaled to the given mass, acts at the centre of
-        mass. It stands for all lumped mass on its nodes; with a consistent one the mass of flexible
-        cells there comes on top.
+        The loaded part of its cells' weight, scaled to that mass, acts at the centre of mass. It
+        stands for all lumped mass on its nodes; a consistent one of flexible cells comes on top.
         """
         where, own = scene.owned_cells(self.where, self.kind), body.cells
         beside = np.setdiff1d(where, own) if scene.mass == "consistent" else own[:0]
