@@ -33,7 +33,7 @@ from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import WHOLE, Effect
 from rigidfx.effects.joints.pieces import Pieces
 from rigidfx.effects.joints.sides import Grounded, Surface, check_sides, side_of
-from rigidfx.effects.joints.vectors import Average, Vector, motion_at, value_at
+from rigidfx.effects.joints.vectors import Vector, motion_at, value_at
 from rigidfx.mechanics.rigid_body import BodyMotion, RigidBody
 
 SMALL = 0.02  # radius of gyration over the size of the face; 1e-3 drowns low modes in rounding
@@ -121,13 +121,13 @@ class BodySide:
     mass: float
     size: ClassVar[float] = np.inf
 
-    def place(self, point: Array) -> Average:
+    def place(self, point: Array) -> Vector:
         """The origin of the body."""
-        return Average(start=point, is_place=True, holder=self)
+        return Vector(start=point, is_place=True, holder=self)
 
-    def direction(self, a: Array) -> Average:
+    def direction(self, a: Array) -> Vector:
         """A direction of the body, whose frame is that of space at the start."""
-        return Average(start=a, holder=self, arm=a)
+        return Vector(start=a, holder=self, arm=a)
 
     def within(self, scene: Any, bodies: Sequence[RigidBody]) -> tuple[int, Array, Array] | None:
         """The number of the body, its centre and second moments; None if there is none."""

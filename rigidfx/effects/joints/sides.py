@@ -9,7 +9,7 @@ x - c: the vertices of a hole between two rings lie on a sphere too.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from rigidfx.base.warning import warn
 from rigidfx.domain.domain import nodes_of
 from rigidfx.effects.base import Vector as Point
 from rigidfx.effects.base import must_be
-from rigidfx.effects.joints.vectors import Average, FaceVector, Vector, slopes_of
+from rigidfx.effects.joints.vectors import Vector, slopes_of
 from rigidfx.effects.supports import Support
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.mechanics.rotation import skew
@@ -37,13 +37,13 @@ class Grounded:
     size = mass = np.inf
     nodes = np.empty(0, np.int64)
 
-    def place(self, point: Array) -> Average:
+    def place(self, point: Array) -> Vector:
         """The point itself."""
-        return Average(constant=point, start=point, is_place=True)
+        return Vector(constant=point, start=point, is_place=True)
 
-    def direction(self, a: Array) -> Average:
+    def direction(self, a: Array) -> Vector:
         """The direction itself."""
-        return Average(constant=a, start=a)
+        return Vector(constant=a, start=a)
 
 
 class Averages:
@@ -77,15 +77,15 @@ class Averages:
         """W⁻¹ a."""
         return np.asarray(self.axes @ (a @ self.axes / self._second))
 
-    def place(self, point: Array) -> Any:
+    def place(self, point: Array) -> Vector:
         """Where a point of the side is by its affine mean."""
         arm = point - self.centre
         weights = self._w * (1.0 + self._arms @ self._inverse(arm))
-        return Average(self.nodes, weights, start=point, is_place=True)
+        return Vector(self.nodes, weights, start=point, is_place=True)
 
-    def direction(self, a: Array) -> Any:
+    def direction(self, a: Array) -> Vector:
         """Where a direction of the side points by its affine mean."""
-        return Average(self.nodes, self._w * (self._arms @ self._inverse(a)), start=a)
+        return Vector(self.nodes, self._w * (self._arms @ self._inverse(a)), start=a)
 
 
 class FaceSide(Averages):
@@ -94,21 +94,23 @@ class FaceSide(Averages):
     def __init__(self, scene: Any, weights: Array, title: str) -> None:
         """See `Averages`. Collective."""
         super().__init__(scene, weights, title)
-        middle = Average(self.nodes, self._w, start=self.centre, is_place=True)
+        middle = Vector(self.nodes, self._w, start=self.centre, is_place=True)
         along = self._w[:, None] * (self._arms @ self.axes) / self.size**2
         H = self._second[:, None] * self.axes.T / self.size**2
-        turned = (Average(self.nodes, w, start=own) for w, own in zip(along.T, H, strict=True))
+        turned = (Vector(self.nodes, w, start=own) for w, own in zip(along.T, H, strict=True))
         self.averages = (middle, *turned)
 
     def place(self, point: Array) -> Vector:
         """Where a point of the side is."""
         arm = point - self.centre
         rounding = self.count * np.spacing(np.abs(self.centre).max() + self.size)
-        return FaceVector(self, arm, True) if np.abs(arm).max() > rounding else self.averages[0]
+        if np.abs(arm).max() <= rounding:
+            return self.averages[0]
+        return replace(self.direction(arm), start=self.centre + arm, is_place=True)
 
     def direction(self, a: Array) -> Vector:
         """Where a direction of the side points."""
-        return FaceVector(self, a, False)
+        return Vector(self.nodes, self._w, start=a, face=self, holder=self, arm=a)
 
     def within(self, scene: Any, bodies: Sequence[RigidBody]) -> tuple[int, Array, Array] | None:
         """The body that holds all nodes without deforming; None if there is none. Collective.
@@ -248,7 +250,7 @@ def end_of(scene: Any, owner: str, side: Side, at: Point | None = None) -> Vecto
     own = own[own < scene.owned_nodes].astype(np.int64)
     weights = np.full(own.size, 1.0 / scene.sum(own.size))
     point = np.asarray(scene.sum(weights @ scene.start_places[own]))
-    return Average(own, weights, start=point, is_place=True)
+    return Vector(own, weights, start=point, is_place=True)
 
 
 def check_sides(

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -38,39 +38,26 @@ def _zeros() -> Array:
     return np.zeros(3)
 
 
-@dataclass(frozen=True)
-class Average:
-    """A vector that is Σ c x over owned nodes of all ranks, and a constant, shape (3,)."""
+@dataclass(frozen=True, eq=False)
+class Vector:
+    """A place or a direction: Σ c x over owned nodes of all ranks and a constant, or of a face.
 
-    face: ClassVar[Any] = None  # it turns with none, as it is linear
+    One of a face turns with it, by its x̄, of which the nodes and weights are, and the three H_k.
+    """
 
     nodes: Ints = field(default_factory=lambda: np.empty(0, np.int64))
     weights: Array = field(default_factory=lambda: np.empty(0))  # c of each [1, or 1/m]
-    constant: Array = field(default_factory=_zeros)
+    constant: Array = field(default_factory=_zeros)  # shape (3,)
     start: Array = field(default_factory=_zeros)  # its value at the start
     is_place: bool = False  # and not a direction
+    face: Any = None  # that it turns with
     holder: Any = None  # finds the body that it may be fixed to, as `FaceSide` does
-    arm: Array = field(default_factory=_zeros)  # in the frame of that [m, or 1]
+    arm: Array = field(default_factory=_zeros)  # in the face or the body at the start [m, or 1]
 
     @property
-    def averages(self) -> tuple[Average, ...]:
-        """The averages that it depends on: itself."""
-        return (self,)
-
-
-class FaceVector:
-    """A point or a direction that follows the mean motion of a face, by x̄ and the three H_k."""
-
-    def __init__(self, face: Any, arm: Array, is_place: bool) -> None:
-        """Take the face and P - X̄ [m], or the direction, at the start, shape (3,)."""
-        self.face = self.holder = face
-        self.arm, self.is_place, self.averages = arm, is_place, face.averages
-        self.nodes, self.weights = face.nodes, face.averages[0].weights  # of x̄, Σ w = 1
-        self.local: Array = arm @ face.axes  # along the axes a_k
-        self.start: Array = face.centre + arm if is_place else arm
-
-
-Vector = Average | FaceVector
+    def averages(self) -> tuple[Vector, ...]:
+        """The averages that it depends on: itself, or those of its face."""
+        return (self,) if self.face is None else self.face.averages
 
 
 @dataclass(frozen=True)
@@ -109,7 +96,7 @@ class BoundAverages(Nodes):
     """
 
     def __init__(
-        self, averages: Sequence[Average], stiff: Mapping[int, StiffRow], structure: Structure
+        self, averages: Sequence[Vector], stiff: Mapping[int, StiffRow], structure: Structure
     ) -> None:
         """Find whose nodes are; `stiff` are rows of averages that follow bodies. Collective."""
         scene, own = structure.scene, [average.nodes for average in averages]
@@ -131,15 +118,15 @@ class BoundAverages(Nodes):
         constant = [average.constant for average in averages]
         self._constant = np.reshape(constant, (-1, 3))
 
-    def mean(self, of_rows: Array, matrices: Array | None = None) -> Array:
-        """Averages of vectors at nodes in no body, and of matrices of bodies if any. Collective."""
+    def mean(self, of_rows: Array) -> Array:
+        """Averages of vectors at nodes, those in bodies left out. Collective."""
         out = np.asarray(self.own @ of_rows)
         if self._comm.size > 1:
             self._comm.Allreduce(MPI.IN_PLACE, out)
-        return out if matrices is None else out + self._poses @ matrices.reshape(-1, 3)
+        return out
 
     def _all(self, of_rows: Array, matrices: Array) -> Array:
-        return self.mean(of_rows, matrices)
+        return self.mean(of_rows) + self._poses @ matrices.reshape(-1, 3)
 
     def positions(self, at: Instant) -> Array:
         """See `Nodes`; with the constants. Collective."""
@@ -160,7 +147,7 @@ class Vectors:
 
     def __init__(self, vectors: Sequence[Vector], stiff: Mapping[int, StiffRow]) -> None:
         """Collect the averages; `stiff` are rows of vectors of faces that a body holds."""
-        self.averages: list[Average] = []  # B, each once
+        self.averages: list[Vector] = []  # B, each once
         self.stiff: dict[int, StiffRow] = {}  # of those that follow a body, by their number
         self.needed: list[Ints] = []  # for each vector, the numbers of its averages
         self.count = len(vectors)
@@ -170,12 +157,12 @@ class Vectors:
             own = vector.averages
             if n in stiff:  # a row of a body, whatever its nodes
                 self.stiff[len(self.averages)] = stiff[n]
-                own = (Average(is_place=vector.is_place),)
+                own = (Vector(is_place=vector.is_place),)
             if key not in first_of:
                 first_of[key] = len(self.averages)
                 self.averages += own
             self.needed.append(first_of[key] + np.arange(len(own)))
-        faces = [(n, vector) for n, vector in enumerate(vectors) if isinstance(vector, FaceVector)]
+        faces = [(n, vector) for n, vector in enumerate(vectors) if vector.face is not None]
         turned = [(n, vector) for n, vector in faces if n not in stiff]
         self._held = [(n, vector, stiff[n]) for n, vector in faces if n in stiff]
         # Each vector is its first average, none of directions of faces, and an arm that turns.
@@ -184,7 +171,7 @@ class Vectors:
         self.is_plain = not turned  # whether each vector is an average
         self._begins: Array = np.ones((self.count, 1))
         self._begins[self._turned, 0] = [vector.is_place for _, vector in turned]
-        self._local = np.reshape([vector.local for _, vector in turned], (-1, 1, 3))
+        self._local = np.reshape([v.arm @ v.face.axes for _, v in turned], (-1, 1, 3))
         self._centres, self._face = np.unique(self._first[self._turned], return_inverse=True)
         none: Array = np.zeros((len(self.averages), 3))
         self._start, self._moved = none, none
@@ -325,10 +312,11 @@ def value_at(scene: Any, vector: Vector, x: Array) -> Array:
 
 def motion_at(scene: Any, vector: Vector, x: Array, v: Array) -> tuple[Array, Array]:
     """A vector and its rate where nodes are at x and move with v, shape (3,) each. Collective."""
-    means = np.array([a.weights @ x[a.nodes] for a in vector.averages])
-    means = np.asarray(scene.sum(means)) + [a.constant for a in vector.averages]
-    rate = np.einsum("nij,nj->i", slopes_of(vector, means), v[vector.nodes])
-    return Vectors([vector], {}).at(means)[0], np.asarray(scene.sum(rate))
+    every = [[a.weights @ of[a.nodes] for a in vector.averages] for of in (x, v)]
+    means, rates = np.asarray(scene.sum(every))
+    of = Vectors([vector], {})
+    value = of.begin(means + [a.constant for a in vector.averages])[0]
+    return value, dense(of.slopes(0.0)) @ rates.ravel()
 
 
 def turn_map(r: Array, H: Array) -> Array:
