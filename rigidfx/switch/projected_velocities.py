@@ -21,6 +21,7 @@ from rigidfx.coupling.ports import Ports
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Joint, Motor, Structure
 from rigidfx.effects.joints.linkage import Linkage
+from rigidfx.effects.joints.remote import Points
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.linear.linear_solver import conjugate_gradients, solver_of
@@ -149,7 +150,8 @@ class RigidFields:
             structure = Structure(
                 scene=scene, rows=layout.rows, own=own, bodies=bodies, mass=None, u=u
             )
-            known = Linkage(joints, motors, structure), self._prolongation, self._reduced
+            linkage = Linkage(joints, motors, structure, Points(()))
+            known = linkage, self._prolongation, self._reduced
             self._closing = Closing(state, *known, self._solved, dt)
 
     def _solved(self, r: Array) -> Array:

@@ -24,7 +24,7 @@ from rigidfx.effects.joints.elements import Elastic
 from rigidfx.effects.joints.joint import Between
 from rigidfx.effects.joints.remote import RemoteMotion, RemoteNodes
 from rigidfx.effects.joints.sides import GROUND, end_of, one_side
-from rigidfx.effects.joints.vectors import Vector, value_at
+from rigidfx.effects.joints.vectors import value_at
 
 TAUT = float(np.sqrt(np.finfo(np.float64).eps))  # of its length, by which a taut cable may be short
 
@@ -96,11 +96,6 @@ class SpringDamper(Between, Elastic):
                 raise SceneError(f"{self.owner}: give {name}, the place of its end on the ground.")
 
     @property
-    def averages(self) -> tuple[Vector, Vector]:
-        """Both ends, once a scene has placed it."""
-        return self._ends  # type: ignore[attr-defined]
-
-    @property
     def ends_at(self) -> tuple[float, float]:
         """Length without force, likewise; a cable is free below it [m]."""
         return -inf if self.pulls_only else self._free, self._free
@@ -130,7 +125,7 @@ class SpringDamper(Between, Elastic):
                 "Place them apart, or give length=0."
             )
         free = distance if self.length is None else float(self.length)
-        return self._with(_ends=tuple(ends), _free=free, _first=first)
+        return self._with(averages=tuple(ends), _free=free, _first=first)
 
     def bind_points(self, structure: Structure) -> Action:
         """Its forces on its ends."""

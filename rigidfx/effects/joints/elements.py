@@ -183,10 +183,7 @@ class Motor(OfJoint, Windowed):
         """Its torque or force; None of a motor that prescribes a motion."""
         return None if self.prescribes else self.by
 
-    @property
-    def resists(self) -> bool:
-        """Whether it resists all that changes its coordinate."""
-        return self.prescribes
+    resists = prescribes
 
     @property
     def by_speed(self) -> bool:

@@ -42,6 +42,7 @@ class Between(Effect):
 
     checks: ClassVar[Checks] = {"name": text("a text")} | dict.fromkeys("ab", one_side(PART))
     many: ClassVar[str] = "joints"  # its kind, for messages
+    averages: ClassVar[Sequence[Vector]]  # that it acts on, once a scene has placed it
 
     a: Side
     b: Side
@@ -76,11 +77,6 @@ class Between(Effect):
     def sides(self) -> tuple[Side, Side]:
         """Both sides, as they were given."""
         return self.a, self.b
-
-    @property
-    def averages(self) -> Sequence[Vector]:
-        """Places and directions that it acts on, once a scene has placed it."""
-        raise NotImplementedError
 
     @property
     def holds(self) -> bool:  # type: ignore[override]
@@ -130,22 +126,17 @@ class Joint(Between):
 
     at: Place | None = None
 
-    @property
-    def averages(self) -> Sequence[Vector]:
-        """Places and directions that its rows are made of."""
-        return self.pieces.averages
-
     def placed(self, scene: Any) -> Joint:
         """The joint with averages over nodes; `SceneError` if it cannot be there. Collective."""
         self.check_title(scene)
         if missing := [name for name in ("at", "axis") if getattr(self, name, "") is None]:
             return self._found(scene, missing).placed(scene)
-        a, b = (side_of(scene, self.owner, side) for side in (self.a, self.b))
+        sides = side_of(scene, self.owner, self.a), side_of(scene, self.owner, self.b)
         point = np.asarray(self.at, dtype=np.float64)
-        check_sides(scene, self.owner, (self.a, self.b), (a, b), point)
-        pieces = Pieces(a, b, point, self.direction)
+        check_sides(scene, self.owner, self.sides, sides, point)
+        pieces = Pieces(*sides, point, self.direction)
         self.build(pieces)
-        return self._with(pieces=pieces)
+        return self._with(pieces=pieces, averages=pieces.averages)
 
     def _found(self, scene: Any, missing: Sequence[str]) -> Joint:
         """The joint with what a surface of a side tells; raise `SceneError` without. Collective."""

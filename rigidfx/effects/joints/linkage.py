@@ -165,7 +165,7 @@ class Linkage:
         joints: Sequence[Any],
         elements: Sequence[Element],
         structure: Structure,
-        points: Points | None = None,
+        points: Points,
     ) -> None:
         """Bind joints, carried masses last, and motors, springs and stops that act. Collective."""
         scene, bodies, static = structure.scene, structure.bodies, structure.static
@@ -174,9 +174,9 @@ class Linkage:
         self._notes = {} if structure.notes is None else structure.notes
         every = [joint.pieces.averages for joint in joints]
         self._firsts = firsts = [0, *accumulate(map(len, every))]
-        self.points = Points(()) if points is None else points
+        self.points = points
         vectors = [vector for own in every for vector in own]
-        vectors += self.points.number(len(vectors))
+        vectors += points.number(len(vectors))
         stiff = stiff_rows(scene, bodies.of.records, vectors)
         self._vectors = of = Vectors(vectors, stiff)
         self.averages = BoundAverages(of.averages, of.stiff, structure)
@@ -187,7 +187,8 @@ class Linkage:
             self.used[of.needed[k]] = True
         stiffness = max(material.stiffness for material, _ in scene.materials)
         sizes = self.rows.sizes
-        self._typical = stiffness, float(np.mean(sizes) if sizes.size else scene.mean_cell_size)
+        size = float(np.mean(sizes) if sizes.size else scene.mean_cell_size)
+        self._modulus, self.stiffness = stiffness, stiffness * size  # of what moves [N/m²], [N/m]
         free = {
             (k, name): own
             for k, joint in enumerate(joints)
@@ -214,11 +215,6 @@ class Linkage:
         """Mass that each active row moves, in order of magnitude [kg]."""
         return np.concatenate([self.rows.masses[self.rows.active], self.drives.masses])
 
-    @property
-    def stiffness(self) -> float:
-        """A stiffness of the parts that joints move [N/m]."""
-        return self._typical[0] * self._typical[1]
-
     def scale(self, dt: float, drag: float = 0.0) -> Array:
         """κ of each active row: force over displacement of its parts [N/m].
 
@@ -226,7 +222,7 @@ class Linkage:
         """
         if self.drives.static and not drag:
             sizes = np.concatenate([self.rows.sizes[self.rows.active], self.drives.sizes])
-            out: Any = self._typical[0] * sizes
+            out: Any = self._modulus * sizes
         else:
             out = (drag or 2.0 / dt**2) * self.masses
         self.drives.kappa = out[self.rows.active.size :]

@@ -61,12 +61,14 @@ class OnFace(Effect):
     places: ClassVar[tuple[type, ...]] = (str, Surface)
     turns: ClassVar[bool] = False  # whether it acts on directions too
     remote: ClassVar[RemotePoint]  # its point, once a scene has placed it
+    where: Any
+    at: Any
     checks: ClassVar[Checks] = {"at": vector}
 
     def __post_init__(self) -> None:
         """Raise `SceneError` if a place is no point, or of no face."""
         super().__post_init__()
-        if getattr(self, "at", None) is not None and self.face is None:
+        if self.at is not None and self.face is None:
             raise SceneError(
                 f"{self.owner}: at is the place of a remote point of a MeanFace or a RigidFace. "
                 "Give one of these in place of the set, or leave at out."
@@ -75,8 +77,7 @@ class OnFace(Effect):
     @property
     def face(self) -> Surface | None:
         """The face that it acts on; None if that is a set of cells or nodes."""
-        where = getattr(self, "where", None)
-        return where if isinstance(where, Surface) else None
+        return self.where if isinstance(self.where, Surface) else None
 
     @property
     def follows(self) -> bool:
@@ -91,8 +92,7 @@ class OnFace(Effect):
     @property
     def owner(self) -> str:
         """Its name in messages, and where it acts."""
-        where: Any = getattr(self, "where", None)
-        return f"{self.kind} on {where.name if self.face else repr(where or WHOLE)}"
+        return f"{self.kind} on {self.face.name if self.face else repr(self.where or WHOLE)}"
 
     def placed(self, scene: Any) -> Self:
         """The effect with its point on the mesh; raise `SceneError` if it is far. Collective."""
@@ -100,8 +100,7 @@ class OnFace(Effect):
             return self
         side = side_of(scene, self.owner, face)
         assert not isinstance(side, Grounded)
-        at: Any = getattr(self, "at", None)
-        point = side.centre if at is None else np.asarray(at, dtype=np.float64)
+        point = side.centre if self.at is None else np.asarray(self.at, dtype=np.float64)
         check_sides(scene, self.owner, (face,), (side,), point)
         directions = tuple(side.direction(e) for e in np.eye(3)) if self.turns else ()
         place, middle = side.place(point), side.place(side.centre)
@@ -156,20 +155,10 @@ def body_of(
     now, rates = np.asarray(moving).swapaxes(0, 1)
     R = now[1:].T
     omega = 0.5 * np.cross(now[1:], rates[1:]).sum(axis=0)
-    none = np.empty(0, np.int32)
-    data = RigidBody(
-        name=effect.title,
-        cells=none,
-        nodes=none,
-        offsets=np.empty((0, 3)),
-        displacement=np.empty((0, 3)),
-        mass=m,
-        inertia=2 / 3 * m * (SMALL * place.face.size) ** 2 * np.eye(3),
-        origin=now[0],
-        number=number,
-        given=True,
-        extent=place.face.size,
-    )
+    nodes, places, extent = np.empty(0, np.int32), np.empty((0, 3)), place.face.size
+    inertia = 2 / 3 * m * (SMALL * extent) ** 2 * np.eye(3)
+    mass = effect.title, nodes, nodes, places, places, m, inertia
+    data = RigidBody(*mass, now[0], number, given=True, extent=extent)
     return data, BodyMotion(now[0].copy(), R, rates[0], R.T @ omega)
 
 
@@ -179,7 +168,7 @@ class RemoteMotion:
 
     places: Array  # where all averages are at the start of the step, shape (averages, 3) [m]
     moved: Array  # their increments, likewise
-    dt: float = 1.0  # length of the step [s]; of no meaning in statics
+    dt: float  # length of the step [s]; of no meaning in statics
 
     @property
     def start(self) -> RemoteMotion:
@@ -193,7 +182,7 @@ class RemoteMotion:
 
 def at_rest(p: Array) -> RemoteMotion:
     """A state of averages at p."""
-    return RemoteMotion(p, np.zeros_like(p))
+    return RemoteMotion(p, np.zeros_like(p), 1.0)
 
 
 class RemoteNodes:

@@ -35,6 +35,7 @@ class Grounded:
     """The ground as a side: it does not move, and has no nodes, extent and mass of its own."""
 
     size = mass = np.inf
+    centre = np.full(3, np.nan)  # from which nothing is far
     nodes = np.empty(0, np.int64)
 
     def place(self, point: Array) -> Vector:
@@ -234,11 +235,9 @@ def end_of(scene: Any, owner: str, side: Side, at: Point | None = None) -> Vecto
     rigid = [effect.name for effect in scene.effects if effect.is_rigid]
     if isinstance(side, Surface) or side == GROUND or side in rigid:
         found = side_of(scene, owner, side)
-        if isinstance(found, Grounded):
-            if given is None:
-                raise SceneError(f"{owner}: its end on the ground needs a place: give it [m].")
-            return found.place(given)
         point = found.centre if given is None else given
+        if np.isnan(point).any():
+            raise SceneError(f"{owner}: its end on the ground needs a place: give it [m].")
         _check_place(scene, owner, side, found, point)
         return found.place(point)
     if given is not None:

@@ -73,15 +73,12 @@ def stiff_rows(
     scene: Any, bodies: Sequence[RigidBody], vectors: Sequence[Any]
 ) -> dict[int, StiffRow]:
     """How vectors of faces that a body holds, and of carried masses, follow it, by their number."""
+    holders = {id(v.holder): v.holder for v in vectors if v.holder is not None}
+    found = {key: holder.within(scene, bodies) for key, holder in holders.items()}
     out: dict[int, StiffRow] = {}
-    known: dict[int, tuple[int, Array, Array] | None] = {}
     for k, vector in enumerate(vectors):
-        if (holder := vector.holder) is None:
-            continue
-        if id(holder) not in known:
-            known[id(holder)] = holder.within(scene, bodies)
-        if (found := known[id(holder)]) is not None:
-            body, centre, products = found
+        if (held := found.get(id(vector.holder))) is not None:
+            body, centre, products = held
             arm = nearest_rotations(products.T) @ vector.arm
             row = np.r_[1.0, centre + arm] if vector.is_place else np.r_[0.0, arm]
             out[k] = StiffRow(row, body, products)
@@ -115,8 +112,7 @@ class BoundAverages(Nodes):
         self._spread, self._moments = self.own.T.tocsr(), compact(self.held.T.tocsr())
         self._poses = compact(self.held.tocsr())
         self.is_place = [average.is_place for average in averages]
-        constant = [average.constant for average in averages]
-        self._constant = np.reshape(constant, (-1, 3))
+        self._constant = np.reshape([average.constant for average in averages], (-1, 3))
 
     def mean(self, of_rows: Array) -> Array:
         """Averages of vectors at nodes, those in bodies left out. Collective."""
@@ -274,33 +270,23 @@ class Vectors:
         if self.is_plain:
             return by_vectors
         own = self.slopes(share).T @ (by_vectors @ self.slopes(1.0))
-        return own + self.curvature(on_vectors, share)
-
-    def curvature(self, on_vectors: Array, share: float) -> Matrix:
-        """Derivative of `forces` by the averages at the end, forces on vectors kept [N/m].
-
-        By complex steps of each H_k, with which the axes at the end turn.
-        """
+        # With these kept, by complex steps of each H_k, with which the axes at the end turn.
         (r, H, _), (r_end, _, turns) = self._part(share), self._part(1.0)
         h = float(np.finfo(np.float64).eps)
         theta = np.moveaxis(turns.reshape(-1, 3, 9), -1, 0)[:, :, None]
         r = r + 1j * h * share * cross(theta, r_end)
         H = H + 1j * h * share * np.eye(9).reshape(9, 1, 3, 3)
         couples = np.zeros((len(self._centres), 9, 3), complex)  # of each face, Σ d × f
-        own = cross(self._arms(r), on_vectors[self._turned])
-        np.add.at(couples, self._face, own.swapaxes(0, 1))
+        each = cross(self._arms(r), on_vectors[self._turned])
+        np.add.at(couples, self._face, each.swapaxes(0, 1))
         on_averages = np.einsum("dfakb,fda->fkbd", turn_map(r, H), couples)
-        return self._bent.filled((on_averages.imag / h).ravel())
+        return own + self._bent.filled((on_averages.imag / h).ravel())
 
 
-def slopes_of(vector: Vector, means: Array | None = None) -> Array:
-    """Derivatives of a vector by displacements of its nodes, shape (nodes, 3, 3).
-
-    Its averages are at means, or as at the start if these are None.
-    """
-    means = np.array([a.start for a in vector.averages]) if means is None else means
+def slopes_of(vector: Vector) -> Array:
+    """Derivatives of a vector by displacements of its nodes at the start, shape (nodes, 3, 3)."""
     of = Vectors([vector], {})
-    of.begin(means)
+    of.begin(np.array([a.start for a in vector.averages]))
     weights = np.array([a.weights for a in vector.averages])
     return np.einsum("kn,ikj->nij", weights, dense(of.slopes(0.0)).reshape(3, -1, 3))
 
