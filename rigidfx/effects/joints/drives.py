@@ -81,10 +81,7 @@ class Drives:
         count: int,
         static: bool,
     ) -> None:
-        """Find the joints of those that act; `firsts` of `count` vectors are each joint's first.
-
-        In statics forces are those at the end of a step, and nothing moves.
-        """
+        """Find the joints of those that act; `firsts` of `count` vectors are each joint's first."""
         joints = scene.named(Joint)
         titles = {id(effect): title for effect, title in titles_of(scene)}
         self.static, self.each = static, list[Drive]()
@@ -116,11 +113,6 @@ class Drives:
     def _all(self, number: Callable[[Drive], float]) -> Array:
         """A number of each."""
         return np.array([number(drive) for drive in self.each], dtype=np.float64)
-
-    @property
-    def prescribing(self) -> list[str]:
-        """Names of those that prescribe a coordinate."""
-        return [drive.effect.owner for drive in self.each if drive.effect.prescribes]
 
     def speeds(self, t: float, dt: float) -> Array:
         """Rates of F [m/s] that motors prescribe just after t; raise `SceneError` as `Motor.at`."""
@@ -220,8 +212,7 @@ class Drives:
     def _laws(self) -> tuple[Array, Array]:
         """Force or torque on the second side that each law gives, and its derivative by q₁."""
         out: Array = np.zeros((2, len(self.each)))
-        for drive in self._motors:
-            out[0, drive.number] = drive.force
+        out[0] = self._all(lambda drive: drive.force)
         for drive in self._springs:
             law, (q0, q1) = drive.effect, self.ends_of(drive)
             out[:, drive.number] = (

@@ -300,10 +300,8 @@ class Stop(OfJoint, Elastic):
     @property
     def ends_at(self) -> tuple[float, float]:
         """Both ends, infinite where there is none [rad or m]."""
-        return (
-            -inf if self.low is None else float(self.low),
-            inf if self.high is None else float(self.high),
-        )
+        low = -inf if self.low is None else float(self.low)
+        return low, inf if self.high is None else float(self.high)
 
     def check(self, scene: Any) -> None:
         """Look its joint up, and warn of degrees."""

@@ -220,11 +220,9 @@ class Linkage:
 
         In statics a drag per mass [1/s²] may resist in place of stiffness.
         """
-        if self.drives.static and not drag:
-            sizes = np.concatenate([self.rows.sizes[self.rows.active], self.drives.sizes])
-            out: Any = self._modulus * sizes
-        else:
-            out = (drag or 2.0 / dt**2) * self.masses
+        sizes = np.concatenate([self.rows.sizes[self.rows.active], self.drives.sizes])
+        stiff = self.drives.static and not drag
+        out: Any = self._modulus * sizes if stiff else (drag or 2.0 / dt**2) * self.masses
         self.drives.kappa = out[self.rows.active.size :]
         return np.asarray(out)
 
@@ -322,7 +320,7 @@ class Linkage:
         rows = self.rows.terms.curvature(self.rows.multipliers, self._share)
         if self.drives.static and len(self.drives):
             rows = csr_array(rows + self.drives.curvature())
-        if len(self.points):
+        if self.points.actions:
             rows = csr_array(rows + self.points.stiffness(self._motion))
         return self._vectors.stiffness(rows, self.forces, self._share)
 
@@ -350,7 +348,7 @@ class Linkage:
 
     def stored(self, bodies: Bodies) -> float:
         """Energy of the springs of joints and remote points now [J]. Collective."""
-        if not (len(self.drives) or len(self.points)):
+        if not (len(self.drives) or self.points.actions):
             return 0.0
         p = self._vectors.at(self.averages.positions(Instant(bodies)))
         return self.drives.stored(self._coordinates(p)) + self.points.stored(at_rest(p))

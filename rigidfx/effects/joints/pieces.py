@@ -226,9 +226,6 @@ class Coordinates(Terms):
         return csr_array(self.curvature((factors * self.slopes(p)).ravel(), 1.0) + curved)
 
 
-# Vectors of a joint are its place on both sides, a and b, its axis, first and second across that,
-# and turned, which is the first one on the other side. These are of the first side:
-FIRST_SIDE = ("a", "axis", "turned")
 # By what both sides share: title of a row, and two directions that stay perpendicular.
 RIGHT_ANGLES = {
     "axis": (("tilt 1", "axis", "first"), ("tilt 2", "axis", "second")),
@@ -252,8 +249,10 @@ class Pieces:
         across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
         across = across / np.linalg.norm(across)
         self._of, self._at, self._numbers = (a, b), at, dict[str, int]()
-        self._frame: dict[str, Any] = {"axis": axis, "first": across, "turned": across}
-        self._frame["second"] = np.cross(axis, across)
+        # Its vectors: the side and direction of each; places have none.
+        self._ways: dict[str, tuple[int, Any]] = {"a": (0, None), "b": (1, None), "axis": (0, axis)}
+        self._ways |= {"first": (1, across), "second": (1, np.cross(axis, across))}
+        self._ways["turned"] = 0, across
 
     def _add(self, average: Vector, side: int) -> int:
         """Number of an average, which is added to a side."""
@@ -273,10 +272,10 @@ class Pieces:
     def _number(self, name: str) -> int:
         """Number of a vector by its name."""
         if name not in self._numbers:
-            k, way = int(name not in FIRST_SIDE), self._frame.get(name)
-            side = self._of[k]
-            vector = side.place(self._at) if way is None else side.direction(way)
-            self._numbers[name] = self._add(vector, k)
+            side, way = self._ways[name]
+            of = self._of[side]
+            vector = of.place(self._at) if way is None else of.direction(way)
+            self._numbers[name] = self._add(vector, side)
         return self._numbers[name]
 
     def hold(self, shared: Iterable[str], left: Iterable[str] = ()) -> None:

@@ -245,10 +245,6 @@ class Points:
         methods = "resist", "stiffen", "taken", "stored", "accept"
         self._calls = {name: [heed(action, name) for action in actions] for name in methods}
 
-    def __len__(self) -> int:
-        """How many actions there are."""
-        return len(self.actions)
-
     def number(self, first: int) -> list[Vector]:
         """The averages of all actions, whose first one has this number."""
         for action in self.actions:

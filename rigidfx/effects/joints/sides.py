@@ -114,13 +114,10 @@ class FaceSide(Averages):
         return Vector(self.nodes, self._w, start=a, face=self, holder=self, arm=a)
 
     def within(self, scene: Any, bodies: Sequence[RigidBody]) -> tuple[int, Array, Array] | None:
-        """The body that holds all nodes without deforming; None if there is none. Collective.
-
-        Its number among the bodies, V̄ [m] and Σ w (X - X̄) ⊗ V [m²].
-        """
+        """Number, V̄ [m] and Σ w (X - X̄) ⊗ V [m²] of the body that holds all nodes. Collective."""
         local = np.zeros((len(bodies), 1 + 3 + 9))
         for out, body in zip(local, bodies, strict=True):
-            if body.shapes is not None:
+            if body.shapes is not None:  # it deforms
                 continue
             at = np.minimum(np.searchsorted(body.nodes, self.nodes), max(body.nodes.size - 1, 0))
             here = body.nodes[at] == self.nodes if body.nodes.size else np.zeros(at.size, bool)
@@ -362,10 +359,7 @@ def _facets(scene: Any, owner: str, where: str) -> tuple[Array, Array, Array]:
 
 
 def _fitted(scene: Any, x: Array) -> tuple[Array, float, float]:
-    """Centre and radius of the circle or sphere that fits points of all ranks best. Collective.
-
-    The points have shape (points, 2 or 3) [m]; the largest distance of this rank's from it is last.
-    """
+    """Centre and radius of the circle or sphere that fits best, and this rank's error [m]."""
     rows, squares = np.c_[2 * x, np.ones(len(x))], (x**2).sum(axis=1)
     left, right = (np.asarray(scene.sum(v)) for v in (rows.T @ rows, rows.T @ squares))
     *found, rest = np.linalg.lstsq(left, right, rcond=None)[0]

@@ -171,7 +171,7 @@ class Vectors:
         self._centres, self._face = np.unique(self._first[self._turned], return_inverse=True)
         none: Array = np.zeros((len(self.averages), 3))
         self._start, self._moved = none, none
-        self._r0 = self._r1 = self._axes(none)
+        self._r0 = self._r1 = nearest_rotations(self._of_faces(none))
         self._parts: dict[float, tuple[Array, Array, Array]] = {}  # of this iterate
         self._slopes: dict[float, Matrix] = {}  # likewise
         size, of_axes = none.size, 3 * self._centres[:, None] + 3 + np.arange(9)
@@ -185,10 +185,6 @@ class Vectors:
         """H_k of all faces, shape (faces, 3, 3)."""
         return np.asarray(B[self._centres[:, None] + 1 + AXES])
 
-    def _axes(self, B: Array) -> Array:
-        """r_k of all faces, likewise."""
-        return nearest_rotations(self._of_faces(B))
-
     def _values(self, B: Array, turned: Array) -> Array:
         """Vectors by averages and turned arms."""
         out = self._begins * B[self._first]
@@ -201,12 +197,16 @@ class Vectors:
 
     def at(self, B: Array) -> Array:
         """The vectors where averages are at B, shape (vectors, 3)."""
-        return B if self.is_plain else self._values(B, self._arms(self._axes(B)))
+        return (
+            B
+            if self.is_plain
+            else self._values(B, self._arms(nearest_rotations(self._of_faces(B))))
+        )
 
     def begin(self, B: Array) -> Array:
         """Begin a step where averages are at B; the vectors, shape (vectors, 3)."""
         self._start, self._moved, self._parts, self._slopes = B, np.zeros_like(B), {}, {}
-        self._r0 = self._r1 = self._axes(B)
+        self._r0 = self._r1 = nearest_rotations(self._of_faces(B))
         return self.at(B)
 
     def look(self, moved: Array) -> Array:
@@ -214,7 +214,7 @@ class Vectors:
         self._moved, self._parts, self._slopes = moved, {}, {}
         if self.is_plain:
             return moved
-        self._r1 = self._axes(self._start + moved)
+        self._r1 = nearest_rotations(self._of_faces(self._start + moved))
         r, _, turns = self._part(0.5)
         theta = np.einsum("fakb,fkb->fa", turns, self._of_faces(moved))
         return self._values(moved, cross(theta[self._face], self._arms(r)))

@@ -77,7 +77,7 @@ class Constraints:
     def _check_motors(self, rows: Array, terms: Array, compliance: Array) -> None:
         """Refuse motors of given motion whose joint cannot move. Collective."""
         drives = self.linkage.drives
-        if not drives.prescribing:
+        if not drives.prescribed.any():
             return
         given = self.linkage.test()[self.linkage.rows.active.size :]
         for k in np.flatnonzero(drives.prescribed):

@@ -190,7 +190,8 @@ class Border:
             C = turned @ C @ turned.T
         factors = small_system(C, *rows.border())
         if factors is None:
-            motors = ", ".join(rows.linkage.drives.prescribing)
+            given = (d.effect for d in rows.linkage.drives.each if d.effect.prescribes)
+            motors = ", ".join(motor.owner for motor in given)
             raise StepError(
                 "The joints and motors leave no motion, or hold what they hold already: their "
                 f"equations are singular{f' (of given motion: {motors})' if motors else ''}.",
