@@ -81,7 +81,7 @@ def prepare(
                 borne = BodyForces(stepper, pieces)
                 measure = _measure(scene, rigidify, forces)
                 growth = Growth(stepper, borne, measure, timeline.dt)
-                switch.shape_found(growth.found.shaped)
+                switch.shape_found(growth.found)
                 stepper.watches += [borne, growth]
                 if scene.named(Rigid):
                     held = HeldParts(stepper, pieces) if switch.clamps else None

@@ -8,6 +8,7 @@ from mpi4py import MPI
 from rigidfx.base.types import Array
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.surface import SMALL_WAY
+from rigidfx.shapes.interface import Interface
 from rigidfx.shapes.part import Part
 from rigidfx.shapes.responses import Responses
 
@@ -19,7 +20,11 @@ class Excess:
         """Evaluate at d by shapes, at the part's owned nodes, shape (nodes, 3) [m]. Collective."""
         self._scene, self._part, self._d = responses.scene, part, d
         self.energy = part.energy(d)
-        self.nu = abs(float(self._scene.sum(part.missed(d, responses.of_nodes(part.nodes)).sum())))
+        w = part.whole(d, responses.of_nodes(part.nodes))
+        beside = Interface(responses.stiffness, part.cells, part.nodes)
+        self.nu = abs(float(self._scene.sum(part.missed(d, w).sum())))
+        self.nu += beside.energy(d) / self.energy
+        beside.destroy()
 
     def spent(self) -> tuple[int, Array, Array]:
         """A box with two thirds of ½ d·K d or more, halved as long as one half has. Collective.

@@ -161,13 +161,16 @@ class Expanded:
         """½ d·K d [J]. Collective."""
         return 0.5 * float(self.dot(d[:, :, None], self.times_stiffness(d[:, :, None]))[0, 0])
 
-    def missed(self, d: Array, respond: Callable[[Array], Array]) -> Array:
+    def whole(self, d: Array, respond: Callable[[Array], Array]) -> Array:
+        """w of d, shape (nodes, 3) [m]; static responses are those of the whole. Collective."""
+        return np.asarray(d - self.unmoved(respond(self.even(d))[:, :, None])[:, :, 0])
+
+    def missed(self, d: Array, w: Array) -> Array:
         """Energy that the expansion in d [m] misses, by nodes, over ½ d·K d, shape (nodes,).
 
-        Its sum is ν but for the sign, with the energy by Simpson's rule along w, which is exact
-        where it is of fourth order. Static responses to forces are those of the whole. Collective.
+        Its sum is ν but for the sign, with the energy by Simpson's rule along w, see `whole`, which
+        is exact where it is of fourth order. Collective.
         """
-        w = d - self.unmoved(respond(self.even(d))[:, :, None])[:, :, 0]
         mean = (self.forces(w) + 4 * self.forces(0.5 * w) - 5 * self.internal) / 6
         linear = self.times_stiffness(d[:, :, None])[:, :, 0]
         return np.asarray((w * mean - 0.5 * d * linear).sum(axis=1) / self.energy(d))

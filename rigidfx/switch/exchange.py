@@ -31,7 +31,7 @@ order: the difference is taken from these velocities, as far as they have it, or
 
 from __future__ import annotations
 
-from collections.abc import Callable, Set
+from collections.abc import Callable, Sequence, Set
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -50,6 +50,7 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.division import Division
 from rigidfx.switch.faces import with_faces
+from rigidfx.switch.leaving import Shift
 from rigidfx.switch.mass_properties import freeze
 from rigidfx.switch.present_velocities import Present, WholeMass
 from rigidfx.switch.projected_velocities import Field, RigidFields
@@ -81,6 +82,7 @@ class Exchange:
 
     Attributes:
         shape: Gives a body that was found its shapes; None if it stays rigid.
+        leave: How nodes move where bodies leave these; None if they stay.
         joined: Whether joints, or masses that bodies carry, couple velocities.
         motors: Motors that act and prescribe a motion, whose speed velocities after a switch have.
         dt: See `Motor.speed_at`.
@@ -90,6 +92,7 @@ class Exchange:
         """Keep the problem."""
         self._scene, self._forces = scene, forces
         self.shape: Callable[[Body], Body] | None = None
+        self.leave: Callable[[Sequence[Body]], Shift | None] | None = None
         carried = any(effect.is_carried for effect in scene.named(PointMass))
         self.joined = carried or bool(scene.named(Joint))
         coupled = self.joined or scene.mass != "lumped" or bool(rigid_faces(scene.effects))
@@ -185,11 +188,19 @@ class Exchange:
             return
         left = {b.data.number: b for b in state.bodies if b.data.number not in shaped}
         velocity = state.v.x.array.copy()
-        for body in state.take_out(shaped):
+        going = [body for body in state.bodies if body.data.number in shaped]
+        shift = None if self.leave is None else self.leave(going)
+        state.take_out(shaped)
+        energy, turned = 0.0, np.zeros(3)  # what others have gained: the first body gives it
+        if shift is not None:
+            state.shift(np.arange(shift.d.size), shift.d.reshape(-1))
+            energy, turned = shift.energy, shift.angular_momentum
+        for body in going:
             moving = velocity.copy()
             moving.reshape(-1, 3)[body.data.nodes] = body.velocities
             state.move(moving)
-            rigid = _rigid(self._scene, self._forces, state, body)
+            rigid = _rigid(self._scene, self._forces, state, body, energy, turned)
+            energy, turned = 0.0, np.zeros(3)
             if self._mass is None:
                 wanted, rigid = rigid.data.frozen.vibration, _with_energy(self._scene, rigid)
                 self._owed += wanted - rigid.data.frozen.vibration
@@ -342,20 +353,32 @@ def _scale(square: float, mixed: float, missing: float) -> float:
     return min(found, key=lambda s: abs(s - 1.0), default=0.0)
 
 
-def _rigid(scene: Scene, forces: InternalForces, state: State, body: Body) -> Body:
-    """The rigid body with a body's momenta and energy. Collective."""
+def _rigid(
+    scene: Scene,
+    forces: InternalForces,
+    state: State,
+    body: Body,
+    gained: float,
+    turned: Array,
+) -> Body:
+    """The rigid body with a body's momenta and energy less what others have gained. Collective.
+
+    That is energy [J], and angular momentum as it has `turned` nodes, shape (3,) [kg m²/s].
+    """
     data, alone = body.data, Bodies.of_each([body])
     what = PlannedBody(data.cells, data.nodes, data.name, data.number, data.named)
     found = freeze(scene, forces, state, what)
     assert found is not None  # its cells have been a body before
     if data.shapes is not None and data.shapes.drift is None:  # no support holds its frame
-        W = np.linalg.solve(found.data.inertia, alone.angular_momentum[0])
+        # As much about a centre that has moved, less what nodes of other cells have gained.
+        about = np.cross(body.motion.r - found.motion.r, alone.momentum[0]) - turned
+        W = np.linalg.solve(found.data.inertia, alone.angular_momentum[0] + about)
         found = replace(found, motion=replace(found.motion, angular_velocity_body=W))
     kept = np.zeros((scene.owned_nodes, 3))
     kept[data.frozen.nodes] = _kept(body)
     kept[data.nodes] += found.data.frozen.velocities
     nodes = np.flatnonzero(kept.any(axis=1)).astype(np.int32)
-    whole = alone.kinetic_of_each[0] + alone.strain_of_each[0] + data.frozen.vibration
+    whole = alone.kinetic_of_each[0] + alone.strain_of_each[0] + data.frozen.vibration - gained
     strain = found.data.frozen.strain
     vibration = float(whole - strain - Bodies.of_each([found]).kinetic_of_each[0])
     frozen = Frozen(nodes, kept[nodes], strain, vibration)

@@ -18,12 +18,14 @@ from rigidfx.base.log import tell
 from rigidfx.base.remembered import ON_DOFS, ON_NODES, Each, Remembered, same
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.coupling.dof_layout import AtNodes
+from rigidfx.decide.limits import Limits
 from rigidfx.effects import rigid_faces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.mechanics.rigid_motions import best_motion
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.found import Found
+from rigidfx.shapes.interface import Interface
 from rigidfx.shapes.linear import Linear
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.shortening import About
@@ -156,7 +158,7 @@ class FoundBodies:
         begun, lacking = self._modes, self._cut
         whole = data.size == self._scene.mesh.topology.index_map(3).size_global
         # Its own modes are those of the whole, or would bend rigid faces.
-        if np.isfinite(self._cut) and not (whole or self._stiff(data)):
+        if np.isfinite(self._cut) and not (whole or self.stiff(data)):
             own, lacking = found.modes(self._forces.dt or self._dt, self._cut)
             begun += own.shape[2]
             vectors = np.concatenate([vectors, own], axis=2)
@@ -164,7 +166,7 @@ class FoundBodies:
         made = found.with_shapes(body, vectors)
         return body if made is None else found.moving(made)
 
-    def _stiff(self, data: RigidBody) -> bool:
+    def stiff(self, data: RigidBody) -> bool:
         """Whether a body has nodes of rigid faces. Collective."""
         faces = rigid_faces(self._scene.effects)
         nodes = [self._scene.nodes(face.where, face.name, (2,)) for face in faces]
@@ -179,6 +181,14 @@ class FoundBodies:
         """A body with further shapes; None if it has all of them. Collective."""
         found, own = self._within(body.data, vectors)
         return found.with_shapes(body, own, vectors.shape[2] - 1)
+
+    def shortened(self, body: Body) -> Array:
+        """δ of the whole structure as a body bends, in space, (owned nodes, 3) [m]. Collective."""
+        found, Q = self._of(body.data)
+        F = np.zeros((self._scene.owned_nodes, 3, 1))
+        if body.data.shapes is not None:
+            F[body.data.nodes, :, 0] = found.even(body.data.shapes.bent(body.motion.q)) @ Q
+        return np.asarray(-self.responses.solve(F)[:, :, 0] @ (body.motion.R @ Q).T)
 
     def keep(self, vector: Array) -> None:
         """Give a shape, (owned nodes, 3, 1), to bodies that will be found."""
@@ -218,8 +228,11 @@ class FoundBodies:
                 tell(self._scene.comm, f"{body.data.name} spins too fast for its shapes: {words}")
         return woken if fast else None
 
-    def bent(self, bodies: Bodies) -> Bools | None:
-        """Cells in which the energy is not that of second order; None if none are. Collective."""
+    def bent(self, bodies: Bodies, limits: Limits) -> Bools | None:
+        """Cells in which the energy is not that of second order; None if none are. Collective.
+
+        The motion of a body that cells beside it hold errs as a whole, that of others as they bend.
+        """
         control, comm = self.control, self._scene.comm
         for body in bodies:
             data, shapes, q = body.data, body.data.shapes, body.motion.q
@@ -233,10 +246,15 @@ class FoundBodies:
             self.known[data.number] = replace(known, energy=energy)
             found, Q = self._of(data)
             d = shapes.bent(q)
-            missed = found.missed(d, self.responses.of_nodes(data.nodes, Q))
-            nu = abs(float(self._scene.sum(missed.sum())))
-            if nu <= control.nonlinear:
-                size = comm.allreduce(float(np.abs(d).max(initial=0.0)), op=MPI.MAX)
+            w = found.whole(d, self.responses.of_nodes(data.nodes, Q))
+            missed = found.missed(d, w)
+            beside = Interface(self.responses.stiffness, found.cells, data.nodes)
+            nu_beside = beside.energy(d @ Q) / found.energy(d)
+            beside.destroy()
+            nu = abs(float(self._scene.sum(missed.sum()))) + nu_beside
+            errs = d if not self._scene.sum(beside.shared.size) else self.moved(body)
+            size = comm.allreduce(float(np.abs(errs).max(initial=0.0)), op=MPI.MAX)
+            if nu <= control.nonlinear and off_by(nu) * size <= limits.size:
                 self.bends = max(self.bends, off_by(nu) * size)
                 continue
             dense = np.abs(missed) / self._scene.averaging_mass[data.nodes]

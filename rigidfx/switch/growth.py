@@ -128,7 +128,7 @@ class Growth(Watch):
             bodies = attempt.increments.end
             if (woken := self.found.spun(bodies)) is not None:
                 return Looked(woken=woken, reason="they spin too fast for their shapes")
-            if (woken := self.found.bent(bodies)) is not None:
+            if (woken := self.found.bent(bodies, limits())) is not None:
                 return Looked(woken=woken, reason="they bend by more than their shapes follow")
         own = [each for each in self._forces.borne.values() if self.found.grows(each[0].data)]
         self._withheld = [(fields, fields.outside(force)) for fields, force in own]

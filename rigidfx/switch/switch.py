@@ -5,7 +5,7 @@ Decision → exchange of momenta and energy → inventory of bodies → stepper 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar
@@ -40,7 +40,9 @@ from rigidfx.step.load_path import apply_preload
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import INVERTED, remedy
 from rigidfx.switch.exchange import Exchange, Works
+from rigidfx.switch.found_bodies import FoundBodies
 from rigidfx.switch.inventory import check_clamps, divide
+from rigidfx.switch.leaving import Leaving
 from rigidfx.switch.mass_properties import at_nodes, mass_properties
 from rigidfx.switch.shaping import Shaping
 
@@ -264,9 +266,10 @@ class Switch:
         self._stepper.state.group(bodies)
         self._bind(list(bodies))
 
-    def shape_found(self, shape: Callable[[Body], Body]) -> None:
+    def shape_found(self, found: FoundBodies) -> None:
         """Give shapes to bodies that are found."""
-        self._exchange.shape = shape
+        self._exchange.shape = found.shaped
+        self._exchange.leave = Leaving(self._stepper, found).shift
 
     def apply(self, decision: Decision) -> Event | None:
         """Release and freeze, so that the bodies are those of a decision. Collective.

@@ -96,6 +96,20 @@ class Energies:
         held = np.where(self._held, p.reshape(-1), 0.0).reshape(-1, 3)
         return np.asarray(self._scene.sum(np.stack([held.sum(axis=0), axial(x.T @ held)])))
 
+    def gained(self, state: State, d: Array) -> tuple[float, Array]:
+        """What flexible cells gain where the owned nodes move, shape (nodes, 3) [m]. Collective.
+
+        That is energy [J] and angular momentum, shape (3,) [kg m²/s].
+        """
+        kept, found = state.snapshot(), []
+        for way in (0.0 * d, d):
+            state.shift(np.arange(d.size), way.reshape(-1))
+            p, x = self._momenta(state)
+            found.append(np.r_[integral(self._energy), axial(x.T @ p)])
+        state.restore(kept)
+        gained = np.asarray(self._scene.sum(found[1] - found[0]))
+        return float(gained[0]), gained[1:]
+
     def _momenta(self, state: State) -> tuple[Array, Array]:
         """M v and x of the active nodes, shapes (nodes, 3) [kg m/s, m]. Collective."""
         dofs = self._rows.dofs

@@ -1,0 +1,82 @@
+"""What shapes do to the cells beside a part as its sections turn.
+
+Shapes are linear. A section that turns by φ in the frame of its part is stretched there by
+
+    δ = ½ φ × (φ × x)
+
+less, where a section of cells would not be. So flexible cells beside the part are strained by -δ,
+and have the energy ½ δ·K δ too much, with their K and δ at the nodes that they share with the part.
+φ is the mean of each patch of cells beside it that are connected; nodes further out count as fixed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+
+from rigidfx.base.types import Array, Indices, Ints
+from rigidfx.coupling.dof_layout import AtNodes, nodes_of
+from rigidfx.coupling.rows import Rows
+from rigidfx.domain.connected import connected_parts
+from rigidfx.flexible.internal_forces import Cells
+from rigidfx.mechanics.rigid_motions import rigid_motions
+from rigidfx.shapes.stiffness import Stiffness, times
+
+
+class Interface:
+    """Nodes that a part shares with cells beside it; `destroy` frees K of these.
+
+    Attributes:
+        shared: Which of its nodes they are.
+    """
+
+    def __init__(self, stiffness: Stiffness, cells: Cells, nodes: Indices) -> None:
+        """Find them by a part's owned cells and nodes, in the state of a stiffness. Collective."""
+        scene, self._scene = stiffness.scene, stiffness.scene
+        others = {i: np.setdiff1d(own, cells[i]) for i, own in stiffness.cells.items()}
+        self.shared: Indices = np.flatnonzero(nodes_of(scene, others)[nodes])
+        self._own = nodes[self.shared]
+        self._K: PETSc.Mat | None = None
+        if not scene.sum(self.shared.size):
+            return
+        self._rows, dofmap = Rows(scene.space, self._own), scene.space.dofmap.list
+        meets = nodes_of(scene, cells)[dofmap].any(axis=1)
+        beside = {i: own[meets[own]] for i, own in others.items()}
+        self._K = self._rows.assembled(stiffness.linear.tangent(beside))
+        self._patch, self._count = self._patches(beside)
+        self._x = stiffness.places[self._own]
+
+    def _patches(self, beside: Cells) -> tuple[Ints, int]:
+        """The patch of each shared node, and how many there are. Collective."""
+        mesh, dofmap = self._scene.mesh, self._scene.space.dofmap.list
+        among, at = np.zeros(len(dofmap), dtype=bool), AtNodes(self._scene)
+        some = np.sort(np.concatenate([*beside.values()]))
+        among[some] = True
+        parts = connected_parts(mesh, 2, among)
+        found = at.largest(dofmap[some], parts.of_cell[some].astype(np.float64))[self._own]
+        return found.astype(np.int64), parts.count
+
+    def energy(self, d: Array) -> float:
+        """½ δ·K δ by displacements of the part's nodes, shape (nodes, 3) [m]. Collective."""
+        if self._K is None:
+            return 0.0
+        total, x, d = self._scene.sum, self._x, d[self.shared]
+        sums = np.zeros((self._count, 4))
+        np.add.at(sums, self._patch, np.c_[np.ones(len(x)), x])
+        sums = np.asarray(total(sums))
+        x = x - (sums[:, 1:] / np.maximum(sums[:, :1], 1.0))[self._patch]
+        modes, fits = rigid_motions(x, 1.0), np.zeros((self._count, 6, 7))
+        np.add.at(
+            fits, self._patch, modes.swapaxes(1, 2) @ np.concatenate([modes, d[:, :, None]], 2)
+        )
+        fits = np.asarray(total(fits))
+        turns = np.array([np.linalg.lstsq(fit[:, :6], fit[:, 6])[0][3:] for fit in fits])[
+            self._patch
+        ]
+        y = 0.5 * np.cross(turns, np.cross(turns, x)).reshape(-1, 1)
+        return 0.5 * float(total((y * times(self._K, y, self._rows.vector)).sum()))
+
+    def destroy(self) -> None:
+        """Free the matrix. Collective."""
+        if self._K is not None:
+            self._K.destroy()
