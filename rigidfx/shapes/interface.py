@@ -34,7 +34,7 @@ class Interface:
         """Find them by a part's owned cells and nodes, in the state of a stiffness. Collective."""
         scene, self._scene = stiffness.scene, stiffness.scene
         others = {i: np.setdiff1d(own, cells[i]) for i, own in stiffness.cells.items()}
-        self.shared: Indices = np.flatnonzero(nodes_of(scene, others)[nodes])
+        self.shared: Ints = np.flatnonzero(nodes_of(scene, others)[nodes])
         self._own = nodes[self.shared]
         self._K: PETSc.Mat | None = None
         if not scene.sum(self.shared.size):

@@ -191,7 +191,8 @@ class Exchange:
         going = [body for body in state.bodies if body.data.number in shaped]
         shift = None if self.leave is None else self.leave(going)
         state.take_out(shaped)
-        energy, turned = 0.0, np.zeros(3)  # what others have gained: the first body gives it
+        turned: Array = np.zeros(3)
+        energy = 0.0  # what others have gained: the first body gives it
         if shift is not None:
             state.shift(np.arange(shift.d.size), shift.d.reshape(-1))
             energy, turned = shift.energy, shift.angular_momentum

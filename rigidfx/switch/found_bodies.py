@@ -18,7 +18,6 @@ from rigidfx.base.log import tell
 from rigidfx.base.remembered import ON_DOFS, ON_NODES, Each, Remembered, same
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.coupling.dof_layout import AtNodes
-from rigidfx.decide.limits import Limits
 from rigidfx.effects import rigid_faces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, RigidBody
@@ -228,10 +227,11 @@ class FoundBodies:
                 tell(self._scene.comm, f"{body.data.name} spins too fast for its shapes: {words}")
         return woken if fast else None
 
-    def bent(self, bodies: Bodies, limits: Limits) -> Bools | None:
+    def bent(self, bodies: Bodies, allowed: float) -> Bools | None:
         """Cells in which the energy is not that of second order; None if none are. Collective.
 
-        The motion of a body that cells beside it hold errs as a whole, that of others as they bend.
+        Displacements may err by what is allowed [m]. The motion of a body that cells beside it hold
+        errs as a whole, that of others as they bend.
         """
         control, comm = self.control, self._scene.comm
         for body in bodies:
@@ -254,7 +254,7 @@ class FoundBodies:
             nu = abs(float(self._scene.sum(missed.sum()))) + nu_beside
             errs = d if not self._scene.sum(beside.shared.size) else self.moved(body)
             size = comm.allreduce(float(np.abs(errs).max(initial=0.0)), op=MPI.MAX)
-            if nu <= control.nonlinear and off_by(nu) * size <= limits.size:
+            if nu <= control.nonlinear and off_by(nu) * size <= allowed:
                 self.bends = max(self.bends, off_by(nu) * size)
                 continue
             dense = np.abs(missed) / self._scene.averaging_mass[data.nodes]

@@ -128,7 +128,10 @@ class Growth(Watch):
             bodies = attempt.increments.end
             if (woken := self.found.spun(bodies)) is not None:
                 return Looked(woken=woken, reason="they spin too fast for their shapes")
-            if (woken := self.found.bent(bodies, limits())) is not None:
+            if (now := limits()).rates is None:
+                self._reached = self._reach(attempt)
+            allowed = np.inf if now.rates is not None else self._allowed(now)
+            if (woken := self.found.bent(bodies, allowed)) is not None:
                 return Looked(woken=woken, reason="they bend by more than their shapes follow")
         own = [each for each in self._forces.borne.values() if self.found.grows(each[0].data)]
         self._withheld = [(fields, fields.outside(force)) for fields, force in own]
@@ -142,10 +145,7 @@ class Growth(Watch):
             return Looked(woken=woken, reason="motions that their shapes lack may be in resonance")
         if quiet:
             return Looked()
-        now = limits()
-        if now.rates is None:
-            self._reached = self._reach(attempt)
-        return self._judged(attempt.dt, self.found.at_start(self._withheld), size, now)
+        return self._judged(attempt.dt, self.found.at_start(self._withheld), size, limits())
 
     def _reach(self, attempt: Attempt) -> float:
         """Largest displacement of bodies at the end of a step. Collective."""
