@@ -27,24 +27,29 @@ class Interface:
     """Nodes that a part shares with cells beside it; `destroy` frees K of these.
 
     Attributes:
-        shared: Which of its nodes they are.
+        holds: Whether there are any, on any rank.
     """
 
     def __init__(self, stiffness: Stiffness, cells: Cells, nodes: Indices) -> None:
         """Find them by a part's owned cells and nodes, in the state of a stiffness. Collective."""
         scene, self._scene = stiffness.scene, stiffness.scene
         others = {i: np.setdiff1d(own, cells[i]) for i, own in stiffness.cells.items()}
-        self.shared: Ints = np.flatnonzero(nodes_of(scene, others)[nodes])
-        self._own = nodes[self.shared]
+        self._shared: Ints = np.flatnonzero(nodes_of(scene, others)[nodes])
+        self._own = nodes[self._shared]
         self._K: PETSc.Mat | None = None
-        if not scene.sum(self.shared.size):
+        self.holds = bool(scene.sum(self._shared.size) > 0)
+        if not self.holds:
             return
         self._rows, dofmap = Rows(scene.space, self._own), scene.space.dofmap.list
         meets = nodes_of(scene, cells)[dofmap].any(axis=1)
         beside = {i: own[meets[own]] for i, own in others.items()}
         self._K = self._rows.assembled(stiffness.linear.tangent(beside))
         self._patch, self._count = self._patches(beside)
-        self._x = stiffness.places[self._own]
+        x, sums = stiffness.places[self._own], np.zeros((self._count, 4))
+        np.add.at(sums, self._patch, np.c_[np.ones(len(x)), x])
+        sums = np.asarray(scene.sum(sums))
+        # Relative to the middle of each patch.
+        self._x = x - (sums[:, 1:] / np.maximum(sums[:, :1], 1.0))[self._patch]
 
     def _patches(self, beside: Cells) -> tuple[Ints, int]:
         """The patch of each shared node, and how many there are. Collective."""
@@ -60,21 +65,19 @@ class Interface:
         """½ δ·K δ by displacements of the part's nodes, shape (nodes, 3) [m]. Collective."""
         if self._K is None:
             return 0.0
-        total, x, d = self._scene.sum, self._x, d[self.shared]
-        sums = np.zeros((self._count, 4))
-        np.add.at(sums, self._patch, np.c_[np.ones(len(x)), x])
-        sums = np.asarray(total(sums))
-        x = x - (sums[:, 1:] / np.maximum(sums[:, :1], 1.0))[self._patch]
-        modes, fits = rigid_motions(x, 1.0), np.zeros((self._count, 6, 7))
-        np.add.at(
-            fits, self._patch, modes.swapaxes(1, 2) @ np.concatenate([modes, d[:, :, None]], 2)
-        )
-        fits = np.asarray(total(fits))
-        turns = np.array([np.linalg.lstsq(fit[:, :6], fit[:, 6])[0][3:] for fit in fits])[
-            self._patch
-        ]
-        y = 0.5 * np.cross(turns, np.cross(turns, x)).reshape(-1, 1)
-        return 0.5 * float(total((y * times(self._K, y, self._rows.vector)).sum()))
+        turns = self._turns(d[self._shared])
+        y = 0.5 * np.cross(turns, np.cross(turns, self._x)).reshape(-1, 1)
+        found = (y * times(self._K, y, self._rows.vector)).sum()
+        return 0.5 * float(self._scene.sum(found))
+
+    def _turns(self, d: Array) -> Array:
+        """φ of each shared node's patch by their displacements, shape (nodes, 3). Collective."""
+        modes, sums = rigid_motions(self._x, 1.0), np.zeros((self._count, 6, 7))
+        local = modes.swapaxes(1, 2) @ np.concatenate([modes, d[:, :, None]], axis=2)
+        np.add.at(sums, self._patch, local)
+        fits = np.asarray(self._scene.sum(sums))
+        best = [np.linalg.lstsq(fit[:, :6], fit[:, 6])[0][3:] for fit in fits]
+        return np.array(best)[self._patch]
 
     def destroy(self) -> None:
         """Free the matrix. Collective."""

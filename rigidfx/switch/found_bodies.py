@@ -97,7 +97,7 @@ class FoundBodies:
         self.bends, self._largest = 0.0, 0.0  # strain energy of any body so far
         self._start: Array = stepper.state.u.x.array[: 3 * self._scene.owned_nodes].copy()
         self._linear: Linear | None = None
-        self._matrices: dict[int, tuple[RigidBody, Found, Array]] = {}  # by number
+        self._matrices: dict[int, tuple[RigidBody, Found, Array, Interface]] = {}  # by number
         self._modes, self._cut = 0, np.inf  # modes of the whole, and the lowest ω that these lack
         self._vectors: Array = np.zeros((self._scene.owned_nodes, 3, 0))  # modes, and further ones
         self._limits = SpinLimits(self._scene)
@@ -130,13 +130,20 @@ class FoundBodies:
         known = self._matrices.get(data.number)
         if known is None or not np.array_equal(known[0].origin, data.origin):
             if known is not None:
-                known[1].destroy()
+                self._drop(data.number)
             stiffness = self.responses.stiffness
             found = Found(self._scene, self._stepper.forces, stiffness.linear, data)
             frozen = self._stepper.state.X[data.nodes] + data.displacement
             Q, _ = best_motion(stiffness.places[data.nodes], frozen, self._scene.sum)
-            self._matrices[data.number] = known = data, found, Q
+            beside = Interface(stiffness, found.cells, data.nodes)
+            self._matrices[data.number] = known = data, found, Q, beside
         return known[1], known[2]
+
+    def _drop(self, number: int) -> None:
+        """Free the matrices of a body. Collective."""
+        _, found, _, beside = self._matrices.pop(number)
+        found.destroy()
+        beside.destroy()
 
     def about(self, body: Body) -> About | None:
         """The expansion of a body; None of one that is named. Collective."""
@@ -248,11 +255,9 @@ class FoundBodies:
             d = shapes.bent(q)
             w = found.whole(d, self.responses.of_nodes(data.nodes, Q))
             missed = found.missed(d, w)
-            beside = Interface(self.responses.stiffness, found.cells, data.nodes)
-            nu_beside = beside.energy(d @ Q) / found.energy(d)
-            beside.destroy()
-            nu = abs(float(self._scene.sum(missed.sum()))) + nu_beside
-            errs = d if not self._scene.sum(beside.shared.size) else self.moved(body)
+            beside = self._matrices[data.number][3]
+            nu = abs(float(self._scene.sum(missed.sum()))) + beside.energy(d @ Q) / found.energy(d)
+            errs = self.moved(body) if beside.holds else d
             size = comm.allreduce(float(np.abs(errs).max(initial=0.0)), op=MPI.MAX)
             if nu <= control.nonlinear and off_by(nu) * size <= allowed:
                 self.bends = max(self.bends, off_by(nu) * size)
@@ -272,17 +277,17 @@ class FoundBodies:
         numbers = {body.number for body in self._stepper.state.bodies.of.records}
         self.known = {number: own for number, own in self.known.items() if number in numbers}
         for number in sorted(self._matrices.keys() - numbers):
-            self._matrices.pop(number)[1].destroy()
+            self._drop(number)
             self._limits.forget(number)
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        for _, found, _ in self._matrices.values():
-            found.destroy()
+        for number in [*self._matrices]:
+            self._drop(number)
         if self._linear is not None:
             self._linear.destroy()
             self._linear.responses.destroy()
-        self._matrices, self._linear = {}, None
+        self._linear = None
 
 
 def at_cells(scene: Scene, values: Array, cells: Indices) -> Array:

@@ -63,6 +63,7 @@ class Leaving:
         for body in state.bodies:
             if body.data.number not in leaving:
                 d[body.data.nodes] = 0.0
+        d.reshape(-1)[system.prescribed.mask] = 0.0  # also of supports that began since the start
         energy, momentum = system.energies.gained(state, d)
         return Shift(d, energy + self._stored(d), momentum)
 
@@ -70,12 +71,8 @@ class Leaving:
         """Energy that springs and contacts gain by displacements of all nodes [J]. Collective."""
         scene, state, acting = self._stepper.scene, self._stepper.state, self._stepper.system.acting
         state.rebuild()
-        rows, u, none = (
-            Rows(scene.space, np.arange(len(d), dtype=np.int32)),
-            state.u.x.array,
-            Bodies.of_each(()),
-        )
-        kept = state.snapshot()
+        kept, u, none = state.snapshot(), state.u.x.array, Bodies.of_each(())
+        rows = Rows(scene.space, np.arange(len(d), dtype=np.int32))
         structure = Structure(
             scene=scene,
             rows=rows,
