@@ -27,10 +27,10 @@ def inversion(short: bool) -> Iterator[Run]:
     """An error that names the cell, its place and the time, after the step has been cut."""
     push = rf.PrescribedMotion("x1", displacement=lambda t: (-3.0 * t, 0.0, 0.0))
     criterion = rf.StrainRate(ANY, 0.1, patience=1)  # what is not beside a support
-    for way, rigidify, cell in (("flexible", None, "cell"), ("adaptive", criterion, "cell 3 of")):
+    for way, rigidify in (("flexible", None), ("adaptive", criterion)):
         yield Run(way, _bar(MATERIALS["St.Venant-Kirchhoff"], push), 0.05, 2.0, rigidify,
                   energy=1e-8, momentum=None, tangents=25, fails=rf.InversionError,
-                  says=("inside out", cell, "X = (", "from t = 0."))  # fmt: skip
+                  says=("inside out", "cell 2 of", "X = (", "from t = 0."))  # fmt: skip
 
 
 @case("failure", "a load that no equilibrium bears")
