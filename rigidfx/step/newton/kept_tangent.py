@@ -130,8 +130,9 @@ class Secants:
 
     def _coefficients(self, changes: Array, given: Array) -> Array:
         """c of each pair."""
+        products = np.empty((len(changes), len(changes) + 1))
         with np.errstate(over="ignore", invalid="ignore"):
-            products = np.column_stack([changes @ changes.T, changes @ given])
+            products[:, :-1], products[:, -1] = changes @ changes.T, changes @ given
         self._comm.Allreduce(MPI.IN_PLACE, products)
         sizes = np.sqrt(products.diagonal())
         if not (np.isfinite(sizes).all() and sizes.all()):
