@@ -70,6 +70,14 @@ def independent(modes: Array) -> Ints:
     return np.asarray(order[: modes.shape[1]], dtype=np.int64)
 
 
-def spanning(places: Array, length: float) -> Ints:
-    """Some of a body's places (nodes, 3) [m] that tell how all of it moves, six at most."""
-    return np.unique(independent(rigid_motions(places, length).reshape(-1, 6)) // 3)
+def determining(motions: Array, comm: MPI.Intracomm) -> Ints:
+    """Rows of motions of this rank, (rows, k), which with those of others determine all k.
+
+    They are sorted, and k of all ranks at most. Collective.
+    """
+    own = independent(motions)
+    every = comm.allgather(motions[own])
+    chosen = independent(np.concatenate(every))
+    first = sum(len(rows) for rows in every[: comm.rank])
+    mine = chosen[(chosen >= first) & (chosen < first + own.size)] - first
+    return np.sort(own[mine])

@@ -7,9 +7,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.types import Array, Ints
+from rigidfx.base.types import Array
 from rigidfx.coupling.rows import product
-from rigidfx.mechanics.rigid_motions import independent
+from rigidfx.mechanics.rigid_motions import determining
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.iterative import conjugate_gradients
 from rigidfx.shapes.stiffness import Stiffness, times
@@ -41,7 +41,7 @@ class Solver:
         self._of, p = stiffness, stiffness.prolongation
         self._motions = stiffness.unknowns_of(motions)
         self._momenta = stiffness.on_unknowns(momenta)
-        self._pins = self._pinned(self._motions)
+        self._pins = determining(self._motions, p.comm)
         self._K = stiffness.matrix
         K = self._K.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
         diagonal = K.getDiagonal()
@@ -58,16 +58,6 @@ class Solver:
         self._stressed = stressed
         if stressed:
             self._border()
-
-    def _pinned(self, motions: Array) -> Ints:
-        """Unknowns of this rank that determine motions, with those of other ranks. Collective."""
-        comm = self._of.prolongation.comm
-        own = independent(motions)
-        every = comm.allgather(motions[own])
-        chosen = independent(np.concatenate(every))
-        first = sum(len(rows) for rows in every[: comm.rank])
-        mine = chosen[(chosen >= first) & (chosen < first + own.size)] - first
-        return np.sort(own[mine])
 
     def _border(self) -> None:
         """Find what pins and inertia along the motions do to displacements. Collective."""

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigidfx.base.types import Array, Bools, Indices, Ints
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.effects import Rigid
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, BodyMotion, RigidBody
-from rigidfx.mechanics.rigid_motions import best_motion, spanning
+from rigidfx.mechanics.rigid_motions import best_motion
 from rigidfx.step.equations.supports import PrescribedDofs
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.system import System
@@ -33,8 +33,6 @@ class HeldParts(Watch):
         """
         self._stepper, self._in_pieces = stepper, in_pieces
         self._known: dict[int, RigidBody] = {}  # by their numbers
-        self._marks: dict[int, Ints] = {}  # of each, nodes that tell how it is turned
-        self._rows: tuple[System | None, dict[int, Ints]] = None, {}
         self._stepped: System | None = None  # what has made the last step
         self._borne: dict[int, Array] | None = None  # forces in it, once they were asked for
 
@@ -58,7 +56,7 @@ class HeldParts(Watch):
         sums = scene.sum(np.r_[m.sum(), m @ x, cells.size])
         centre = sums[1:4] / sums[0]
         spread = np.asarray(scene.sum((x - centre).T @ (m[:, None] * (x - centre))))
-        data = RigidBody(
+        return RigidBody(
             name=name,
             cells=cells,
             nodes=nodes,
@@ -71,22 +69,18 @@ class HeldParts(Watch):
             size=int(sums[4]),
             named=(name,),
         )
-        self._marks[number] = spanning(data.offsets, data.length)
-        return data
 
     def present(self) -> Bodies:
         """They at the places of their nodes. Collective."""
         return Bodies.of_each(Body(data, self._motion(data)) for data in self._known.values())
 
     def _motion(self, data: RigidBody) -> BodyMotion:
-        at = data.nodes[self._marks[data.number]]
-        r, R = self._fitted(data, self._stepper.state.positions(at.astype(np.int64)))
-        return BodyMotion(r, R, np.zeros(3), np.zeros(3))
+        at = self._stepper.state.positions(data.nodes.astype(np.int64))
+        return BodyMotion(*self._fitted(data, at), np.zeros(3), np.zeros(3))
 
     def _fitted(self, data: RigidBody, x: Array) -> tuple[Array, Array]:
-        """Centre [m] and rotation of a part whose marks are at x. Collective."""
-        V = data.offsets[self._marks[data.number]]
-        R, shift = best_motion(V, x - data.origin, self._stepper.scene.sum)
+        """Centre [m] and rotation of a part whose nodes are at x. Collective."""
+        R, shift = best_motion(data.offsets, x - data.origin, self._stepper.scene.sum)
         return data.origin + shift, R
 
     def held(self) -> Bools:
@@ -104,21 +98,11 @@ class HeldParts(Watch):
         They are in its frame, shape (nodes, 3) [N].
         """
         system = self._stepper.system
-        rows = self._rows_of(data, system)
+        rows = system.layout.rows.positions(data.nodes)
         u, d = (of.reshape(-1, 3) for of in (system.start, system.d.array_r))
-        own = rows[self._marks[data.number]]
-        _, R = self._fitted(data, system.layout.rows.X[own] + u[own] + 0.5 * d[own])
+        _, R = self._fitted(data, system.layout.rows.X[rows] + u[rows] + 0.5 * d[rows])
         f: Array = system.forces_out_of_balance.array_r.reshape(-1, 3)[rows]
         return -f @ R
-
-    def _rows_of(self, data: RigidBody, system: System) -> Ints:
-        """Places of a part's nodes among the rows of a division."""
-        if self._rows[0] is not system:
-            self._rows = system, {}
-        known = self._rows[1]
-        if data.number not in known:
-            known[data.number] = system.layout.rows.positions(data.nodes)
-        return known[data.number]
 
     def loaded(self) -> list[tuple[RigidBody, Array]]:
         """The parts, and the resistance of their nodes in the last step, if any. Collective.

@@ -17,7 +17,12 @@ from petsc4py import PETSc
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.rigid_body import RigidBody
-from rigidfx.mechanics.rigid_motions import free_motions
+from rigidfx.mechanics.rigid_motions import (
+    determining,
+    fitted_motion,
+    free_motions,
+    rigid_motions,
+)
 from rigidfx.step.equations.supports import PrescribedDofs
 from rigidfx.step.linear.linear_solver import solver_of
 from rigidfx.step.stepper import Stepper
@@ -43,7 +48,8 @@ class AtRest:
 
         Bodies share no node; held are, of each owned node, the components that supports hold.
         """
-        scene, comm = stepper.scene, stepper.scene.comm
+        self._scene = scene = stepper.scene
+        comm = scene.comm
         self.bodies = tuple(bodies)
         self._parts = parts = Parts(scene, stepper.forces, bodies)
         rows = parts.rows
@@ -54,11 +60,15 @@ class AtRest:
         self._right, self._found = K.getDiagonal(), rows.vector()
         scale = float(self._right.norm()) / np.sqrt(comm.size)
         supported = held[rows.nodes]
-        each = zip(bodies, parts.at, strict=True)
-        self._free = [free_motions(parts.V[at], supported[at], b.length, comm) for b, at in each]
-        numbers = parts.held(self._free) - rows.first
-        chosen = numbers[(numbers >= 0) & (numbers < rows.dofs.size)]
-        self._fixed = np.union1d(chosen, np.flatnonzero(supported))
+        self._free: list[Array] = []  # motions of each that no support prevents, (3 nodes, k)
+        fixed = [np.flatnonzero(supported)]
+        for body, at in zip(bodies, parts.at, strict=True):
+            motions = rigid_motions(parts.V[at], body.length)
+            motions = motions @ free_motions(parts.V[at], supported[at], body.length, comm)
+            self._free.append(motions.reshape(3 * at.size, motions.shape[2]))
+            dofs = (3 * at[:, None] + np.arange(3)).reshape(-1)
+            fixed.append(dofs[determining(self._free[-1], comm)])
+        self._fixed = np.unique(np.concatenate(fixed))
         K.zeroRowsColumns((rows.first + self._fixed).astype(PETSc.IntType), diag=scale)
         self._solver = solver_of(K)
 
@@ -68,13 +78,18 @@ class AtRest:
         They, and the forces on the nodes, have the shape (nodes, 3) in the frame of each [m, N].
         Forces are in balance where no support holds the body.
         """
-        parts = self._parts
-        self._right.array[:] = parts.of_each(forces).reshape(-1)
+        scene, parts, out = self._scene, self._parts, []
+        right = self._right.array.reshape(-1, 3)
+        for at, force in zip(parts.at, forces, strict=True):
+            right[at] = force
         self._right.array[self._fixed] = 0.0
         self._solver.solve(self._right, self._found)
-        u = self._found.array_r.reshape(-1, 3).copy()
-        u -= parts.linear(parts.rigid_motion(u, self._free))
-        return [u[at] for at in parts.at]
+        u = self._found.array_r.reshape(-1, 3)
+        for body, at, motions in zip(self.bodies, parts.at, self._free, strict=True):
+            m = np.repeat(scene.averaging_mass[body.nodes], 3)[:, None]
+            moved = motions @ fitted_motion(motions, u[at].reshape(-1, 1), scene.sum, m)
+            out.append(u[at] - moved.reshape(-1, 3))
+        return out
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
