@@ -23,7 +23,8 @@ from rigidfx.report.start import Start
 from rigidfx.run import Run
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import StepControl, Timeline
-from rigidfx.shapes.shortening import About, Shortening
+from rigidfx.shapes.excess import About
+from rigidfx.shapes.shortening import Shortening
 from rigidfx.state import State
 from rigidfx.step.equations.supports import Impact
 from rigidfx.step.first_touch import FirstTouch

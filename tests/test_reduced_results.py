@@ -116,7 +116,7 @@ def test_nu_is_the_error_of_the_deflection():
     error = np.abs(z - twin).max() / np.abs(twin).max()
     assert nu == sorted(nu)
     assert nu[-1] < error < 3 * nu[-1]
-    assert len(set(nu)) < 10
+    assert len(set(nu)) < len(nu)  # it is looked at as the energy has doubled
 
 
 def test_a_part_that_bends_far_is_named_once_with_its_cells():

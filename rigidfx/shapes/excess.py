@@ -1,30 +1,68 @@
-"""How far a part is from the expansion that its shapes have, and where."""
+"""How far a body is from the expansion that its shapes have, and where: ν."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
 
-from rigidfx.base.types import Array
+from rigidfx.base.types import Array, Bools
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.surface import SMALL_WAY
+from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.interface import Interface
-from rigidfx.shapes.part import Part
 from rigidfx.shapes.responses import Responses
 
 
-class Excess:
-    """The expansion of a part at one displacement, with ½ d·K d [J] and ν of the whole part."""
+@dataclass(frozen=True)
+class About:
+    """The expansion of a body: its cells about the frozen shape, responses about the start.
 
-    def __init__(self, responses: Responses, part: Part, d: Array) -> None:
-        """Evaluate at d by shapes, at the part's owned nodes, shape (nodes, 3) [m]. Collective."""
-        self._scene, self._part, self._d = responses.scene, part, d
-        self.energy = part.energy(d)
-        w = part.whole(d, responses.of_nodes(part.nodes))
-        beside = Interface(responses.stiffness, part.cells, part.nodes)
-        self.nu = abs(float(self._scene.sum(part.missed(d, w).sum())))
-        self.nu += beside.energy(d) / self.energy
-        beside.destroy()
+    Q is its rotation from the start to the freeze, shape (3, 3).
+    """
+
+    responses: Responses
+    part: Expanded
+    Q: Array
+
+    @cached_property
+    def beside(self) -> Interface:
+        """The cells beside it. Collective, when it is first asked for."""
+        return Interface(self.responses.stiffness, self.part.cells, self.part.nodes)
+
+    def destroy(self) -> None:
+        """Free the PETSc objects of the body. Collective."""
+        self.part.destroy()
+        if "beside" in vars(self):
+            self.beside.destroy()
+
+
+class Excess:
+    """The energy that an expansion misses at one displacement, by nodes.
+
+    Attributes:
+        nu: ν, all of it over ½ d·K d.
+    """
+
+    def __init__(self, about: About, d: Array) -> None:
+        """Evaluate at d in the frame of the body, at its owned nodes, (nodes, 3) [m]. Collective.
+
+        Cells beside it, which it strains as its sections turn, count as well.
+        """
+        part, self._scene = about.part, about.responses.scene
+        self._about, self._d, self._energy = about, d, part.energy(d)
+        w = part.whole(d, about.responses.of_nodes(part.nodes, about.Q))
+        missed = part.missed(d, w)
+        self._dense = np.abs(missed) / self._scene.averaging_mass[part.nodes]
+        self.nu = abs(float(self._scene.sum(missed.sum())))
+        self.nu += about.beside.energy(d @ about.Q) / self._energy
+
+    def most(self, share: float) -> Bools:
+        """The nodes of the body that miss more than a share of the largest miss. Collective."""
+        here = float(self._dense.max(initial=0.0))
+        return np.asarray(self._dense > share * self._scene.comm.allreduce(here, op=MPI.MAX))
 
     def spent(self) -> tuple[int, Array, Array]:
         """A box with two thirds of ½ d·K d or more, halved as long as one half has. Collective.
@@ -33,7 +71,7 @@ class Excess:
         leaf that spends ν. Number of its cells, and the corners of their box where nothing is
         deformed [m].
         """
-        scene, cells = self._scene, self._part.cells
+        scene, cells = self._scene, self._about.part.cells
         X = scene.space.tabulate_dof_coordinates()
         while True:
             nodes = {i: X[scene.space.dofmap.list[own]] for i, own in cells.items()}
@@ -46,7 +84,7 @@ class Excess:
             halves = [
                 {i: own[first[i] == side] for i, own in cells.items()} for side in (True, False)
             ]
-            most = [half for half in halves if 3 * self._in(half) > 2 * self.energy]
+            most = [half for half in halves if 3 * self._in(half) > 2 * self._energy]
             count = int(scene.sum(sum(len(own) for own in cells.values())))
             if len(most) != 1 or count == 1:
                 return count, lower, upper
@@ -54,7 +92,7 @@ class Excess:
 
     def _in(self, cells: Cells) -> float:
         """½ d·K d of some of its cells, by their forces at ± a small part of d [J]. Collective."""
-        scene, forces = self._scene, self._part.forces
+        scene, forces = self._scene, self._about.part.forces
         size = scene.comm.allreduce(float(np.abs(self._d).max(initial=0.0)), op=MPI.MAX)
         h = SMALL_WAY * scene.mean_cell_size / size
         change = forces(h * self._d, cells) - forces(-h * self._d, cells)

@@ -33,6 +33,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
+from rigidfx.shapes.excess import About
 from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.part import LACKING
 from rigidfx.shapes.responses import Responses
@@ -40,18 +41,6 @@ from rigidfx.shapes.responses import Responses
 Key = tuple[float, ...]
 Followed = tuple[Array, Array, Array]
 ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))  # of q, over the length of a body
-
-
-@dataclass(frozen=True)
-class About:
-    """The expansion of a body: its cells about the frozen shape, responses about the start.
-
-    Q is its rotation from the start to the freeze, shape (3, 3).
-    """
-
-    responses: Responses
-    part: Expanded
-    Q: Array
 
 
 @dataclass(frozen=True)

@@ -1,59 +1,36 @@
 """The bodies of a run that were found: their shapes, and how far these hold.
 
 A body begins with the modes that Δt resolves, as a resonance that builds up cannot be seen in the
-forces of one step. Its cells wake where it spins too fast between joints (`spun_joints`), and where
+forces of one step. Its cells wake where it spins too fast between joints (`bends`), and where
 it bends so far that its energy is not that of second order.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
 from rigidfx.base.log import tell
-from rigidfx.base.remembered import ON_DOFS, ON_NODES, Each, Remembered, same
-from rigidfx.base.types import Array, Bools, Indices
-from rigidfx.coupling.dof_layout import AtNodes
+from rigidfx.base.remembered import ON_DOFS, ON_NODES, PART, Each, Remembered, same
+from rigidfx.base.types import Array, Bools
 from rigidfx.effects import rigid_faces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.mechanics.rigid_motions import best_motion
-from rigidfx.scene.scene import Scene
+from rigidfx.shapes.excess import About, Excess
 from rigidfx.shapes.found import Found
-from rigidfx.shapes.interface import Interface
 from rigidfx.shapes.linear import Linear
+from rigidfx.shapes.part import LACKING
 from rigidfx.shapes.responses import Responses
-from rigidfx.shapes.shortening import About
 from rigidfx.step.stepper import Stepper
+from rigidfx.switch.bends import Looks, SpinLimits, bent, most_bent, off_by
 from rigidfx.switch.inventory import about_start
-from rigidfx.switch.spun_joints import SpinLimits, off_by
 from rigidfx.withheld.body_forces import BodyForces
 from rigidfx.withheld.fields import Fields, Force
-
-# Part of a body's length below which ν of its motion is that of rounding.
-ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))
-
-
-@dataclass(frozen=True)
-class BendControl:
-    """Numbers of the check of ν, from runs of demos/benchmarks/waking.py beside flexible twins.
-
-    Attributes:
-        nonlinear: Part of ½ q·Ωq by which the energy of a body may differ from its expansion. A
-            frequency is off by ¾ of it: 0.003 is one swing of an arm at 1 %.
-        doubled: Factor of ½ q·Ωq after which that is looked at again.
-        least: Part of the largest ½ q·Ωq so far below which it is not.
-        share: Part of the largest miss of any node, by mass, above which cells wake.
-    """
-
-    nonlinear: float = 0.003
-    doubled: float = 2.0
-    least: float = 1e-6
-    share: float = 0.3
 
 
 @dataclass(frozen=True)
@@ -64,13 +41,11 @@ class Known:
         begun: How many modes it began with.
         lacking: The lowest ω that these lack [1/s].
         spin: Its angular velocity then, in its frame [rad/s].
-        energy: ½ q·Ωq when ν was looked at [J].
     """
 
     begun: int
     lacking: float
     spin: Array
-    energy: float
 
 
 class FoundBodies:
@@ -83,8 +58,9 @@ class FoundBodies:
         bends: Largest displacement by which shapes err as bodies bend, so far [m].
     """
 
-    remembered: ClassVar[Remembered] = same("bends", "_largest", "_modes", "_cut") | {
+    remembered: ClassVar[Remembered] = same("bends", "_modes", "_cut") | {
         "known": Each(Known),
+        "_looks": PART,
         "_start": ON_DOFS,
         "_vectors": ON_NODES,
     }
@@ -92,12 +68,11 @@ class FoundBodies:
     def __init__(self, stepper: Stepper, forces: BodyForces, dt: float) -> None:
         """None is found: the present state is the start; dt is the nominal Δt [s]."""
         self._stepper, self._forces, self._dt, self._scene = stepper, forces, dt, stepper.scene
-        self.control = BendControl()
         self.known: dict[int, Known] = {}
-        self.bends, self._largest = 0.0, 0.0  # strain energy of any body so far
+        self.bends, self._looks = 0.0, Looks()
         self._start: Array = stepper.state.u.x.array[: 3 * self._scene.owned_nodes].copy()
         self._linear: Linear | None = None
-        self._matrices: dict[int, tuple[RigidBody, Found, Array, Interface]] = {}  # by number
+        self._expanded: dict[int, tuple[RigidBody, Found, About]] = {}  # by number
         self._modes, self._cut = 0, np.inf  # modes of the whole, and the lowest ω that these lack
         self._vectors: Array = np.zeros((self._scene.owned_nodes, 3, 0))  # modes, and further ones
         self._limits = SpinLimits(self._scene)
@@ -125,31 +100,23 @@ class FoundBodies:
         """Whether a body is one that was found, not named."""
         return not data.named and not data.is_face and not data.given
 
-    def _of(self, data: RigidBody) -> tuple[Found, Array]:
-        """A body's matrices, and its rotation from the start to the freeze. Collective."""
-        known = self._matrices.get(data.number)
+    def _of(self, data: RigidBody) -> tuple[Found, About]:
+        """A body's matrices, and its expansion. Collective."""
+        known = self._expanded.get(data.number)
         if known is None or not np.array_equal(known[0].origin, data.origin):
             if known is not None:
-                self._drop(data.number)
-            stiffness = self.responses.stiffness
+                known[2].destroy()
+            responses = self.responses
+            stiffness = responses.stiffness
             found = Found(self._scene, self._stepper.forces, stiffness.linear, data)
             frozen = self._stepper.state.X[data.nodes] + data.displacement
             Q, _ = best_motion(stiffness.places[data.nodes], frozen, self._scene.sum)
-            beside = Interface(stiffness, found.cells, data.nodes)
-            self._matrices[data.number] = known = data, found, Q, beside
-        return known[1], known[2]
-
-    def _drop(self, number: int) -> None:
-        """Free the matrices of a body. Collective."""
-        _, found, _, beside = self._matrices.pop(number)
-        found.destroy()
-        beside.destroy()
+            self._expanded[data.number] = known = data, found, About(responses, found, Q)
+        return known[1:]
 
     def about(self, body: Body) -> About | None:
         """The expansion of a body; None of one that is named. Collective."""
-        if not self.grows(body.data):
-            return None
-        return About(self.responses, *self._of(body.data))
+        return self._of(body.data)[1] if self.grows(body.data) else None
 
     # Shapes ---------------------------------------------------------------------------------------
 
@@ -160,7 +127,7 @@ class FoundBodies:
             return body
         self.linear()  # finds the modes of the whole
         found, vectors = self._within(data, self._vectors)
-        self._limits.forget(data.number)
+        self._forget(data.number)
         begun, lacking = self._modes, self._cut
         whole = data.size == self._scene.mesh.topology.index_map(3).size_global
         # Its own modes are those of the whole, or would bend rigid faces.
@@ -168,7 +135,7 @@ class FoundBodies:
             own, lacking = found.modes(self._forces.dt or self._dt, self._cut)
             begun += own.shape[2]
             vectors = np.concatenate([vectors, own], axis=2)
-        self.known[data.number] = Known(begun, lacking, body.motion.angular_velocity_body, 0.0)
+        self.known[data.number] = Known(begun, lacking, body.motion.angular_velocity_body)
         made = found.with_shapes(body, vectors)
         return body if made is None else found.moving(made)
 
@@ -180,8 +147,8 @@ class FoundBodies:
 
     def _within(self, data: RigidBody, e: Array) -> tuple[Found, Array]:
         """A body's matrices, and a response in its frame. Collective."""
-        found, Q = self._of(data)
-        return found, np.einsum("ab,nbk->nak", Q, e[data.nodes])
+        found, about = self._of(data)
+        return found, np.einsum("ab,nbk->nak", about.Q, e[data.nodes])
 
     def more(self, body: Body, vectors: Array) -> Body | None:
         """A body with further shapes; None if it has all of them. Collective."""
@@ -190,11 +157,11 @@ class FoundBodies:
 
     def shortened(self, body: Body) -> Array:
         """δ of the whole structure as a body bends, in space, (owned nodes, 3) [m]. Collective."""
-        found, Q = self._of(body.data)
+        found, about = self._of(body.data)
         F = np.zeros((self._scene.owned_nodes, 3, 1))
         if body.data.shapes is not None:
-            F[body.data.nodes, :, 0] = found.even(body.data.shapes.bent(body.motion.q)) @ Q
-        return np.asarray(-self.responses.solve(F)[:, :, 0] @ (body.motion.R @ Q).T)
+            F[body.data.nodes, :, 0] = found.even(bent(body)) @ about.Q
+        return np.asarray(-self.responses.solve(F)[:, :, 0] @ (body.motion.R @ about.Q).T)
 
     def keep(self, vector: Array) -> None:
         """Give a shape, (owned nodes, 3, 1), to bodies that will be found."""
@@ -216,8 +183,7 @@ class FoundBodies:
         """Forces on bodies as they turn back to the start, shape (owned nodes, 3) [N]."""
         F = np.zeros((self._scene.owned_nodes, 3))
         for fields, force in forces:
-            _, Q = self._of(fields.data)
-            F[force.nodes] = fields.at_nodes(force) @ Q
+            F[force.nodes] = fields.at_nodes(force) @ self._of(fields.data)[1].Q
         return F
 
     # How far they hold ----------------------------------------------------------------------------
@@ -240,35 +206,22 @@ class FoundBodies:
         Displacements may err by what is allowed [m]. The motion of a body that cells beside it hold
         errs as a whole, that of others as they bend.
         """
-        control, comm = self.control, self._scene.comm
         for body in bodies:
-            data, shapes, q = body.data, body.data.shapes, body.motion.q
-            if shapes is None or not self.grows(data):
+            data = body.data
+            if not (self.grows(data) and self._looks.due(body)):
                 continue
-            energy, known = 0.5 * float(q @ shapes.stiffness @ q), self.known[data.number]
-            self._largest = max(self._largest, energy, data.frozen.strain)
-            least = max(control.least * self._largest, control.doubled * known.energy)
-            if np.abs(q).max() <= ROUNDING * data.length or energy <= least:
+            _, about = self._of(data)
+            found = Excess(about, d := bent(body))
+            errs = self.moved(body) if about.beside.holds else d
+            size = float(np.abs(errs).max(initial=0.0))
+            size = off_by(found.nu) * self._scene.comm.allreduce(size, op=MPI.MAX)
+            if off_by(found.nu) <= LACKING and size <= allowed:
+                self.bends = max(self.bends, size)
                 continue
-            self.known[data.number] = replace(known, energy=energy)
-            found, Q = self._of(data)
-            d = shapes.bent(q)
-            w = found.whole(d, self.responses.of_nodes(data.nodes, Q))
-            missed = found.missed(d, w)
-            beside = self._matrices[data.number][3]
-            nu = abs(float(self._scene.sum(missed.sum()))) + beside.energy(d @ Q) / found.energy(d)
-            errs = self.moved(body) if beside.holds else d
-            size = comm.allreduce(float(np.abs(errs).max(initial=0.0)), op=MPI.MAX)
-            if nu <= control.nonlinear and off_by(nu) * size <= allowed:
-                self.bends = max(self.bends, off_by(nu) * size)
-                continue
-            dense = np.abs(missed) / self._scene.averaging_mass[data.nodes]
-            most = comm.allreduce(float(dense.max(initial=0.0)), op=MPI.MAX)
-            marks = np.zeros(self._scene.owned_nodes)
-            marks[data.nodes] = dense > control.share * most
-            tell(comm, f"{data.name} bends by more than its shapes follow: ν = {nu:.3g}")
+            words = f"bends by more than its shapes follow: ν = {found.nu:.3g}"
+            tell(self._scene.comm, f"{data.name} {words}")
             woken = np.zeros(self._scene.mesh.topology.index_map(3).size_local, dtype=bool)
-            woken[data.cells] = at_cells(self._scene, marks, data.cells) > 0
+            woken[most_bent(self._scene, data, found)] = True
             return woken
         return None
 
@@ -276,21 +229,21 @@ class FoundBodies:
         """Forget bodies that are no more. Collective."""
         numbers = {body.number for body in self._stepper.state.bodies.of.records}
         self.known = {number: own for number, own in self.known.items() if number in numbers}
-        for number in sorted(self._matrices.keys() - numbers):
-            self._drop(number)
-            self._limits.forget(number)
+        for number in sorted(self._expanded.keys() - numbers):
+            self._expanded.pop(number)[2].destroy()
+            self._forget(number)
+
+    def _forget(self, number: int) -> None:
+        """Forget how a body that is no more has bent and spun."""
+        self._looks.forget(number)
+        self._limits.forget(number)
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        for number in [*self._matrices]:
-            self._drop(number)
+        for _, _, about in self._expanded.values():
+            about.destroy()
+        self._expanded.clear()
         if self._linear is not None:
             self._linear.destroy()
             self._linear.responses.destroy()
         self._linear = None
-
-
-def at_cells(scene: Scene, values: Array, cells: Indices) -> Array:
-    """The largest of values at owned nodes in each of some owned cells. Collective."""
-    at = AtNodes(scene).of_owners(values)[scene.space.dofmap.list[cells]]
-    return np.asarray(at.max(axis=1, initial=0.0))

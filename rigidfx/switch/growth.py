@@ -38,7 +38,8 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt, Watch
-from rigidfx.switch.found_bodies import BendControl, FoundBodies, at_cells
+from rigidfx.switch.bends import SHARE, at_cells
+from rigidfx.switch.found_bodies import FoundBodies
 from rigidfx.switch.resonance import Resonance
 from rigidfx.withheld.body_forces import BodyForces
 from rigidfx.withheld.fields import Fields, Force
@@ -68,7 +69,7 @@ class GrowthControl:
     wakes: float = 3.0
     grown: int = 24
     woken: float = 0.5
-    share: float = BendControl.share
+    share: float = SHARE
     periods: float = 10.0
 
 

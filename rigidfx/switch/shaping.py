@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import ClassVar
 
 import numpy as np
@@ -26,6 +26,7 @@ from rigidfx.mechanics.rigid_body import NOTHING, Body, RigidBody
 from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.mesh_order import mesh_order
 from rigidfx.scene.scene import Scene
+from rigidfx.shapes.excess import About
 from rigidfx.shapes.faces import of_faces
 from rigidfx.shapes.motion import pulled
 from rigidfx.shapes.orthonormal import to_one
@@ -33,12 +34,11 @@ from rigidfx.shapes.part import LACKING, MOST, Part, PartShapes
 from rigidfx.shapes.patterns import of_springs, patterns
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz, shapes_of
-from rigidfx.shapes.shortening import About
 from rigidfx.state import State
 from rigidfx.step.equations.division import Hold
 from rigidfx.step.system.held_bodies import guided
+from rigidfx.switch.bends import Spent
 from rigidfx.switch.inventory import about_start
-from rigidfx.switch.spent import Spent, whole_modes
 
 # Square of a spin over that of the lowest frequency, above which spin stiffens: frequencies are
 # off by half of it without.
@@ -76,7 +76,7 @@ class Shaping:
         self.pressed = np.zeros(scene.owned_nodes, dtype=bool)
         self._responses: Responses | None = None
         self._loads: dict[str, Array] = {}  # patterns of forces from the start on, of each part
-        self._parts: dict[str, Part] = {}
+        self._expanded: dict[str, tuple[Part, About]] = {}
         self._full: set[str] = set()  # parts that have been warned of
         self._spent = Spent(scene)
         touches = bool(scene.named(Contact))
@@ -193,11 +193,12 @@ class Shaping:
 
     def _part(self, data: RigidBody) -> Part:
         """Stiffness and mass of a part, once responses are bound. Collective."""
-        if data.name not in self._parts:
+        if data.name not in self._expanded:
             assert self._responses is not None
             cells = self._forces.cells(data.cells)
-            self._parts[data.name] = Part(self._responses, cells, data.nodes, data.name)
-        return self._parts[data.name]
+            part = Part(self._responses, cells, data.nodes, data.name)
+            self._expanded[data.name] = part, About(self._responses, part, np.eye(3))
+        return self._expanded[data.name][0]
 
     # Growing --------------------------------------------------------------------------------------
 
@@ -352,22 +353,20 @@ class Shaping:
 
     def spent(self, state: State) -> dict[str, float]:
         """ν of each part: see `Spent`. Collective."""
-
-        def part_of(body: Body) -> tuple[Responses, Part]:
-            return self._bind(state), self._part(body.data)
-
-        return self._spent.follow(state, part_of)
+        return self._spent.follow(state, partial(self.about, state))
 
     def about(self, state: State, body: Body) -> About:
         """The expansion of a body, about the start. Collective."""
-        return About(self._bind(state), self._part(body.data), np.eye(3))
+        self._bind(state)
+        self._part(body.data)
+        return self._expanded[body.data.name][1]
 
     def destroy(self) -> None:
         """Free factor and matrices. Collective."""
-        for item in (*self._parts.values(), self._responses):
+        for item in (*(about for _, about in self._expanded.values()), self._responses):
             if item is not None:
                 item.destroy()
-        self._parts.clear()
+        self._expanded.clear()
         self._responses = None
 
 
@@ -378,3 +377,8 @@ def _free(data: RigidBody) -> PartShapes:
         return PartShapes(np.zeros((data.nodes.size, 3, 0)), np.zeros((0, 0)), np.zeros(0))
     modes, n = whole_modes(data).swapaxes(1, 2), own.given
     return PartShapes(modes[:, :, n:], own.stiffness[n:, n:], own.force[n:])
+
+
+def whole_modes(data: RigidBody) -> Array:
+    """Shapes at the nodes of a body, with the drift of those that are held, shape (nodes, m, 3)."""
+    return np.zeros((data.nodes.size, 0, 3)) if data.shapes is None else data.shapes.whole

@@ -1,0 +1,200 @@
+"""How far shapes hold, as a run goes on: as bodies bend, and as they spin between joints.
+
+ν is how far a body is from the expansion that its shapes have. It grows with the strain energy
+½ q·Ωq, and is looked at again once that has doubled. It is too large where amplitudes err by more
+than `LACKING`: then cells of bodies that were found wake, and a run warns of parts named `Reduced`.
+
+A part that spins on a hinge is stretched by the hinge's force, and so is stiffer. Shapes do not
+know that. A beam that a motor spins up then lags by 4.7 (W/ω)² too much, with W its spin and ω its
+lowest frequency while nothing holds it (`test_reduced_joints.py`). So W² is ω²/300 at most: parts
+that are named are refused above, and found ones wake. The shapes of a part that was frozen while it
+span know the stresses of that spin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ClassVar
+
+import numpy as np
+from scipy.linalg import eigvalsh
+
+from rigidfx.base.errors import SceneError
+from rigidfx.base.remembered import PART, Remembered, same
+from rigidfx.base.types import Array, Indices
+from rigidfx.base.warning import warn
+from rigidfx.coupling.dof_layout import AtNodes
+from rigidfx.effects import Joint
+from rigidfx.mechanics.rigid_body import Body, RigidBody
+from rigidfx.scene.scene import Scene
+from rigidfx.shapes.excess import About, Excess
+from rigidfx.shapes.part import LACKING
+from rigidfx.state import State
+
+DOUBLED = 2.0  # factor of ½ q·Ωq after which ν is looked at again
+SHARE = 0.3  # part of the largest miss of any node, by mass, above which cells wake
+LEAST = 1e-6  # part of the largest ½ q·Ωq so far below which it is not
+# Part of a body's length below which ν of its motion is that of rounding.
+ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))
+
+
+def off_by(ratio: float) -> float:
+    """Bound of the relative error of amplitudes, by the share of energy that shapes lack: ν.
+
+    With ν forces err by 2 ν where the energy has a fourth order. With spin, see above, the share is
+    the square of it over that of the lowest frequency.
+    """
+    return 3 * ratio
+
+
+class SpinLimits:
+    """Says which parts between joints spin too fast for their shapes."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Nothing is computed."""
+        self._scene, self._joints = scene, scene.named(Joint)
+        self._lowest: dict[tuple[int, int], float] = {}
+        self._slow = float(np.sqrt(LACKING / off_by(1.0)))  # spin over the lowest frequency
+
+    def limit(self, body: Body, known: Array) -> float | None:
+        """Spin that a body has passed; None if it has not [rad/s]. Collective.
+
+        Stresses by spins W are linear in WWᵀ, and shapes know those of a spin that stays, in its
+        frame.
+        """
+        own, W = body.data.shapes, body.motion.angular_velocity_body
+        if not self._joints or own is None or own.drift is not None:
+            return None
+        key = body.data.number, len(own)
+        if key not in self._lowest:
+            self._lowest[key] = self._found(body)
+        changed, limit = np.outer(W, W) - np.outer(known, known), self._slow * self._lowest[key]
+        return limit if np.linalg.norm(changed, 2) > limit**2 else None
+
+    def forget(self, number: int) -> None:
+        """Forget a body that is no more."""
+        self._lowest = {key: own for key, own in self._lowest.items() if key[0] != number}
+
+    def check(self, state: State) -> None:
+        """Refuse parts named `Reduced` whose joints would stiffen them. Collective.
+
+        Raises:
+            SceneError: On every rank, with the limit.
+        """
+        for body in state.bodies if self._joints else ():
+            limit = self.limit(body, np.zeros(3)) if body.data.named else None
+            if limit is not None:
+                spin = float(np.linalg.norm(body.motion.angular_velocity))
+                raise SceneError(
+                    f"Reduced '{body.data.name}': at t = {state.t:.4g} s it spins at {spin:.4g} "
+                    f"rad/s between joints, whose forces stiffen it. Its shapes hold up to "
+                    f"{limit:.4g} rad/s, {self._slow:.1%} of its lowest frequency of "
+                    f"{limit / self._slow / (2 * np.pi):.4g} Hz. Take the Reduced away: keep its "
+                    "cells flexible, or name it Rigid."
+                )
+
+    def _found(self, body: Body) -> float:
+        """Lowest frequency of a part that no joint holds; ∞ of others. Collective [rad/s]."""
+        shapes, own = body.data.shapes, body.data.nodes
+        assert shapes is not None
+        faces = [a.nodes for joint in self._joints for a in joint.averages]
+        if not self._scene.sum(sum(np.isin(nodes, own).sum() for nodes in faces)):
+            return np.inf
+        return float(np.sqrt(max(eigvalsh(shapes.stiffness, shapes.mass)[0], 0.0)))
+
+
+class Looks:
+    """Says when ν of a body is to be looked at."""
+
+    remembered: ClassVar[Remembered] = same("_energies", "_largest")
+
+    def __init__(self) -> None:
+        """Nothing has been looked at."""
+        self._energies: dict[int, float] = {}  # ½ q·Ωq of each body when it was, by number [J]
+        self._largest = 0.0  # strain energy of any body so far [J]
+
+    def due(self, body: Body) -> bool:
+        """Whether ν of a body is to be looked at now; then it counts as looked at."""
+        data, shapes, q = body.data, body.data.shapes, body.motion.q
+        if shapes is None:
+            return False
+        energy = 0.5 * float(q @ shapes.stiffness @ q)
+        self._largest = max(self._largest, energy, data.frozen.strain)
+        least = max(LEAST * self._largest, DOUBLED * self._energies.get(data.number, 0.0))
+        if np.abs(q).max() <= ROUNDING * data.length or energy <= least:
+            return False
+        self._energies[data.number] = energy
+        return True
+
+    def forget(self, number: int) -> None:
+        """Forget a body that is no more."""
+        self._energies.pop(number, None)
+
+
+class Spent:
+    """ν of the parts of a run that are named `Reduced`.
+
+    Attributes:
+        nu: ν of each part when it was looked at, by its name.
+    """
+
+    remembered: ClassVar[Remembered] = same("nu", "_large") | {"_looks": PART}
+
+    def __init__(self, scene: Scene) -> None:
+        """Nothing has been looked at."""
+        self._scene, self._limits, self._looks = scene, SpinLimits(scene), Looks()
+        self.nu: dict[str, float] = {}
+        self._large: frozenset[str] = frozenset()  # parts of whose ν has been warned
+
+    def follow(self, state: State, about: Callable[[Body], About]) -> dict[str, float]:
+        """ν of each part; `about` expands one. Collective.
+
+        Raises:
+            SceneError: On every rank, if a part spins too fast between joints.
+        """
+        if state.bodies.of.shapes is None:
+            return {}
+        self._limits.check(state)
+        for body in state.bodies:
+            if body.data.named and self._looks.due(body):
+                self._look(state.t, body, Excess(about(body), bent(body)))
+        return dict(self.nu)
+
+    def _look(self, t: float, body: Body, found: Excess) -> None:
+        """Keep ν of a part; warn once where it is not small. Collective."""
+        name = body.data.name
+        self.nu[name] = found.nu
+        if off_by(found.nu) <= LACKING or name in self._large:
+            return
+        self._large |= {name}
+        count, lower, upper = found.spent()
+        least = ROUNDING * np.abs(upper - lower).max()
+        ends = [np.where(np.abs(end) < least, 0.0, end) for end in (lower, upper)]
+        box = " to ".join("(" + ", ".join(f"{x:.4g}" for x in end) + ")" for end in ends)
+        warn(
+            self._scene.comm,
+            f"Reduced '{name}': at t = {t:.4g} s it deforms too far for its shapes. The "
+            f"energy of its cells differs by ν = {found.nu:.2%} of the strain energy: amplitudes "
+            f"err by some {off_by(found.nu):.1%}, frequencies by a quarter of that. Most of it is "
+            f"in {count} cells, those within {box} m. Keep these flexible: take them out of the "
+            "set of the Reduced.",
+        )
+
+
+def bent(body: Body) -> Array:
+    """Φ q at the nodes of a body, with the drift of one that is held, shape (nodes, 3) [m]."""
+    assert body.data.shapes is not None
+    return np.asarray(np.einsum("nka,k->na", body.data.shapes.whole, body.motion.q))
+
+
+def most_bent(scene: Scene, data: RigidBody, found: Excess) -> Indices:
+    """Owned cells of a body that have most of its ν. Collective."""
+    marks: Array = np.zeros(scene.owned_nodes)
+    marks[data.nodes] = found.most(SHARE)
+    return np.asarray(data.cells[at_cells(scene, marks, data.cells) > 0])
+
+
+def at_cells(scene: Scene, values: Array, cells: Indices) -> Array:
+    """The largest of values at owned nodes in each of some owned cells. Collective."""
+    at = AtNodes(scene).of_owners(values)[scene.space.dofmap.list[cells]]
+    return np.asarray(at.max(axis=1, initial=0.0))
