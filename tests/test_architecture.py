@@ -214,7 +214,7 @@ CEILINGS = {
     "step/linear": 20,
     "step/newton": 41,
     "step/system": 1,
-    "step/watches": 24,
+    "step/watches": 23,
     "switch": 17,
     "vibration": 11,
 }

@@ -16,7 +16,7 @@ from histories import between
 import rigidfx as rf
 from rigidfx.base.errors import StepError
 from rigidfx.flexible.nodal_stress import NodalStress
-from rigidfx.step.watches.judge import Judge
+from rigidfx.step.stepper import Stepper
 from rigidfx.switch.growth import OUTGROWN
 
 DT, WINDOW = 0.02, 20  # s, steps
@@ -216,7 +216,7 @@ def test_momenta_and_energy_are_kept_at_each_release(mass):
 @chatter
 def test_a_wake_in_steps_that_are_cut(monkeypatch):
     """Each step of the blow is objected to until it is half as long."""
-    judged = Judge.objection
+    judged = Stepper.objection
 
     def objection(self, attempt):
         if 1.0 - 1e-9 <= attempt.t < 1.1 and attempt.dt > 0.6 * DT:
@@ -226,7 +226,7 @@ def test_a_wake_in_steps_that_are_cut(monkeypatch):
     scene = on_a_block(STRIKES["traction"])
     tips, rates, *_ = run(scene, 1.4)
     tol = 0.05 * rates.max()
-    monkeypatch.setattr(Judge, "objection", objection)
+    monkeypatch.setattr(Stepper, "objection", objection)
     found, _, rigid, events = run(scene, 1.4, local(tol))
     assert len(found) >= len(tips) + 5
     assert any(1.0 - 1e-9 <= e.t <= 1.1 for e in events if e.woken.size)

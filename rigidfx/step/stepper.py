@@ -26,7 +26,7 @@ from rigidfx.step.system.rigid_motion import following_energy
 from rigidfx.step.system.system import StepResult, System, Work
 from rigidfx.step.watches.alternation import Alternation, Unresolved
 from rigidfx.step.watches.cells import Compression, RotationPerStep
-from rigidfx.step.watches.judge import Attempt, Cuts, Judge, Watch
+from rigidfx.step.watches.judge import Attempt, Cuts, Watch, inverted, not_converged
 from rigidfx.step.watches.jumps import JumpingObstacles, Jumps
 
 
@@ -60,8 +60,6 @@ class Stepper:
         self.scene, self.state, self.forces, self.indicator = scene, state, forces, indicator
         self._inversion = Inversion(scene, forces)
         self.control = control
-        inexact = None if control is None else control.objection
-        self._judge = Judge(scene, self._inversion, inexact)
         self.jumps = Jumps(scene)
         obstacles = JumpingObstacles(scene, self.touches)
         self.alternation = Alternation(scene, forces)
@@ -161,12 +159,21 @@ class Stepper:
         ) -> tuple[Attempt, StepError | None]:
             solution = system.solve(self.state, dt)
             attempt = Attempt(t, dt, solution, end, system.increments, cuts, again or last)
-            objection = self._judge.objection(attempt)
+            objection = self.objection(attempt)
             if objection is not None:
                 system.explain(solution)
             return attempt, objection
 
         return self.cuts.taken(t, target, solved)
+
+    def objection(self, attempt: Attempt) -> StepError | None:
+        """The error that ends the run if no shorter step helps; None to accept. Collective."""
+        step = f"The step from t = {attempt.t:.9g} s", f", even with Δt = {attempt.dt:.3g} s"
+        return (
+            not_converged(self.scene, attempt)
+            or inverted(self.scene, self._inversion, *step, attempt.t + attempt.dt)
+            or (None if self.control is None else self.control.objection(attempt))
+        )
 
     def accept(self, attempt: Attempt) -> StepResult:
         """Let the state, and all else that remembers, take an attempt over. Collective."""

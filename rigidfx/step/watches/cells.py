@@ -12,9 +12,10 @@ of `demos/benchmarks/known_answers.py`). Energy is conserved all the same.
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import basix
+import dolfinx.mesh as dmesh
 import numpy as np
 from mpi4py import MPI
 
@@ -22,7 +23,7 @@ from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.types import Array
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.scene.scene import Scene
-from rigidfx.step.watches.judge import Attempt, WarnsOnce, name_of_cell
+from rigidfx.step.watches.judge import Attempt, WarnsOnce
 
 EVERY = 8  # steps: cells that are wrong are so for long, and a look costs what inversion's does
 TOO_FAR = 1.0  # |θ|, where a free rotation is 7 % too slow
@@ -33,6 +34,8 @@ LEAST = 0.75  # stretch that is warned of
 
 class CellWatch(WarnsOnce):
     """Looks at flexible cells in every eighth accepted step; warns once."""
+
+    remembered: ClassVar[Remembered] = WarnsOnce.remembered | same("_steps")
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
         """Begin before the first step; u₀ and u₁ of the forces hold its ends. Collective."""
@@ -60,11 +63,19 @@ class CellWatch(WarnsOnce):
         most = self._comm.allreduce(own, op=MPI.MAX)
         return most, int(self._cells[k]) if k >= 0 and own == most else None
 
+    def _name(self, cell: int | None) -> str:
+        """Name of an owned cell of some ranks, in a message; the first of several. Collective."""
+        mine: Any = None
+        if cell is not None:
+            number = int(self._mesh.topology.original_cell_index[cell])
+            middle = dmesh.compute_midpoints(self._mesh, 3, np.array([cell], np.int32))[0]
+            mine = number, middle.tolist()
+        number, X = min(found for found in self._comm.allgather(mine) if found is not None)
+        return f"cell {number} of the mesh around X = ({X[0]:.6g}, {X[1]:.6g}, {X[2]:.6g}) m"
+
 
 class RotationPerStep(CellWatch):
     """Looks at rigid bodies in each accepted step, at flexible cells in some; warns once."""
-
-    remembered: ClassVar[Remembered] = WarnsOnce.remembered | same("_steps")
 
     def bind(self, flexible: Cells) -> None:
         """Measure these cells from now on."""
@@ -85,7 +96,7 @@ class RotationPerStep(CellWatch):
         if angle > most:
             name = f"body '{increments.start.of.records[int(np.argmax(of_bodies))].name}'"
         else:
-            name = name_of_cell(self._comm, self._mesh, cell)
+            name = self._name(cell)
         self.say(
             f"In the step from t = {attempt.t:.6g} s {name} turns at {angle / dt:.3g} rad/s: by "
             f"{angle:.3g} rad per step with Δt = {dt:.3g} s. A step turns by 2 atan(ωΔt/2) "
@@ -104,8 +115,6 @@ class RotationPerStep(CellWatch):
 class Compression(CellWatch):
     """Looks at the least stretch in the middle of flexible hexahedra, in every eighth step."""
 
-    remembered: ClassVar[Remembered] = WarnsOnce.remembered | same("_steps")
-
     def bind(self, flexible: Cells) -> None:
         """Measure these cells from now on."""
         super().bind(flexible)
@@ -123,11 +132,11 @@ class Compression(CellWatch):
         least = float(np.sqrt(max(-square, 0.0)))
         if least >= LEAST:
             return
-        name = name_of_cell(self._comm, self._mesh, cell)
         self.say(
-            f"In the step from t = {attempt.t:.6g} s {name} is compressed to {least:.2g} of its "
-            "length. Cells with element='enhanced' may form hourglasses there, below some 0.7, and "
-            "standard ones of StVenantKirchhoff are not stable either below 0.65. Take "
+            f"In the step from t = {attempt.t:.6g} s {self._name(cell)} is compressed to "
+            f"{least:.2g} of its length. Cells with element='enhanced' may form hourglasses there, "
+            "below some 0.7, and standard ones of StVenantKirchhoff are not stable either below "
+            "0.65. Take "
             "element='standard' and NeoHooke for strong compression.",
         )
 

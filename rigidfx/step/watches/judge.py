@@ -1,13 +1,6 @@
-"""The one judge of a step: whether an attempt may become the state.
+"""Attempts at a step: why one is cut, how, and observers of those that are accepted.
 
-An attempt is looked at in a fixed order, and the first objection ends it: a new attempt begins with
-a shorter step. Memories change when one is accepted; a solver keeps the factors that it has made
-for one that is not.
-
-Observers of attempts that become steps.
-
-All of it is in one list of the stepper, and takes notice in one call: an attempt that is not
-accepted leaves no trace anywhere.
+An attempt that is not accepted leaves no trace, but for the factors that a solver has made.
 """
 
 from __future__ import annotations
@@ -15,9 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
-from typing import Any, ClassVar, TypeVar
+from typing import ClassVar, TypeVar
 
-import dolfinx.mesh as dmesh
 import numpy as np
 from mpi4py import MPI
 
@@ -100,47 +92,24 @@ class Attempt:
     final: bool = False
 
 
-Look = Callable[[Attempt], StepError | None]  # collective
-
-
-class Judge:
-    """Accepts attempts, or objects."""
-
-    def __init__(self, scene: Scene, inversion: Inversion, inexact: Look | None = None) -> None:
-        """Keep looks for cells turned inside out, and for an error in time, if anything does."""
-        self._scene, self._inversion = scene, inversion
-        more = () if inexact is None else (inexact,)
-        self._looks: tuple[Look, ...] = (self._not_converged, self._inverted, *more)
-
-    def objection(self, attempt: Attempt) -> StepError | None:
-        """The error that ends the run if no shorter step helps; None to accept. Collective."""
-        for look in self._looks:
-            error = look(attempt)
-            if error is not None:
-                return error
+def not_converged(scene: Scene, attempt: Attempt) -> StepError | None:
+    """The error of an attempt that Newton's method has not solved. Collective."""
+    solution = attempt.solution
+    if solution.converged:
         return None
-
-    def _not_converged(self, attempt: Attempt) -> StepError | None:
-        solution = attempt.solution
-        if solution.converged:
-            return None
-        place, near = "", ""  # where nothing but bodies moves, no node has a residual
-        if solution.place is not None:
-            x, y, z = solution.place
-            place = f" The largest residual is at the node X = ({x:.6g}, {y:.6g}, {z:.6g}) m."
-            near = " near that place"
-        return StepError(
-            f"The step from t = {attempt.t:.9g} s did not converge, not even with "
-            f"Δt = {attempt.dt:.3g} s ({solution.reason}: {course(solution)}; residuals "
-            f"{', '.join(f'{r:.2e}' for r in solution.residuals[:6]) or 'not finite'} N).{place}",
-            overload(self._scene, attempt.t + attempt.dt)
-            or f"Try a smaller Δt, look at loads, motors, supports, contacts and stops{near}, or "
-            "add NumericalDamping.",
-        )
-
-    def _inverted(self, attempt: Attempt) -> StepError | None:
-        step = f"The step from t = {attempt.t:.9g} s", f", even with Δt = {attempt.dt:.3g} s"
-        return inverted(self._scene, self._inversion, *step, attempt.t + attempt.dt)
+    place, near = "", ""  # where nothing but bodies moves, no node has a residual
+    if solution.place is not None:
+        x, y, z = solution.place
+        place = f" The largest residual is at the node X = ({x:.6g}, {y:.6g}, {z:.6g}) m."
+        near = " near that place"
+    return StepError(
+        f"The step from t = {attempt.t:.9g} s did not converge, not even with "
+        f"Δt = {attempt.dt:.3g} s ({solution.reason}: {course(solution)}; residuals "
+        f"{', '.join(f'{r:.2e}' for r in solution.residuals[:6]) or 'not finite'} N).{place}",
+        overload(scene, attempt.t + attempt.dt)
+        or f"Try a smaller Δt, look at loads, motors, supports, contacts and stops{near}, or "
+        "add NumericalDamping.",
+    )
 
 
 def inverted(
@@ -240,14 +209,3 @@ class WarnsOnce(Watch):
         """Warn on rank 0, and look no more."""
         self.waits = False
         warn(self._comm, message)
-
-
-def name_of_cell(comm: MPI.Intracomm, mesh: Any, cell: int | None) -> str:
-    """Name of an owned cell of some ranks, in a message; the first of several. Collective."""
-    mine: Any = None
-    if cell is not None:
-        number = int(mesh.topology.original_cell_index[cell])
-        middle = dmesh.compute_midpoints(mesh, 3, np.array([cell], np.int32))[0]
-        mine = number, middle.tolist()
-    number, X = min(found for found in comm.allgather(mine) if found is not None)
-    return f"cell {number} of the mesh around X = ({X[0]:.6g}, {X[1]:.6g}, {X[2]:.6g}) m"
