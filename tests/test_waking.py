@@ -114,6 +114,14 @@ def test_what_is_at_rest_is_rigid_until_it_is_struck(tol):
     assert rigid[10:20].all()
 
 
+def test_what_falls_is_rigid_by_a_relative_tolerance():
+    """It strains by what the end of Newton's method leaves."""
+    rule = rf.StrainRate(rf.Relative(0.01), 3 * DT)
+    *_, rigid, events = run(bar(rf.Gravity((0, 0, -9.81))), 20 * DT, rule)
+    assert [event.kind for event in events] == ["freeze"]
+    assert rigid[-1].all()
+
+
 def test_a_stiff_head_that_rang_for_a_moment_stays_rigid():
     """Of the energy of the arm's swing it has a thousandth, however fast it rang."""
     box = rf.box((0, 0, 0), (10, 1, 1), (10, 1, 1))

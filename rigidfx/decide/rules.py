@@ -108,7 +108,7 @@ class Relative:
     """A tolerance relative to the largest strain rate of any cell so far.
 
     It suits any structure, while strain rates in 1/s are rarely known in advance. Until a rate has
-    exceeded the noise of Newton's method, only cells without any strain qualify.
+    exceeded what Newton's method may leave, all cells are at rest, and quiet.
 
     Attributes:
         part: Between 0 and 1.
@@ -153,7 +153,10 @@ class RateRule(Rule):
     def tol(self) -> Array:
         """Tolerance of each owned cell now [1/s]."""
         tol = self._tol
-        of_all = tol.part * self._memory.largest if isinstance(tol, Relative) else float(tol)
+        if isinstance(tol, Relative):  # until a rate exceeds the noise all is at rest
+            of_all = tol.part * self._memory.largest or self._noise
+        else:
+            of_all = float(tol)
         return np.where(np.isfinite(self._special), self._special, of_all)
 
     def limits(self) -> Limits:
