@@ -19,7 +19,7 @@ APART = {
     *("_last", "Whereabouts._first", "held", "_seen"),  # reports, the preload, bodies by identity
     *("Growth._strains", "Growth._reached"),  # of a last look
     *(
-        "FoundBodies._matrices",
+        "FoundBodies._expanded",
         "FoundBodies._linear",
         "Shortening._follows",
     ),  # made when they are asked for
