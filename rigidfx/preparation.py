@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 from rigidfx.base.errors import together
 from rigidfx.base.uncaught import on_all_ranks
-from rigidfx.decide.policy import policy_of
+from rigidfx.decide.policy import Policy
 from rigidfx.decide.settings import Criterion
 from rigidfx.effects import Contact, Rigid
 from rigidfx.flexible.internal_forces import InternalForces
@@ -76,7 +76,7 @@ def prepare(
             bring_back(state, switch)
         policy = recovery = growth = None
         if rigidify is not None:
-            policy = policy_of(scene, rigidify, timeline)
+            policy = Policy(scene, rigidify, timeline)
             if rigidify.grows:
                 pieces = policy.named.in_pieces
                 borne = BodyForces(stepper, pieces)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import names, positive, shown, whole
+from rigidfx.base.inputs import names, positive, shown, truth, whole
 from rigidfx.base.log import tell
 from rigidfx.base.taken import take_fields
 from rigidfx.base.types import Array
@@ -168,8 +168,7 @@ class Accuracy:
         for name in ("of", "smallest"):
             if getattr(self, name) is not None:
                 positive(owner, name, getattr(self, name))
-        if not isinstance(self.check, (bool, np.bool_)):
-            raise SceneError(f"Accuracy: check must be True or False, got {shown(self.check)}.")
+        truth(owner, "check", self.check)
         object.__setattr__(self, "never", names(owner, "never", self.never, "cell sets"))
         if self.min_cells is not None:
             whole(owner, "min_cells", self.min_cells, least=1)

@@ -231,15 +231,6 @@ class Planner:
                 nodes[body.nodes] = True
         return self._graph.touching(self._graph.nodes_with_ghosts(nodes))
 
-    def unchanged(self, reason: str, seen: Observation, next_number: int) -> Decision:
-        """A freeze that adds nothing: all bodies stay as they are."""
-        stay = tuple(
-            PlannedBody(b.cells, b.nodes, b.name, b.number, kept=True)
-            for b in seen.bodies
-            if b.name not in self._named.apart
-        )
-        return Decision("freeze", reason, stay, self._named.apart, next_number)
-
     def release(self, seen: Observation, reason: str, cells: Bools, next_number: int) -> Decision:
         """Release owned cells from their bodies; the other cells stay rigid. Collective."""
         numbers = self.numbers(seen)
@@ -285,16 +276,6 @@ class Planner:
         return Decision(kind, reason, bodies, named.apart, following)
 
 
-def too_dear(parts: Sequence[Indices], quiet: Array, flexible: Bools, comm: MPI.Intracomm) -> Bools:
-    """Owned cells of parts whose steps while quiet cost less than switches. Collective."""
-    out = np.zeros(quiet.size, dtype=bool)
-    sums = np.array([flexible.sum(), *(quiet[own].sum() for own in parts)])
-    comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
-    for own, wasted in zip(parts, sums[1:], strict=True):
-        out[own] = wasted < SWITCHES * sums[0]
-    return out
-
-
 def paying(
     plan: Plan,
     memory: Memory,
@@ -303,14 +284,20 @@ def paying(
     barred: Bools,
     comm: MPI.Intracomm,
 ) -> Decision:
-    """The freeze of the parts that pay, of those that are able and not barred. Collective."""
+    """The freeze of the parts that pay, of those that are able and not barred. Collective.
+
+    The steps of a part while it was quiet have to have cost as much as switches.
+    """
     window, observed = memory.window, memory.back_off.observed
     quiet = np.asarray(window.steps * (1 + observed / (seen.t - window.start)))
     while True:
-        found = plan(able, barred)
+        found, dear = plan(able, barred), np.zeros(able.size, dtype=bool)
         new = (body.cells for body in found.bodies if not body.kept)
         parts = [cells[seen.flexible[cells]] for cells in new]
-        dear = too_dear(parts, quiet, seen.flexible, comm)
+        sums = np.array([seen.flexible.sum(), *(quiet[own].sum() for own in parts)])
+        comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+        for own, wasted in zip(parts, sums[1:], strict=True):
+            dear[own] = wasted < SWITCHES * sums[0]
         if not comm.allreduce(bool(dear.any()), op=MPI.LOR):
             return found
         able, barred = able & ~dear, barred | dear

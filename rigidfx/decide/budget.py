@@ -20,7 +20,6 @@ allowed value is used.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf, isnan, nan, pi, sqrt
 from typing import ClassVar
 
@@ -36,24 +35,12 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
 PER_OCTAVE, OCTAVES = 4, 400  # levels between which contributions are told apart
-
-
-@dataclass(frozen=True)
-class Spending:
-    """The settings of the budget.
-
-    Attributes:
-        rigidity: Part of the budget that time integration has left, that rigid parts may spend.
-        freezing: Part of the allowed value that freezes use. A part that vibrated on took two to
-            seven times what (1) says; at 0.5 an arm of 20 073 unknowns was released repeatedly.
-        amplified: Amplification of m by loads that change.
-        at_rest: Steps in which loads have not changed where motions are free.
-    """
-
-    rigidity: float = 0.5
-    freezing: float = 0.2
-    amplified: float = 2.0
-    at_rest: int = 2
+OF_REST = 0.5  # part of the budget that time integration has left, that rigid parts may spend
+# Part of the allowed value that freezes use. A part that vibrated on took two to seven times what
+# (1) says; at 0.5 an arm of 20 073 unknowns was released repeatedly.
+FREEZING = 0.2
+AMPLIFIED = 2.0  # amplification of m by loads that change
+AT_REST = 2  # steps in which loads have not changed where motions are free
 
 
 class BudgetRule:
@@ -84,7 +71,6 @@ class BudgetRule:
         """
         self._begins = True  # all cells are quiet at first
         self._scene, self._timeline, self._memory, self._whole = scene, timeline, memory, budget
-        self._spending = Spending()
         self._stiffness = stiffness(scene)
         cells = self._stiffness.size
         self._strains: Array = np.zeros(cells)  # largest so far
@@ -95,7 +81,7 @@ class BudgetRule:
         self._weights: Array = np.zeros(cells)
         self._period, self._energy = nan, 0.0  # 2π τ [s]; Σ w S² [J]
         self._free, self._t = False, 0.0
-        self._budget = self._spending.rigidity * budget  # what rigidity may spend
+        self._budget = OF_REST * budget  # what rigidity may spend
         self._size, self._largest = 0.0, 0.0  # what bodies lack, and U [m]
         self._from_rest = False  # whether a motion begins
         self._frozen = False  # whether there are bodies that were found
@@ -108,9 +94,9 @@ class BudgetRule:
         """Part of the deflection that a freeze may take: m."""
         if not self._largest > 0:
             return 0.0
-        room = max(self._spending.freezing * self._budget - self._size / self._largest, 0.0)
+        room = max(FREEZING * self._budget - self._size / self._largest, 0.0)
         if not self._free or isnan(self._period):
-            return room / self._spending.amplified
+            return room / AMPLIFIED
         return room / (1 + pi * max(self._timeline.t_end - self._t, 0.0) / self._period)
 
     @property
@@ -148,14 +134,14 @@ class BudgetRule:
         if self._sums[1] > 0:
             self._period = 2 * pi * sqrt(self._sums[0] / self._sums[1])
         rested = seen.t - self._memory.loads.resting_since
-        self._free = rested > self._spending.at_rest * seen.dt
+        self._free = rested > AT_REST * seen.dt
         self._size = seen.error
         self._largest, self._t = control.length.displacement, seen.t
         self._from_rest = control.length.begins(seen.t)
         self._frozen = any(not body.named and not body.is_face for body in seen.bodies)
         if not self._frozen:  # time integration spends what there is, until something is
             left = max(self._whole - control.length.used, 0.0)
-            self._budget = self._spending.rigidity * left
+            self._budget = OF_REST * left
 
     def window_ends(self, seen: Observation, flexible: Bools) -> None:
         """Find the tolerances that use the allowed value. Collective."""

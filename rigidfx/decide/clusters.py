@@ -61,6 +61,7 @@ class CellGraph:
         comm: Communicator of the mesh.
         owned: Number of owned cells; they come first.
         numbers: Number in the mesh file of each local cell, ghosts included.
+        nodes: Local nodes of each owned cell, shape (owned, nodes of a cell).
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -73,7 +74,7 @@ class CellGraph:
         self.comm = scene.comm
         self.owned = topology.index_map(3).size_local
         self.numbers = np.asarray(topology.original_cell_index, dtype=np.int64)
-        self._nodes, self._at_nodes = scene.space.dofmap.list, AtNodes(scene)
+        self.nodes, self._at_nodes = scene.space.dofmap.list[: self.owned], AtNodes(scene)
         self._owned_nodes = scene.owned_nodes
         topology.create_entities(2)
         topology.create_connectivity(2, 3)
@@ -102,11 +103,7 @@ class CellGraph:
 
     def largest_at_nodes(self, values: Array) -> Array:
         """The largest value of owned cells round each local node. Collective."""
-        return self._at_nodes.largest(self._nodes[: self.owned], values)
-
-    def largest_round_cells(self, values: Array) -> Array:
-        """The same at the nodes of each owned cell, shape (owned, nodes of a cell). Collective."""
-        return self.largest_at_nodes(values)[self._nodes[: self.owned]]
+        return self._at_nodes.largest(self.nodes, values)
 
     def nodes_with_ghosts(self, marks: Bools) -> Bools:
         """Marks of owned nodes as marks of all local nodes. Collective."""
@@ -114,7 +111,7 @@ class CellGraph:
 
     def touching(self, nodes: Bools) -> Bools:
         """Owned cells that have a marked node."""
-        return np.asarray(nodes[self._nodes[: self.owned]].any(axis=1))
+        return np.asarray(nodes[self.nodes].any(axis=1))
 
     def components(self, members: Bools, groups: Ints) -> Ints:
         """Connected components of member cells through facets, and through groups. Collective.
@@ -162,7 +159,7 @@ class CellGraph:
 
     def enclosed(self, labels: Ints, body_of_node: Ints) -> Ints:
         """For each owned cell outside bodies the one that has all its nodes, NONE without one."""
-        around = body_of_node[self._nodes[: self.owned]]
+        around = body_of_node[self.nodes]
         same = (around[:, 0] >= 0) & (around == around[:, :1]).all(axis=1)
         return np.where(same & (labels < 0), around[:, 0], NONE)
 
@@ -234,7 +231,7 @@ def _loose(graph: CellGraph, labels: Ints, precedence: Ints, old: Bools) -> Bool
     member = labels != NONE
     mine[member] = by_label[np.searchsorted(precedence[by_label], labels[member])]
     claims = np.where(member, mine + count * old, float(NONE))
-    first = np.where(member[:, None], graph.largest_round_cells(claims) % count, NONE)
+    first = np.where(member[:, None], graph.largest_at_nodes(claims)[graph.nodes] % count, NONE)
     losing = first != mine[:, None]
     parts = graph.comm.allgather(np.unique(mine[losing.any(axis=1)]))
     giving = losing & ~np.isin(first, np.concatenate(parts))

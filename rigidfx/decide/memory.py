@@ -77,7 +77,6 @@ class LoadChanges:
         self._breaks = sorted({t for own in (loads if every else supports) for t in own})
         self._reason = "a load or a support changes" if every else "a support begins or ends"
         self._loads = [load for load in windowed if type(load).signal is not Effect.signal]
-        self._idle: list[Array] | None = None  # what signals are while no load acts
         self.reference = self._signals(0.0)
         self.largest = [float(np.linalg.norm(q)) for q in self.reference]
         self.resting_since, self._resting = 0.0, self.reference
@@ -113,15 +112,10 @@ class LoadChanges:
         return np.concatenate([np.empty(0), *values])
 
     def _signals(self, t: float) -> list[Array]:
-        if any(load.acts(t) for load in self._loads):
-            return self._asked(t)
-        if self._idle is None:
-            self._idle = self._asked(t)
-        return self._idle
-
-    def _asked(self, t: float) -> list[Array]:
-        """Signals of the loads as they themselves give them. Collective."""
+        """Signals of the loads at t [s]. Collective."""
         dt = self._timeline.dt
+        if not self._loads:
+            return []
 
         def signals() -> list[Array]:
             return [

@@ -2,10 +2,10 @@
 
     steps of a window → qualify → find_clusters → plan_bodies → Decision
 
-Bodies without shapes are released by any change of a load or of a support, or by the user alone
-(`Policy`). Bodies that grow lose the cells that their shapes do not follow (`GrowingPolicy`). Then
-a new window begins. Changes of Δt, of numerical damping or of the output release nothing. A policy
-changes nothing but its own memory.
+Bodies without shapes are released by any change of a load or of a support, or by the user alone.
+Bodies that grow lose the cells that their shapes do not follow. Then a new window begins. Changes
+of Δt, of numerical damping or of the output release nothing. A policy changes nothing but its own
+memory.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ ASKED = "checked: a condition"
 
 
 class Policy:
-    """Decides, step by step, on rigid cells, in bodies without shapes, and flexible ones.
+    """Decides, step by step, on rigid cells and flexible ones.
 
     Attributes:
         named: Parts that are rigid always.
@@ -122,8 +122,17 @@ class Policy:
         return replace(decision, loads_changed=self._criterion.follows_loads)
 
     def _struck(self, contacts: list[str]) -> Bools:
-        """Owned cells that contacts of these titles release: all."""
-        return self._every
+        """Owned cells that contacts of these titles release.
+
+        Those are all, or where bodies grow those of connected parts that contacts meet, and of
+        those that joints link with them.
+        """
+        if not self._criterion.grows:
+            return self._every
+        parts = np.any([self._met[title] for title in contacts], axis=0)
+        groups = linked(self._scene)
+        found = np.isin(groups, groups[parts])
+        return np.asarray(found[self._scene.parts.of_cell[: self._graph.owned]])
 
     def repeated(self, seen: Observation, cells: Bools | None) -> Decision | None:
         """The release that conditions ask for before a step is solved again. Collective."""
@@ -172,15 +181,17 @@ class Policy:
             number = memory.next_number
             return self._planner.plan("freeze", reason, seen, able, existing, barred, number)
 
-        if not self._any(able & (existing == NONE) & ~barred):
-            decision = self._planner.unchanged(reason, seen, memory.next_number)
-        else:
-            decision = self._worth(plan, seen, able, barred)
+        decision = self._worth(plan, seen, able, barred)
         return replace(decision, qualified=qualified, closeness=closeness, loads_at=t)
 
     def _worth(self, plan: Plan, seen: Observation, able: Bools, barred: Bools) -> Decision:
-        """The freeze of cells that are able and not barred. Collective."""
-        return plan(able, barred)
+        """The freeze of cells that are able and not barred. Collective.
+
+        Where bodies grow, parts have to have cost as much as their switches.
+        """
+        if not (self._criterion.grows and self._criterion.patience > 1):
+            return plan(able, barred)
+        return paying(plan, self.memory, seen, able, barred, self._graph.comm)
 
     def _release(self, seen: Observation, reason: str, cells: Bools) -> Decision:
         """Release owned cells from their bodies; the other cells stay rigid. Collective."""
@@ -260,29 +271,3 @@ class Policy:
         if kind not in self.memory.said:
             self.memory.said.add(kind)
             warn(self._graph.comm, f"{self._criterion.owner}: {message}")
-
-
-class GrowingPolicy(Policy):
-    """Bodies get shapes, and lose the cells that these do not follow."""
-
-    remembered: ClassVar[Remembered] = Policy.remembered
-
-    def _struck(self, contacts: list[str]) -> Bools:
-        """Cells of connected parts that contacts meet, and of those that joints link with them."""
-        parts, groups = (
-            np.any([self._met[title] for title in contacts], axis=0),
-            linked(self._scene),
-        )
-        found = np.isin(groups, groups[parts])
-        return np.asarray(found[self._scene.parts.of_cell[: self._graph.owned]])
-
-    def _worth(self, plan: Plan, seen: Observation, able: Bools, barred: Bools) -> Decision:
-        """The freeze of parts that have cost as much as their switches. Collective."""
-        if not self._criterion.patience > 1:
-            return plan(able, barred)
-        return paying(plan, self.memory, seen, able, barred, self._graph.comm)
-
-
-def policy_of(scene: Scene, criterion: Criterion, timeline: Timeline) -> Policy:
-    """The policy of a criterion: see `Policy`. Collective."""
-    return (GrowingPolicy if criterion.grows else Policy)(scene, criterion, timeline)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -60,8 +61,9 @@ class Releases:
             elif release.when is None:
                 continue
             else:
-                answer = self._answer(release, report)
-                if not answer:
+                asking = partial(_answer, release.when, report)
+                own = together(self._comm, "Release: its condition", asking)
+                if not (answer := self._comm.bcast(own)):  # that of rank 0
                     continue
                 reason = "condition"
                 if answer is not True:
@@ -69,12 +71,6 @@ class Releases:
             reasons += [reason] if reason not in reasons else []
             released = asked if released is None else released | asked
         return reasons, released
-
-    def _answer(self, release: Release, report: Report) -> bool | list[str]:
-        """The answer of a user's condition, on rank 0. Collective."""
-        own = together(self._comm, "Release: its condition", lambda: _answer(release.when, report))
-        answer: bool | list[str] = self._comm.bcast(own)
-        return answer
 
 
 def _cells_of(names: Iterable[str], bodies: Sequence[RigidBody], count: int) -> Bools:

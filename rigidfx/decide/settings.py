@@ -8,7 +8,7 @@ from math import inf
 from typing import Any, Literal
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import names, number, positive, shown, whole
+from rigidfx.base.inputs import at_least_zero, names, number, positive, shown, whole
 from rigidfx.base.taken import take_fields, taken
 from rigidfx.decide.memory import Memory
 from rigidfx.decide.rules import RateRule, Relative, Rule
@@ -69,7 +69,7 @@ class Release:
                 "Release: repeat must be True or False, and goes with a condition (when), got "
                 f"{shown(self.repeat)}."
             )
-        if not self.times and self.when is None:
+        if not self.at and self.when is None:
             raise SceneError("Release: name a time (at) or a condition (when).")
 
     @property
@@ -238,8 +238,8 @@ class StrainRate(Criterion):
             SceneError: If a number or a name cannot be used.
         """
         owner = "StrainRate"
-        if not isinstance(self.tol, Relative) and not number(owner, "tol", self.tol) >= 0:
-            raise SceneError(f"StrainRate: tol must be ≥ 0, got {shown(self.tol)}.")
+        if not isinstance(self.tol, Relative):
+            at_least_zero(owner, "tol", self.tol)
         if not isinstance(self.window, str) or self.window != "auto":
             if isinstance(self.window, str):
                 raise SceneError(
@@ -257,10 +257,7 @@ class StrainRate(Criterion):
                 f"{self.tolerances!r}."
             )
         for name, tol in self.tolerances.items():
-            if not number(owner, f"the tolerance of '{name}'", tol) >= 0:
-                raise SceneError(
-                    f"StrainRate: the tolerance of '{name}' must be ≥ 0, got {shown(tol)}."
-                )
+            at_least_zero(owner, f"the tolerance of '{name}'", tol)
         object.__setattr__(self, "never", names(owner, "never", self.never, "cell sets"))
         whole(owner, "min_cells", self.min_cells, least=1)
         listed = isinstance(self.release, (Release, Sequence))
