@@ -50,10 +50,9 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.division import Division
 from rigidfx.switch.faces import with_faces
-from rigidfx.switch.leaving import Shift
+from rigidfx.switch.found_bodies import Shift
 from rigidfx.switch.mass_properties import freeze
-from rigidfx.switch.present_velocities import Present, WholeMass
-from rigidfx.switch.projected_velocities import Field, RigidFields
+from rigidfx.switch.projected_velocities import Field, Present, RigidFields, WholeMass
 
 NEGLIGIBLE = 1e-15  # of the largest: difference velocities that need not be kept
 CONTINUOUS = 1e-13  # of the largest: difference of velocities at an interface that is only rounding

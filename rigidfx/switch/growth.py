@@ -48,29 +48,15 @@ from rigidfx.withheld.fields import size as size_of
 OUTGROWN = "forces strain them otherwise than their shapes can"
 
 
-@dataclass(frozen=True)
-class GrowthControl:
-    """Numbers of the loop, from runs of demos/benchmarks/waking.py beside flexible twins.
-
-    Attributes:
-        gate: Part of the tolerance up to which no response is solved for, by the last ratio of
-            response to forces.
-        every: Steps after which one is solved for in any case.
-        wakes: Tolerances above which cells wake, if two more shapes in a step have not halved it.
-        grown: Shapes beside the modes with which a body is full.
-        woken: Tolerances above which a cell wakes then.
-        share: Part of the largest strain above which cells wake where a displacement is bounded.
-        periods: Periods in which a vibration falls to 1/e, as with 1.6 % of critical damping: what
-            is in tune, or out of phase, adds up for as long.
-    """
-
-    gate: float = 0.5
-    every: int = 20
-    wakes: float = 3.0
-    grown: int = 24
-    woken: float = 0.5
-    share: float = SHARE
-    periods: float = 10.0
+# Numbers of the loop, from runs of demos/benchmarks/waking.py beside flexible twins.
+GATE = 0.5  # part of the tolerance up to which no response is solved for, by the last ratio
+EVERY = 20  # steps after which one is solved for in any case
+WAKES = 3.0  # tolerances above which cells wake, if two more shapes in a step have not halved it
+GROWN = 24  # shapes beside the modes with which a body is full
+WOKEN = 0.5  # tolerances above which a cell wakes then
+# Periods in which a vibration falls to 1/e, as with 1.6 % of critical damping: what is in tune, or
+# out of phase, adds up for as long.
+PERIODS = 10.0
 
 
 @dataclass(frozen=True)
@@ -104,10 +90,10 @@ class Growth(Watch):
     ) -> None:
         """Nothing has grown: see `FoundBodies`. An indicator of its own measures strains."""
         self._stepper, self._forces, self._scene = stepper, forces, stepper.scene
-        self.control, self.found = GrowthControl(), FoundBodies(stepper, forces, dt)
+        self.found = FoundBodies(stepper, forces, dt)
         self._strains = CellStrains(self._scene, stepper.forces, indicator)
         self._cells = self._scene.mesh.topology.index_map(3).size_local  # owned ones
-        self._resonance = Resonance(self._scene, self.control.every, self.control.periods)
+        self._resonance = Resonance(self._scene, EVERY, PERIODS)
         self._swing = np.inf
         self._withheld: list[tuple[Fields, Force]] = []  # ρ⊥ as last seen
         self._ratio, self._since = np.inf, 0
@@ -137,9 +123,9 @@ class Growth(Watch):
         own = [each for each in self._forces.borne.values() if self.found.grows(each[0].data)]
         self._withheld = [(fields, fields.outside(force)) for fields, force in own]
         size = size_of(self._scene, self._withheld)
-        known = self._since + 1 < self.control.every and not self._added
+        known = self._since + 1 < EVERY and not self._added
         grown = max(1.0, size / self._asked)  # other forces: so may the ratio have
-        quiet = known and size * self._ratio * grown < self.control.gate
+        quiet = known and size * self._ratio * grown < GATE
         if limits is None or not size > 0:
             return Looked()
         if (woken := self._resonant(attempt.dt, limits)) is not None:
@@ -156,11 +142,10 @@ class Growth(Watch):
 
     def _resonant(self, dt: float, limits: Callable[[], Limits]) -> Bools | None:
         """Cells of bodies that lack a mode which may be in resonance. Collective."""
-        control = self.control
         known = [(fields, self._resonance.momenta(fields)) for fields, _ in self._lacks_modes()]
         momenta = [(fields, s) for fields, s in known if s is not None]
         size = size_of(self._scene, momenta) / dt if momenta else 0.0
-        if not size * min(self._ratio, self._swing) > control.gate * control.wakes:
+        if not size * min(self._ratio, self._swing) > GATE * WAKES:
             return None
         G = self.found.at_start([(fields, fields.outside(s)) for fields, s in momenta])
         cells = np.concatenate([fields.data.cells for fields, _ in momenta])
@@ -170,10 +155,10 @@ class Growth(Watch):
         rates = self._part(amplitude, np.full(self._cells, lowest), cells, limits())
         most = self._scene.comm.allreduce(float(rates.max(initial=0.0)), op=MPI.MAX)
         self._swing = most / size
-        if not most > control.wakes:
+        if not most > WAKES:
             return None
         tell(self._scene.comm, f"modes that bodies lack may be in resonance: {most:.3g} tol")
-        return np.asarray(rates > control.woken)
+        return np.asarray(rates > WOKEN)
 
     def _lacks_modes(self) -> list[tuple[Fields, Force]]:
         """ρ⊥ of the bodies that lack modes which Δt resolves."""
@@ -182,7 +167,7 @@ class Growth(Watch):
 
     def _judged(self, dt: float, F: Array, size: float, limits: Limits) -> Looked:
         """Compare responses with limits. Collective."""
-        comm, control, bodies = self._scene.comm, self.control, list(self._stepper.state.bodies)
+        comm, bodies = self._scene.comm, list(self._stepper.state.bodies)
         growing = {b.data.number: b.data for b in bodies if self.found.grows(b.data)}
         cells = np.concatenate([data.cells for data in growing.values()])
         e = self.found.responses.solve(F[:, :, None])
@@ -207,12 +192,12 @@ class Growth(Watch):
             before = self._added.get(body.data.number, ())
             if limits.begins and before:  # what is left is for the next step to tell
                 continue
-            stalls, more = len(before) > 1 and want > max(control.wakes, 0.5 * before[-2]), None
-            if not (stalls or count >= control.grown):
+            stalls, more = len(before) > 1 and want > max(WAKES, 0.5 * before[-2]), None
+            if not (stalls or count >= GROWN):
                 new = self._followed(F, dt, limits) if new is None else new
                 more = self.found.more(body, new)
             if more is None or new is None:
-                if not limits.begins and (want > control.wakes or count >= control.grown):
+                if not limits.begins and (want > WAKES or count >= GROWN):
                     ended.append(body.data)
                 continue
             out[k], grown = more, True
@@ -252,12 +237,12 @@ class Growth(Watch):
         """Those of some owned cells that wake: above a limit, or strained most. Collective."""
         woken: Bools = np.zeros(rates.size, dtype=bool)
         if limits.rates is not None:
-            woken[cells] = rates[cells] > self.control.woken
+            woken[cells] = rates[cells] > WOKEN
             return woken
         shape = self.found.responses.stiffness.linear.shape
         strains = self._strains.of(e, 1.0, shape, cells)
         most = self._scene.comm.allreduce(float(strains.max(initial=0.0)), op=MPI.MAX)
-        woken[cells] = strains > self.control.share * most
+        woken[cells] = strains > SHARE * most
         return woken
 
     def _allowed(self, limits: Limits) -> float:

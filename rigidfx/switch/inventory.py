@@ -33,6 +33,10 @@ CHAIN = (
     "leave a layer of flexible cells between them, or clamp all components (xyz) of at least three "
     "of its nodes that are not in line, by one motion; it is then fixed, or follows that motion."
 )
+HINGE = (
+    "Rigid '{}' shares nodes with another body, which would be a hinge. Merge the two sets, or "
+    "leave a layer of flexible cells between them."
+)
 Shape = Callable[[Any, Body, Hold | None], Body]  # of a `Reduced` part
 
 
@@ -105,7 +109,7 @@ def divide(
             continue
         cells, nodes = scene.owned_cells(effect.where, "Rigid"), nodes_of(scene, effect)
         name = effect.name
-        _check_hinge(scene, name, bool(taken[nodes].any()))
+        agree(scene.comm, HINGE.format(name) if taken[nodes].any() else None)
         taken[nodes] = True
         rigid.append(cells)
         title, support, hold = f"{effect.kind} '{name}'", None, None
@@ -159,17 +163,6 @@ def about_start(
     at_start.clamp(rigid.clamped)
     bodies = [body for body in rigid.bodies if scene.sum(body.data.nodes.size)]
     return Responses(scene, forces, at_start, acting, Bodies.of_each(bodies))
-
-
-def _check_hinge(scene: Scene, name: str, shared: bool) -> None:
-    """Refuse a body that shares nodes with another one. Collective."""
-    agree(
-        scene.comm,
-        f"Rigid '{name}' shares nodes with another body, which would be a hinge. Merge the "
-        "two sets, or leave a layer of flexible cells between them."
-        if shared
-        else None,
-    )
 
 
 def _freeze_named(

@@ -107,16 +107,15 @@ class Shaping:
         part, loads = self._part(body.data), self._loads[name]
         others = count, of_springs(responses), of_faces(responses), self._dt / RESOLVED
         found = shapes_of(part, responses, loads, *others)
-        if count is not None and len(found.force) < count:
+        held, guides = hold is not None, self._guides(body.data, hold)
+        # What contacts call for begins from a part that is held.
+        if len(found.force) < (int(held) if count is None else count):
             found = shapes_of(part, responses, self._with_spins(loads), *others)
         if count is not None and len(found.force) < count:
             raise SceneError(
                 f"{effect.owner}: shapes={count} are more than can be told apart in it, which are "
                 f"{len(found.force)}. Ask for fewer, or refine its mesh."
             )
-        held, guides = hold is not None, self._guides(body.data, hold)
-        if held and not len(found.force):  # what contacts call for begins from a part that is held
-            found = shapes_of(part, responses, self._with_spins(loads), *others)
         if not len(found.force):
             return body
         given = guides.shape[2]

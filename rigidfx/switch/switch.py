@@ -42,7 +42,6 @@ from rigidfx.step.watches.judge import INVERTED, remedy
 from rigidfx.switch.exchange import Exchange, Works
 from rigidfx.switch.found_bodies import FoundBodies
 from rigidfx.switch.inventory import check_clamps, divide
-from rigidfx.switch.leaving import Leaving
 from rigidfx.switch.mass_properties import at_nodes, mass_properties
 from rigidfx.switch.shaping import Shaping
 
@@ -91,7 +90,13 @@ class Switch:
         linkage = stepper.system.linkage
         if linkage is not None and (new := set(linkage.rows.redundant) - self._told):
             self._told |= new
-            warn(scene.comm, _implied_rows(tuple(linkage.rows.redundant)))
+            titles = tuple(linkage.rows.redundant)
+            warn(
+                scene.comm,
+                f"{len(titles)} of the rows of joints follow from others and are left out: "
+                f"{'; '.join(titles)}. The motion is the same; how forces are shared among the "
+                "joints that hold the same is not determined.",
+            )
 
     def _started(self, known: Set[int] = frozenset()) -> tuple[Motor, ...]:
         """Motors that start to prescribe a motion, beside the effects known, by identity."""
@@ -269,7 +274,7 @@ class Switch:
     def shape_found(self, found: FoundBodies) -> None:
         """Give shapes to bodies that are found."""
         self._exchange.shape = found.shaped
-        self._exchange.leave = Leaving(self._stepper, found).shift
+        self._exchange.leave = found.shift
 
     def apply(self, decision: Decision) -> Event | None:
         """Release and freeze, so that the bodies are those of a decision. Collective.
@@ -380,12 +385,3 @@ def _check_stops(linkage: Linkage | None) -> None:
             "count from the places of the mesh: give limits around the place of the start, or "
             "start from `rf.static`, whose springs are in balance."
         )
-
-
-def _implied_rows(titles: Sequence[str]) -> str:
-    """A warning of rows of joints that others imply, by joint and direction."""
-    return (
-        f"{len(titles)} of the rows of joints follow from others and are left out: "
-        f"{'; '.join(titles)}. The motion is the same; how forces are shared among the joints that "
-        "hold the same is not determined."
-    )

@@ -23,14 +23,13 @@ from petsc4py import PETSc
 
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.types import Array
-from rigidfx.coupling.mass import Mass
-from rigidfx.effects import Structure, Windowed
+from rigidfx.effects import Windowed
 from rigidfx.effects.nodes import Forces, Motion
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments, Step
 from rigidfx.mechanics.rigid_body import RigidBody
-from rigidfx.step.equations.actions import Actions
+from rigidfx.step.equations.actions import apart
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt, Watch
 from rigidfx.withheld.fields import Fields, Force
@@ -41,16 +40,28 @@ _BEARING = PETSc.Log.Event("rigidfxBodyForces")
 
 
 class Withheld:
-    """The force on the nodes of some bodies of a division; `destroy` frees its PETSc objects."""
+    """The force on the nodes of some bodies of a division; `destroy` frees its PETSc objects.
+
+    Attributes:
+        bodies: The bodies' data.
+        fields: Of each; a body whose forces nobody asks for has none.
+    """
 
     def __init__(
-        self, stepper: Stepper, parts: Parts, mass: Mass, of_each: Sequence[Fields | None]
+        self,
+        stepper: Stepper,
+        linear: LinearForms,
+        bodies: Sequence[RigidBody],
+        fields: Sequence[Fields | None],
     ) -> None:
-        """Bind the effects to the bodies' nodes. Collective.
+        """Bind the effects to the bodies' nodes; fields that are known of a body stay. Collective.
 
-        The mass operator is that of the rows; a body whose forces nobody asks for has no fields.
+        The forms get the shape of the bodies.
         """
-        self._stepper, self._parts, self._mass, self._fields = stepper, parts, mass, of_each
+        self._stepper, self.bodies = stepper, tuple(bodies)
+        self._parts = parts = Parts(stepper.scene, stepper.forces, bodies)
+        self._mass = parts.mass()
+        self.fields = self._fields_of_each(linear, fields)
         scene, forces = stepper.scene, stepper.forces
         self._forces = forces
         layout = stepper.system.layout
@@ -63,24 +74,36 @@ class Withheld:
         self._u0, self._u1 = fem.Function(scene.space), fem.Function(scene.space)
         self._b = fem.Function(scene.space)
         self._loads = forces.bind_loads(parts.cells, self._u0, self._u1)
-        self._none = none = Bodies.of_each(())
-        self._structure = Structure(
-            scene=scene,
-            rows=parts.rows,
-            own=np.ones(parts.rows.nodes.size, dtype=bool),
-            bodies=none,
-            mass=mass,
-            u=self._u0.x.array,
-            surface=forces.surface,
-        )
+        self._none = Bodies.of_each(())
         self._place(self._u0, parts.linear(stepper.state.bodies.pose[self._of]))
         self._acting: Sequence[Windowed] = stepper.system.acting
-        self._actions = Actions(self._structure, scene.effects, self._acting)
+        known = scene, parts.rows, self._u0.x.array, forces.surface, self._acting
+        self._actions = apart(*known, self._mass)
         self._d, self._f = (parts.rows.vector() for _ in range(2))
         self._dead: Array | None = None  # the last ones that do not follow the bodies, and
         self._asked: tuple[float, float] | None = None  # the step that they are of
         touched = any(own.size for own, _ in self._attached)
         self._untouched = not scene.comm.allreduce(touched, op=MPI.LOR)
+
+    def _fields_of_each(
+        self, linear: LinearForms, known: Sequence[Fields | None]
+    ) -> list[Fields | None]:
+        """The fields of each body, those that are known or new ones. Collective."""
+        scene, parts = self._stepper.scene, self._parts
+        by_data = {id(own.data): own for own in known if own is not None}
+        parts.shape_of(linear)
+        b = fem.Function(scene.space)
+        fem.assemble_vector(b.x.array, linear.force(parts.cells))
+        b.x.scatter_reverse(la.InsertMode.add)
+        frozen, out = b.x.array[parts.rows.dofs].reshape(-1, 3), []
+        for data, at, places in zip(parts.bodies, parts.at, parts.coordinates, strict=True):
+            own = by_data.get(id(data))
+            # Nobody asks for the forces on a part named `Reduced`: see ν.
+            if own is None and (data.shapes is None or data.shapes.images.shape[1]):
+                inert = self._mass.of_directions(at, places)
+                own = Fields(scene, data, places, inert, frozen[at])
+            out.append(own)
+        return out
 
     def _place(self, u: fem.Function, x: Array) -> None:
         """Set the displacement of the rows that are at places x. Collective."""
@@ -99,7 +122,7 @@ class Withheld:
         R, means = W @ Vt, Vt.mT * shorter[:, None] @ Vt
         resisted = self._resisted(increments, gained, t, dt)
         half, known, products = 0.5 * (start.q + end.q)[self._of], [], []
-        for k, (fields, at) in enumerate(zip(self._fields, self._parts.at, strict=True)):
+        for k, (fields, at) in enumerate(zip(self.fields, self._parts.at, strict=True)):
             if fields is not None:
                 beside = -resisted[at] @ R[k]
                 known.append((k, fields, beside))
@@ -171,9 +194,8 @@ class Withheld:
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        self._actions.destroy()
-        for vector in (self._d, self._f):
-            vector.destroy()
+        for item in (self._actions, self._d, self._f, self._mass):
+            item.destroy()
 
 
 class BodyForces(Watch):
@@ -197,9 +219,6 @@ class BodyForces(Watch):
         self.borne: dict[int, tuple[Fields, Force]] = {}
         self.dt = 0.0
         self._bearing: tuple[RigidBody, ...] = ()  # the bodies in that step
-        self._parts: Parts | None = None
-        self._fields: list[Fields | None] = []
-        self._mass: Mass | None = None
         self._force: Withheld | None = None
         self._system: object = None
 
@@ -208,48 +227,17 @@ class BodyForces(Watch):
         with _BEARING:
             self._follow()
             self.borne = {} if self._force is None else self._force.force(t, dt)
-            self._bearing = () if self._parts is None else self._parts.bodies
+            self._bearing = () if self._force is None else self._force.bodies
 
     def _follow(self) -> None:
         """Bind the present bodies. Collective."""
         if self._stepper.system is self._system:
             return
         self._system = self._stepper.system
-        records, before = (
-            watched(self._stepper.state.bodies.of.records, self._in_pieces),
-            self._parts,
-        )
-        if before is None or [*map(id, records)] != [*map(id, before.bodies)]:
-            self._drop()
-            if records:
-                self._have(records)
-        if self._force is not None:
-            self._force.destroy()
-            self._force = None
-        if self._parts is not None:
-            assert self._mass is not None
-            self._force = Withheld(self._stepper, self._parts, self._mass, self._fields)
-
-    def _have(self, records: list[RigidBody]) -> None:
-        self._parts = parts = Parts(self._stepper.scene, self._stepper.forces, records)
-        self._mass = parts.mass()
-        shape = self._linear.shape.x
-        shape.array[:] = 0.0
-        shape.array[parts.rows.dofs] = parts.shape
-        shape.scatter_forward()
-        b = fem.Function(self._stepper.scene.space)
-        fem.assemble_vector(b.x.array, self._linear.force(parts.cells))
-        b.x.scatter_reverse(la.InsertMode.add)
-        frozen = b.x.array[parts.rows.dofs].reshape(-1, 3)
-        known = {id(own.data): own for own in self._fields if own is not None}
-        self._fields = []
-        for data, at, places in zip(parts.bodies, parts.at, parts.coordinates, strict=True):
-            own = known.get(id(data))
-            # Nobody asks for the forces on a part named `Reduced`: see ν.
-            if own is None and (data.shapes is None or data.shapes.images.shape[1]):
-                inert = self._mass.of_directions(at, places)
-                own = Fields(self._stepper.scene, data, places, inert, frozen[at])
-            self._fields.append(own)
+        known = [] if self._force is None else self._force.fields
+        self._drop()
+        if records := watched(self._stepper.state.bodies.of.records, self._in_pieces):
+            self._force = Withheld(self._stepper, self._linear, records, known)
 
     def forget(self) -> None:
         """Tell no forces of the present bodies any more. Collective."""
@@ -273,10 +261,9 @@ class BodyForces(Watch):
         return out
 
     def _drop(self) -> None:
-        for item in (self._force, self._mass):
-            if item is not None:
-                item.destroy()
-        self._parts = self._mass = self._force = None
+        if self._force is not None:
+            self._force.destroy()
+        self._force = None
 
     def destroy(self) -> None:
         """Free the PETSc objects; the last forces may still be asked for. Collective."""

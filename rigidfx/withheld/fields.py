@@ -48,7 +48,8 @@ class Force:
 
     def __add__(self, other: Force) -> Force:
         """Their sum."""
-        return self._made(*(a + b for a, b in zip(self._parts, other._parts, strict=True)))
+        known, beside = self.known + other.known, self.beside + other.beside
+        return Force(self.nodes, known, beside, self.products + other.products)
 
     def __sub__(self, other: Force) -> Force:
         """Their difference."""
@@ -56,14 +57,8 @@ class Force:
 
     def __rmul__(self, factor: float) -> Force:
         """A multiple."""
-        return self._made(*(factor * part for part in self._parts))
-
-    @property
-    def _parts(self) -> tuple[Array, Array, Array]:
-        return self.known, self.beside, self.products
-
-    def _made(self, *parts: Array) -> Force:
-        return Force(self.nodes, *parts)
+        parts = self.known, self.beside, self.products
+        return Force(self.nodes, *(factor * part for part in parts))
 
 
 class Fields:
@@ -93,13 +88,12 @@ class Fields:
         numbers = [of_shapes[:, k].reshape(-1) for k in range(each // 3)]
         self._places = np.r_[3:7, numbers[0]]
         self._inertia = self._places if alike else np.r_[head - 4 : head, numbers[2]]
-        given = np.zeros((n, 0, 3)) if data.shapes is None else data.shapes.images
-        images = given.reshape(n, 3 * count)
+        images = np.zeros(0) if data.shapes is None else data.shapes.images
         # Numbers of fields, these or those by W, and whether it is the latter.
         self._parts: list[tuple[Ints, Array, bool]] = [
             (np.arange(3), frozen, False),
             (self._places, coordinates, True),
-            (numbers[1], images, False),
+            (numbers[1], images.reshape(n, 3 * count), False),
         ]
         if not alike:
             self._parts.append((self._inertia, inert, False))
@@ -108,7 +102,10 @@ class Fields:
         for at, part, by_mass in self._parts:
             B[:, at] = m * part if by_mass else part
         self._gram = np.asarray(scene.sum(B.T @ (self._light * B)))
-        self._motions = _motions(data.length)
+        # Rigid motions by numbers of [1, V], rotations as lengths.
+        self._motions = np.zeros((6, 4, 3))
+        self._motions[:3, 0] = IDENTITY
+        self._motions[3:, 1:] = skew(IDENTITY).swapaxes(1, 2) / data.length
         moments = self._gram[np.ix_(self._places[:4], self._places[:4])]
         inertia = np.einsum("kjb,ji,lib->kl", self._motions, moments, self._motions)
         self._inverse = np.linalg.pinv(inertia)
@@ -136,7 +133,7 @@ class Fields:
 
     def _on_places(self, force: Force) -> Array:
         """[1, V, Φ]ᵀ F, shape (4 + 3 m, 3)."""
-        return np.asarray((self._gram[self._places] @ force.known) + force.products[self._places])
+        return np.asarray(self._gram[self._places] @ force.known + force.products[self._places])
 
     def outside(self, force: Force) -> Force:
         """A force without those that shapes follow, by the mass."""
@@ -172,14 +169,11 @@ class Fields:
         products = np.asarray(self._scene.sum(self.products(force.beside)))
         return Force(force.nodes, known, force.beside, products)
 
-    def dot_beside(self, a: Force, b: Force) -> float:
-        """This rank's part of f·W f of two forces."""
-        return float(np.vdot(self._light * a.beside, b.beside))
-
-    def dot_known(self, a: Force, b: Force) -> float:
-        """The rest of their product by W, on all ranks."""
-        both = np.vdot(a.known, self._gram @ b.known)
-        return float(both + np.vdot(a.known, b.products) + np.vdot(b.known, a.products))
+    def dot(self, a: Force, b: Force) -> tuple[float, float]:
+        """This rank's part of f·W f of two forces, and the rest of their product on all ranks."""
+        known = np.vdot(a.known, self._gram @ b.known) + np.vdot(a.known, b.products)
+        known += np.vdot(b.known, a.products)
+        return float(np.vdot(self._light * a.beside, b.beside)), float(known)
 
     def terms(self, force: Force) -> float:
         """The part of ‖ρ‖² by known fields alone."""
@@ -193,8 +187,8 @@ class Fields:
 
 def dots(scene: Scene, pairs: Sequence[tuple[Fields, Force, Force]]) -> Array:
     """Products by W of two forces each, shape (pairs,) [N²/kg]. Collective."""
-    beside = scene.sum([fields.dot_beside(a, b) for fields, a, b in pairs])
-    return np.asarray(beside + [fields.dot_known(a, b) for fields, a, b in pairs])
+    beside, known = np.reshape([fields.dot(a, b) for fields, a, b in pairs], (-1, 2)).T
+    return np.asarray(scene.sum(beside) + known)
 
 
 def size(scene: Scene, forces: Sequence[tuple[Fields, Force]]) -> float:
@@ -203,11 +197,3 @@ def size(scene: Scene, forces: Sequence[tuple[Fields, Force]]) -> float:
     if square < CANCELS * abs(sum(fields.terms(force) for fields, force in forces)):
         square = scene.sum(sum(fields.square(force) for fields, force in forces))
     return float(np.sqrt(square))
-
-
-def _motions(length: float) -> Array:
-    """Rigid motions of a body by numbers of [1, V], rotations as lengths, shape (6, 4, 3)."""
-    out = np.zeros((6, 4, 3))
-    out[:3, 0] = IDENTITY
-    out[3:, 1:] = skew(IDENTITY).swapaxes(1, 2) / length
-    return out

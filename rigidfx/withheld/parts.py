@@ -10,6 +10,7 @@ from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import Cells, InternalForces
+from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.scene.scene import Scene
 
@@ -63,6 +64,13 @@ class Parts:
             of_body: Array = numbers[k, : places.shape[1]]
             out[own] = places[:, : len(of_body)] @ of_body
         return out
+
+    def shape_of(self, linear: LinearForms) -> None:
+        """Give forms the shape of the bodies, and none elsewhere. Collective."""
+        x = linear.shape.x
+        x.array[:] = 0.0
+        x.array[self.rows.dofs] = self.shape
+        x.scatter_forward()
 
     def mass(self) -> Mass:
         """Mass operator of the rows, all lumped masses counted: a new one. Collective."""

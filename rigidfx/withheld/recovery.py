@@ -17,12 +17,7 @@ from petsc4py import PETSc
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.rigid_body import RigidBody
-from rigidfx.mechanics.rigid_motions import (
-    determining,
-    fitted_motion,
-    free_motions,
-    rigid_motions,
-)
+from rigidfx.mechanics.rigid_motions import determining, fitted_motion, free_motions, rigid_motions
 from rigidfx.step.equations.supports import PrescribedDofs
 from rigidfx.step.linear.linear_solver import solver_of
 from rigidfx.step.stepper import Stepper
@@ -53,9 +48,7 @@ class AtRest:
         self.bodies = tuple(bodies)
         self._parts = parts = Parts(scene, stepper.forces, bodies)
         rows = parts.rows
-        linear.shape.x.array[:] = 0.0
-        linear.shape.x.array[rows.dofs] = parts.shape
-        linear.shape.x.scatter_forward()
+        parts.shape_of(linear)
         K = rows.assembled(linear.stiffness(parts.cells))
         self._right, self._found = K.getDiagonal(), rows.vector()
         scale = float(self._right.norm()) / np.sqrt(comm.size)

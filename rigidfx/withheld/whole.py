@@ -67,8 +67,8 @@ class Whole:
         self._y = of.prolongation.unknowns()
         self._rest = self._y.duplicate()  # what is out of balance as it is
         self._u = state.u.x.array
-        self._kept = state.snapshot()  # the run's state, and its u₁, while iterates are there
-        self._end = forces.u1.x.array
+        # The run's state, and its u₁, while iterates are there.
+        self._kept, self._end = state.snapshot(), forces.u1.x.array
         self._from, self._dt = others, 0.0
         self._factors: Factors | None = None
 

@@ -21,8 +21,11 @@ from rigidfx.base.inputs import number, shown
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.base.uncaught import by_users
 from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Action, Effect, Structure, Touch
 from rigidfx.effects.nodes import Forces, ForcesOfNodes, Instant, Motion, Tangent
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.scene.scene import Scene
 
 # Methods that a step calls.
 METHODS = (
@@ -306,6 +309,20 @@ class Actions:
         self.loads.vector.destroy()
         for _, action in self._every:
             action.destroy()
+
+
+def apart(
+    scene: Scene, rows: Rows, u: Array, surface: Any, acting: Sequence[Effect], mass: Any = None
+) -> Actions:
+    """Actions of a scene's effects on the nodes of rows, as if none were in a body. Collective.
+
+    All nodes have displacements u, see `Structure`.
+    """
+    own, none = np.ones(rows.nodes.size, dtype=bool), Bodies.of_each(())
+    structure = Structure(
+        scene=scene, rows=rows, own=own, bodies=none, mass=mass, u=u, surface=surface
+    )
+    return Actions(structure, scene.effects, acting)
 
 
 def bound(effect: Effect, structure: Structure, method: str) -> Action | None:
