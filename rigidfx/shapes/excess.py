@@ -1,4 +1,13 @@
-"""How far a body is from the expansion that its shapes have, and where: ν."""
+"""How far a body is from the expansion that its shapes have, and where: ν.
+
+It is the larger one of two parts,
+
+    |V(w) - ½ d·K d|/(½ d·K d)    and    ½ |e·M d|/d·M d ,    e = Φ Ω⁻¹ Φᵀ g ,
+
+of the energy and of the displacement d = Φq. e is the response of the shapes to the forces g of
+second order. A bar in tension is stiffer as it bends, which may be little of the energy of the
+tension and much of the bend.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +20,7 @@ from mpi4py import MPI
 from rigidfx.base.types import Array, Bools
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.surface import SMALL_WAY
+from rigidfx.mechanics.rigid_body import Body
 from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.interface import Interface
 from rigidfx.shapes.responses import Responses
@@ -40,24 +50,28 @@ class About:
 
 
 class Excess:
-    """The energy that an expansion misses at one displacement, by nodes.
+    """The energy and the forces that an expansion misses at one displacement.
 
     Attributes:
-        nu: ν, all of it over ½ d·K d.
+        d: Φ q in the frame of the body, at its owned nodes, shape (nodes, 3) [m].
+        nu: ν of all of it.
     """
 
-    def __init__(self, about: About, d: Array) -> None:
-        """Evaluate at d in the frame of the body, at its owned nodes, (nodes, 3) [m]. Collective.
+    def __init__(self, about: About, body: Body) -> None:
+        """Evaluate where a body with shapes is. Collective.
 
         Cells beside it, which it strains as its sections turn, count as well.
         """
-        part, self._scene = about.part, about.responses.scene
-        self._about, self._d, self._energy = about, d, part.energy(d)
-        w = part.whole(d, about.responses.of_nodes(part.nodes, about.Q))
+        part, shapes, self._scene = about.part, body.data.shapes, about.responses.scene
+        assert shapes is not None
+        self.d = d = np.asarray(np.einsum("nka,k->na", shapes.whole, body.motion.q))
+        self._about, self._energy, even = about, part.energy(d), part.even(d)
+        w = part.whole(d, even, about.responses.of_nodes(part.nodes, about.Q))
         missed = part.missed(d, w)
         self._dense = np.abs(missed) / self._scene.averaging_mass[part.nodes]
-        self.nu = abs(float(self._scene.sum(missed.sum())))
-        self.nu += about.beside.energy(d @ about.Q) / self._energy
+        energy = abs(float(self._scene.sum(missed.sum())))
+        energy += about.beside.energy(d @ about.Q) / self._energy
+        self.nu = max(energy, 0.5 * abs(part.followed(shapes, even, d)))
 
     def most(self, share: float) -> Bools:
         """The nodes of the body that miss more than a share of the largest miss. Collective."""
@@ -93,7 +107,7 @@ class Excess:
     def _in(self, cells: Cells) -> float:
         """½ d·K d of some of its cells, by their forces at ± a small part of d [J]. Collective."""
         scene, forces = self._scene, self._about.part.forces
-        size = scene.comm.allreduce(float(np.abs(self._d).max(initial=0.0)), op=MPI.MAX)
+        size = scene.comm.allreduce(float(np.abs(self.d).max(initial=0.0)), op=MPI.MAX)
         h = SMALL_WAY * scene.mean_cell_size / size
-        change = forces(h * self._d, cells) - forces(-h * self._d, cells)
-        return 0.25 * float(scene.sum((self._d * change).sum())) / h
+        change = forces(h * self.d, cells) - forces(-h * self.d, cells)
+        return 0.25 * float(scene.sum((self.d * change).sum())) / h

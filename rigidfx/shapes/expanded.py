@@ -3,10 +3,10 @@
 With d the displacement by shapes, w = d + δ where δ is the response of second order,
 δ = -K⁻¹(½ [f(d) + f(-d)] - f(0)), and with forces f and energy V of the cells about the state,
 
-    ν = |V(w) - V(0) - f(0)·w - ½ d·K d| / (½ d·K d).
+    ν = |V(w) - V(0) - f(0)·w - ½ d·K d| / (½ d·K d)
 
-The energy is that of the corrected place: a shape that bends a leaf stretches it by the square of
-the rotation, which the structure relieves.
+as far as energies tell it (`rigidfx.shapes.excess`). The energy is that of the corrected place: a
+shape that bends a leaf stretches it by the square of the rotation, which the structure relieves.
 """
 
 from __future__ import annotations
@@ -161,9 +161,23 @@ class Expanded:
         """½ d·K d [J]. Collective."""
         return 0.5 * float(self.dot(d[:, :, None], self.times_stiffness(d[:, :, None]))[0, 0])
 
-    def whole(self, d: Array, respond: Callable[[Array], Array]) -> Array:
-        """w of d, shape (nodes, 3) [m]; static responses are those of the whole. Collective."""
-        return np.asarray(d - self.unmoved(respond(self.even(d))[:, :, None])[:, :, 0])
+    def whole(self, d: Array, even: Array, respond: Callable[[Array], Array]) -> Array:
+        """w of d and its forces of second order, shape (nodes, 3) [m]. Collective.
+
+        Static responses are those of the whole.
+        """
+        return np.asarray(d - self.unmoved(respond(even)[:, :, None])[:, :, 0])
+
+    def followed(self, shapes: Shapes, even: Array, d: Array) -> float:
+        """Part of d by which forces of second order would move shapes along it. Collective.
+
+        It is d·M Φ Ω⁻¹ Φᵀ f over d·M d, of shapes whose coordinates no support gives.
+        """
+        k, along = shapes.given, self.times_mass(d[:, :, None])
+        own = shapes.whole[:, k:].swapaxes(1, 2)
+        moved = np.linalg.solve(shapes.stiffness[k:, k:], self.dot(own, even[:, :, None]))
+        square = self.dot(d[:, :, None], along)
+        return float((self.dot(along, own) @ moved / square)[0, 0])
 
     def missed(self, d: Array, w: Array) -> Array:
         """Energy that the expansion in d [m] misses, by nodes, over ½ d·K d, shape (nodes,).

@@ -1,7 +1,8 @@
 """How far shapes hold, as a run goes on: as bodies bend, and as they spin between joints.
 
-ν is how far a body is from the expansion that its shapes have. It grows with the strain energy
-½ q·Ωq, and is looked at again once that has doubled. It is too large where amplitudes err by more
+ν is how far a body is from the expansion that its shapes have. It grows with the square of the
+displacement by them, by mass, and is looked at again once that has doubled: the energy of a bar
+that is stretched hardly changes as it begins to bend. ν is too large where amplitudes err by more
 than `LACKING`: then cells of bodies that were found wake, and a run warns of parts named `Reduced`.
 
 A part that spins on a hinge is stretched by the hinge's force, and so is stiffer. Shapes do not
@@ -31,7 +32,7 @@ from rigidfx.shapes.excess import About, Excess
 from rigidfx.shapes.part import LACKING
 from rigidfx.state import State
 
-DOUBLED = 2.0  # factor of ½ q·Ωq after which ν is looked at again
+DOUBLED = 2.0  # factor of q·Dq after which ν is looked at again
 SHARE = 0.3  # part of the largest miss of any node, by mass, above which cells wake
 LEAST = 1e-6  # part of the largest ½ q·Ωq so far below which it is not
 # Part of a body's length below which ν of its motion is that of rounding.
@@ -106,11 +107,11 @@ class SpinLimits:
 class Looks:
     """Says when ν of a body is to be looked at."""
 
-    remembered: ClassVar[Remembered] = same("_energies", "_largest")
+    remembered: ClassVar[Remembered] = same("_squares", "_largest")
 
     def __init__(self) -> None:
         """Nothing has been looked at."""
-        self._energies: dict[int, float] = {}  # ½ q·Ωq of each body when it was, by number [J]
+        self._squares: dict[int, float] = {}  # q·Dq of each body when it was, by number [kg m²]
         self._largest = 0.0  # strain energy of any body so far [J]
 
     def due(self, body: Body) -> bool:
@@ -120,15 +121,17 @@ class Looks:
             return False
         energy = 0.5 * float(q @ shapes.stiffness @ q)
         self._largest = max(self._largest, energy, data.frozen.strain)
-        least = max(LEAST * self._largest, DOUBLED * self._energies.get(data.number, 0.0))
-        if np.abs(q).max() <= ROUNDING * data.length or energy <= least:
+        if np.abs(q).max() <= ROUNDING * data.length or energy <= LEAST * self._largest:
             return False
-        self._energies[data.number] = energy
+        square = float(q @ shapes.mass @ q)
+        if square <= DOUBLED * self._squares.get(data.number, 0.0):
+            return False
+        self._squares[data.number] = square
         return True
 
     def forget(self, number: int) -> None:
         """Forget a body that is no more."""
-        self._energies.pop(number, None)
+        self._squares.pop(number, None)
 
 
 class Spent:
@@ -157,7 +160,7 @@ class Spent:
         self._limits.check(state)
         for body in state.bodies:
             if body.data.named and self._looks.due(body):
-                self._look(state.t, body, Excess(about(body), bent(body)))
+                self._look(state.t, body, Excess(about(body), body))
         return dict(self.nu)
 
     def _look(self, t: float, body: Body, found: Excess) -> None:
@@ -174,17 +177,11 @@ class Spent:
         warn(
             self._scene.comm,
             f"Reduced '{name}': at t = {t:.4g} s it deforms too far for its shapes. The "
-            f"energy of its cells differs by ν = {found.nu:.2%} of the strain energy: amplitudes "
+            f"energy or the forces of its cells differ by ν = {found.nu:.2%}: amplitudes "
             f"err by some {off_by(found.nu):.1%}, frequencies by a quarter of that. Most of it is "
             f"in {count} cells, those within {box} m. Keep these flexible: take them out of the "
             "set of the Reduced.",
         )
-
-
-def bent(body: Body) -> Array:
-    """Φ q at the nodes of a body, with the drift of one that is held, shape (nodes, 3) [m]."""
-    assert body.data.shapes is not None
-    return np.asarray(np.einsum("nka,k->na", body.data.shapes.whole, body.motion.q))
 
 
 def most_bent(scene: Scene, data: RigidBody, found: Excess) -> Indices:

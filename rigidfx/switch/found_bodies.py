@@ -40,7 +40,7 @@ from rigidfx.shapes.part import LACKING
 from rigidfx.shapes.responses import Responses
 from rigidfx.step.equations.actions import Actions, apart
 from rigidfx.step.stepper import Stepper
-from rigidfx.switch.bends import Looks, SpinLimits, bent, most_bent, off_by
+from rigidfx.switch.bends import Looks, SpinLimits, most_bent, off_by
 from rigidfx.switch.inventory import about_start
 from rigidfx.withheld.body_forces import BodyForces
 from rigidfx.withheld.fields import Fields, Force
@@ -187,7 +187,7 @@ class FoundBodies:
         found, about = self._of(body.data)
         F = np.zeros((self._scene.owned_nodes, 3, 1))
         if body.data.shapes is not None:
-            F[body.data.nodes, :, 0] = found.even(bent(body)) @ about.Q
+            F[body.data.nodes, :, 0] = found.even(body.data.shapes.bent(body.motion.q)) @ about.Q
         return np.asarray(-self.responses.solve(F)[:, :, 0] @ (body.motion.R @ about.Q).T)
 
     def keep(self, vector: Array) -> None:
@@ -238,8 +238,8 @@ class FoundBodies:
             if not (self.grows(data) and self._looks.due(body)):
                 continue
             _, about = self._of(data)
-            found = Excess(about, d := bent(body))
-            errs = self.moved(body) if about.beside.holds else d
+            found = Excess(about, body)
+            errs = self.moved(body) if about.beside.holds else found.d
             size = float(np.abs(errs).max(initial=0.0))
             size = off_by(found.nu) * self._scene.comm.allreduce(size, op=MPI.MAX)
             if off_by(found.nu) <= LACKING and size <= allowed:
