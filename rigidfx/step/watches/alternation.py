@@ -67,6 +67,8 @@ class Unresolved(WarnsOnce):
 class Alternation(WarnsOnce):
     """Looks at increments of flexible nodes and of bodies; warns once."""
 
+    remembered: ClassVar[Remembered] = WarnsOnce.remembered
+
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
         """Begin before the first step; u₀ and u₁ of the forces hold its ends. Collective."""
         super().__init__(scene.comm)

@@ -77,6 +77,8 @@ class CellWatch(WarnsOnce):
 class RotationPerStep(CellWatch):
     """Looks at rigid bodies in each accepted step, at flexible cells in some; warns once."""
 
+    remembered: ClassVar[Remembered] = CellWatch.remembered
+
     def bind(self, flexible: Cells) -> None:
         """Measure these cells from now on."""
         super().bind(flexible)
@@ -114,6 +116,8 @@ class RotationPerStep(CellWatch):
 
 class Compression(CellWatch):
     """Looks at the least stretch in the middle of flexible hexahedra, in every eighth step."""
+
+    remembered: ClassVar[Remembered] = CellWatch.remembered
 
     def bind(self, flexible: Cells) -> None:
         """Measure these cells from now on."""

@@ -14,9 +14,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
+from rigidfx.base.remembered import Remembered
 from rigidfx.base.types import Array
 from rigidfx.base.uncaught import by_users
 from rigidfx.effects import Contact, Obstacle, Support, Touch
@@ -36,6 +38,8 @@ REMEDY = (
 
 class Jumps(WarnsOnce):
     """Looks at the paths of supports, step by step; warns once."""
+
+    remembered: ClassVar[Remembered] = WarnsOnce.remembered
 
     def __init__(self, scene: Scene) -> None:
         """Begin before the first step. Collective."""
@@ -71,6 +75,8 @@ class Jumps(WarnsOnce):
 
 class JumpingObstacles(WarnsOnce):
     """Looks at the paths of obstacles in steps in which they press; warns once."""
+
+    remembered: ClassVar[Remembered] = WarnsOnce.remembered
 
     def __init__(self, scene: Scene, touches: Callable[[], Mapping[str, Touch]]) -> None:
         """Begin before the first step; touches are those of the last attempt, by titles.
