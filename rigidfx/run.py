@@ -170,7 +170,7 @@ class Run:
             return report
         periods, rigidity = (0.0, self.idle) if self.policy is None else self.policy.spent(report.t)
         if self.stepper.control is not None and rigidity is not None:
-            self.stepper.control.allow(rigidity.rest)
+            self.stepper.control.length.tol = rigidity.rest
         ledger = self.ledgers.follow(report, periods, rigidity)
         return replace(report, ledger=ledger)
 

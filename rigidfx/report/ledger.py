@@ -318,4 +318,4 @@ class Ledgers:
         if control is None:
             return Entry(nan, nan, nan, "m")
         length = control.length
-        return Entry(length.spent, length.displacement, control.tol * length.displacement, "m")
+        return Entry(length.spent, length.displacement, length.tol * length.displacement, "m")

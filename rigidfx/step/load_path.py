@@ -85,9 +85,9 @@ class Settling:
         effect: The drag, to be bound with the effects that act.
     """
 
-    def __init__(self, scene: Scene, control: SettlingControl | None = None) -> None:
+    def __init__(self, scene: Scene) -> None:
         """Measure the whole. Collective."""
-        self._control = SettlingControl() if control is None else control
+        self._control = SettlingControl()
         self.effect = StaticForces(self._bind)
         self._size = float(np.linalg.norm(np.ptp([*scene.parts.lower, *scene.parts.upper], axis=0)))
         self._mass = float(scene.sum(scene.averaging_mass[: scene.owned_nodes].sum()))
@@ -182,7 +182,6 @@ class LoadPath:
         divide: Callable[[Sequence[Windowed]], Division],
         owner: str,
         fixed: float | None = None,
-        control: PathControl | None = None,
         loose: bool = False,
     ) -> None:
         """Begin at the state as it is, the u₀ of the forces. Collective.
@@ -196,7 +195,7 @@ class LoadPath:
         self._fixed, self.t = fixed, state.t
         self.scene, self.state, self._forces = scene, state, forces
         self._effects, self._divide, self._owner = tuple(effects), divide, owner
-        self._control = PathControl() if control is None else control
+        self._control = PathControl()
         self._inversion = Inversion(scene, forces)
         self._cuts, self.share = Cuts(), 1.0
         # Increment per load of the last step that was more than rounding, and of the first.
@@ -248,7 +247,7 @@ class LoadPath:
             dt: float, t1: float, cuts: int, last: bool
         ) -> tuple[tuple[Solution, float, int], StepError | None]:
             nonlocal jumped
-            own = None if self._settling is None else self._settling
+            own = self._settling
             solution = self.solve(t0, t1) if own is None else own.solve(self, t0, t1)
             error, jumped = self._objection(solution, t0, dt, jumped)
             return (solution, t1, cuts), error

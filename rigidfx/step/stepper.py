@@ -60,7 +60,7 @@ class Stepper:
         self.scene, self.state, self.forces, self.indicator = scene, state, forces, indicator
         self._inversion = Inversion(scene, forces)
         self.control = control
-        self.jumps = Jumps(scene)
+        self.jumps = Jumps(scene, lambda: self.system.prescribed)
         obstacles = JumpingObstacles(scene, self.touches)
         self.alternation = Alternation(scene, forces)
         turning = RotationPerStep(scene, forces)
@@ -83,7 +83,7 @@ class Stepper:
         self._inversion.bind(division.flexible)
         self.show()
         known = self.scene, self.forces, self.state, self.scene.effects, acting, division
-        self.system = System("step", *known, jumps=self.jumps, dealing=self._dealing)
+        self.system = System("step", *known, dealing=self._dealing)
         if before is not None:
             self.system.newton.go_on(before.newton)
         if self.control is not None:

@@ -83,7 +83,7 @@ class Switch:
         scene, state, supports = stepper.scene, stepper.state, supports_of(self.acting)
         shape = partial(self.shaping.shaped, state)
         division = divide(scene, stepper.forces, state, supports, found, shape)
-        known = division.driven_nodes, None, division.nodes_of_held
+        known = division.driven_nodes, division.nodes_of_held
         prescribed = PrescribedDofs(scene, supports, *known).mask
         self._exchange.settle(state, division, prescribed)
         stepper.bind(replace(division, bodies=state.bodies), self.acting)

@@ -112,6 +112,7 @@ class Equations:
         prolongation: Map between unknowns and dofs.
         actions: Actions on nodes and bodies.
         constraints: Rows and multipliers of joints; None without any.
+        rounding: Rounding in residuals and strains.
         trial: The step that is being solved, frozen.
         d: Increments of the active nodes at the iterate of the last residual [m].
         forces_out_of_balance: Residual at the active nodes there [N]; at held dofs it is the force
@@ -122,6 +123,7 @@ class Equations:
 
     actions: Actions
     constraints: Constraints | None
+    rounding: Rounding
 
     def __init__(
         self,
@@ -132,19 +134,17 @@ class Equations:
         division: Division,
         supports: tuple[Support, ...],
         *,
-        jumps: Any = None,
         notes: dict[int, Any] | None = None,
         dealing: Dealing | None = None,
     ) -> None:
         """Number the unknowns and assemble the mass of a division, under supports that act.
 
-        `jumps` is an observer of the paths of supports, `notes` the memory of effects
-        (`Structure`); `dealing` deals flexible cells out among the ranks where that pays.
-        Collective.
+        `notes` is the memory of effects (`Structure`); `dealing` deals flexible cells out among the
+        ranks where that pays. Collective.
         """
         flexible, bodies, driven = division.flexible, division.bodies, division.driven_cells
         self.kind, self._scene, self._forces, self._driven = kind, scene, forces, driven
-        known = division.driven_nodes, jumps, division.nodes_of_held
+        known = division.driven_nodes, division.nodes_of_held
         self.prescribed = PrescribedDofs(scene, supports, *known)
         self.layout = layout = dof_layout(scene, flexible, bodies.of, self.prescribed.mask, driven)
         own = layout.massive[layout.rows.nodes]
@@ -206,7 +206,7 @@ class Equations:
         of = self._forces_of_cells(acting)
         self._cells = CellForces(p, of.residual, forces)
         self._tangent = CondensedMatrix(p, of.interior, of.interface)
-        self._rounding = Rounding(scene, forces, of.undeformed, self._tangent, p, self.actions)
+        self.rounding = Rounding(scene, forces, of.undeformed, self._tangent, p, self.actions)
 
     def _forces_of_cells(self, acting: Sequence[Windowed]) -> BoundForces:
         """The forces of flexible cells. Collective."""
@@ -409,10 +409,6 @@ class Equations:
         u = self.start + self.d.array_r
         return np.asarray(self.layout.rows.X + u.reshape(-1, 3))
 
-    def waves(self, dt: float) -> float:
-        """How many cells a wave passes in a step of Δt [s], about."""
-        return self._rounding.waves(dt)
-
     @property
     def calm(self) -> bool:
         """Whether masses and cells alone resist: no springs, drag or contact, which may jump."""
@@ -422,13 +418,13 @@ class Equations:
     def well_conditioned(self) -> bool:
         """Whether inertia is as large as any stiffness in the present step, but for some orders."""
         smooth = self.inertial and not self.actions.contacts
-        return smooth and self._rounding.fastest(self.dt) <= WELL_CONDITIONED
+        return smooth and self.rounding.fastest(self.dt) <= WELL_CONDITIONED
 
     def noise(self) -> float:
         """Size of the terms whose small difference the last residual is [N]. Collective."""
         external = self.actions.loads.vector
         momentum = None if self._inertia is None else self._inertia.before
-        found = self._rounding.in_residual(self.dt, momentum, external, self.trial.bodies.start)
+        found = self.rounding.in_residual(self.dt, momentum, external, self.trial.bodies.start)
         return found if self.constraints is None else found + self.constraints.noise
 
     def lost(self, y: PETSc.Vec, r: PETSc.Vec) -> Array:
@@ -438,7 +434,7 @@ class Equations:
         """
         if self._inertia is None:
             return np.empty(0)
-        lost, known = self._rounding.lost, (self._inertia.before, self._inertia.gained)
+        lost, known = self.rounding.lost, (self._inertia.before, self._inertia.gained)
         d, v0, before, gained = (v.array_r for v in (self.d, self.trial.v0, *known))
         energy = 0.5 * (v0 @ before) + abs(gained @ d) / self.dt
         energy += abs(self.actions.loads.vector.array_r @ d)
@@ -450,11 +446,7 @@ class Equations:
 
     def left(self, residual: PETSc.Vec) -> float:
         """Largest displacement of an unknown by the rest of R [N], by itself [m]. Collective."""
-        return self._rounding.left(self._own(residual))
-
-    def strain_error(self, residual: float) -> float:
-        """Strain that rounding, and a residual ‖R‖ [N], may leave in a cell. Collective."""
-        return self._rounding.in_strain(residual, self.trial.bodies.start)
+        return self.rounding.left(self._own(residual))
 
     def worst_place(self) -> Array:
         """Reference position of the node with the largest residual [m], shape (3,). Collective."""

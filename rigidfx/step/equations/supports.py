@@ -74,17 +74,14 @@ class PrescribedDofs:
         scene: Scene,
         active: tuple[Support, ...],
         driven: Mapping[int, Indices] | None = None,
-        jumps: Any = None,
         without: Indices | None = None,
     ) -> None:
         """Find the dofs of supports that act, and of further nodes that these move.
 
-        Paths of steps are shown to `jumps`, as `Jumps`, if any. Owned nodes `without` dofs of their
-        own are those of bodies whose frames supports hold.
+        Owned nodes `without` dofs of their own are those of bodies whose frames supports hold.
         """
         self._scene = scene
         self.active = active
-        self._jumps = jumps
         owner = np.full(3 * scene.owned_nodes, -1, dtype=np.int32)
         for k, support in reversed(list(enumerate(self.active))):
             owner[dofs_of(scene, support)] = k
@@ -118,30 +115,25 @@ class PrescribedDofs:
         """Whether the motion of a support is a function of time."""
         return any(support.moves for support in self.active)
 
-    def increments(self, t0: float, t1: float, u: Array, watched: bool = True) -> Array:
-        """Increments of the held dofs from t0 to t1 [s, m], from local displacements u. Collective.
-
-        Paths of an attempt at a step are watched for jumps.
-        """
+    def increments(self, t0: float, t1: float, u: Array) -> Array:
+        """Increments of held dofs from t0 to t1 [s, m], at local displacements u. Collective."""
 
         def gained(support: Support, X: Array, x: Array) -> Array:
-            jumps = self._jumps if support.moves and watched else None
             if not support.uniform:
-                if jumps is not None:
-                    jumps.look(support, t0, t1, support.path_at(t0), support.path_at(t1))
                 return support.increments_of(t0, t1, X, x)
             u0, u1 = self._path(support, t0), self._path(support, t1)
             for given in (u0, u1):
                 if given.shape != (3,):
                     return given  # which is an error below
-            if jumps is not None:
-                axes = list(support.axes)
-                jumps.look(support, t0, t1, u0[axes], u1[axes])
             return np.asarray(u1 - u0)
 
-        if self._jumps is not None and watched:
-            self._jumps.begin()
         return self._ask(gained, t1, u)
+
+    def path_at(self, support: Support, t: float) -> Array:
+        """See `Support.path_at`; a path that all nodes share is kept from the last step."""
+        if not support.uniform:
+            return support.path_at(t)
+        return np.asarray(self._path(support, t)[list(support.axes)])
 
     def _path(self, support: Support, t: float) -> Array:
         """Displacement of all nodes of a support at t, kept for the next question [m]."""

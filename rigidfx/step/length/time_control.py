@@ -168,11 +168,6 @@ class TimeControl(WarnsOnce):
         self._system: Any = None
         self._state: Any = None
 
-    @property
-    def tol(self) -> float:
-        """The budget, over the largest displacement."""
-        return self.length.tol
-
     def follow(self, system: System, state: State) -> None:
         """Follow the equations of a division. Collective."""
         first, self._system, self._state = self._system is None, system, state
@@ -186,10 +181,6 @@ class TimeControl(WarnsOnce):
                 "step errs there, and Δt is the longest. Name a probe that moves freely.",
             )
 
-    def allow(self, tol: float) -> None:
-        """Set the budget of time integration from now on, over the largest displacement."""
-        self.length.tol = tol
-
     def expect(self, event: float) -> None:
         """Add a time [s] as a breakpoint, as of the first touch of a contact."""
         self._breakpoints.expect(event)
@@ -200,8 +191,8 @@ class TimeControl(WarnsOnce):
         if self._fresh:
             self._fresh = False
             length.begin()
-        end = self._breakpoints.end(t, length.wanted, length.longest, self.tol)
-        onset = self._onsets.within(t, end, length.shortest, self.tol)
+        end = self._breakpoints.end(t, length.wanted, length.longest, length.tol)
+        onset = self._onsets.within(t, end, length.shortest, length.tol)
         if onset is None:
             return end
         self._breakpoints.forget()
@@ -235,8 +226,8 @@ class TimeControl(WarnsOnce):
             if self.waits and self.length.overspends(self._found) and not self.length.begins(t):
                 self.say(
                     f"StepControl: steps of {dt:.3g} s, as short as they may be, err by more than "
-                    f"tol = {self.tol:g} allows. Take a smaller `smallest`, or a larger tol; the "
-                    "report's ledger says what was reached."
+                    f"tol = {self.length.tol:g} allows. Take a smaller `smallest`, or a larger "
+                    "tol; the report's ledger says what was reached."
                 )
             return None
         self._objections += 1

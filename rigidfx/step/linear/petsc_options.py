@@ -211,21 +211,14 @@ def _text(name: Any, value: Any) -> str:
     )
 
 
-def _number(value: str) -> float:
-    """Text that PETSc reads as a number; others it refuses itself."""
-    try:
-        return float(value)
-    except ValueError:
-        return 1.0
-
-
 def _check(options: Mapping[str, str]) -> None:
     for name, value in options.items():
         reason = REFUSED.get(name, "")
         if name == "snes_type" and value != NEWTON:
             reason = f"the solver has to be Newton's method ({NEWTON})"
-        if name.endswith(TOLERANCES) and _number(value) <= 0:
-            reason = "a tolerance is a number above zero"
+        if name.endswith(TOLERANCES):
+            with suppress(ValueError):  # PETSc itself refuses other texts
+                reason = "a tolerance is a number above zero" if float(value) <= 0 else reason
         if reason:
             raise SceneError(f"The option -{PREFIX}{name} {value} cannot be honoured: {reason}.")
 

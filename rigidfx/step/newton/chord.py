@@ -123,7 +123,7 @@ class Chord:
         parts have become rigid.
         """
         size = self._equations.prolongation.size
-        self._once_stiff |= self._equations.waves(dt) >= STIFF_FROM
+        self._once_stiff |= self._equations.rounding.waves(dt) >= STIFF_FROM
         if self._once_stiff:
             full = size <= FACTORS_UP_TO or (size <= SLENDER_UP_TO and self._fill <= SLENDER)
         else:
@@ -185,7 +185,7 @@ class Chord:
 
     def serves(self, dt: float) -> bool:
         """Whether tangents are worth keeping in steps of Δt [s]."""
-        return self._equations.waves(dt) <= STIFF_UP_TO
+        return self._equations.rounding.waves(dt) <= STIFF_UP_TO
 
     def destroy(self) -> None:
         """Free the solvers. Collective."""

@@ -306,7 +306,7 @@ class Newton:
     @property
     def strain_error(self) -> float:
         """Strain that the last solve and rounding may leave in a cell. Collective."""
-        return self.equations.strain_error(self._left)
+        return self.equations.rounding.in_strain(self._left, self.equations.trial.bodies.start)
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""

@@ -119,7 +119,7 @@ class AddedForces(ABC):
         equations, at = self._equations, self._equations.prolongation.prescribed
         dt, d = equations.dt, equations.d.array_r[at]
         times = state.t, state.t + 0.5 * dt
-        middle = self._prescribed.increments(*times, state.u.x.array, watched=False)
+        middle = self._prescribed.increments(*times, state.u.x.array)
         first, self._last = end_rates(np.zeros(d.size), d, middle, dt)
         if state.path_rates is not None:
             known = state.path_rates[self._held]

@@ -40,7 +40,6 @@ from rigidfx.step.newton.newton import Newton, Solution
 from rigidfx.step.system.constraint_forces import Added, AddedForces, MeanConstraints
 from rigidfx.step.system.held_bodies import HeldBodies
 from rigidfx.step.system.resolved_forces import ResolvedConstraints
-from rigidfx.step.watches.jumps import Jumps
 
 Links = tuple[JointReports, Mapping[str, SpringDamperReport]]
 OfSupports = tuple[dict[str, Array], dict[str, Array]]
@@ -109,23 +108,20 @@ class System(Equations):
         acting: Sequence[Windowed],
         division: Division,
         *,
-        jumps: Jumps | None = None,
         dealing: Dealing | None = None,
         loose: bool = False,
     ) -> None:
         """Bind everything to a division, whose bodies the state gets, and to effects. Collective.
 
-        Of effects with a time window the given ones act. Paths of supports are shown to `jumps`;
-        `dealing` deals flexible cells out among the ranks; a `StepDrag` is among the effects if
-        `loose`.
+        Of effects with a time window the given ones act. `dealing` deals flexible cells out among
+        the ranks; a `StepDrag` is among the effects if `loose`.
         """
         state.group(division.bodies)
         state.clamp(division.clamped)
         if steps := kind == "step":
             forces.select(acting)
         known = state, division, supports_of(acting)
-        more: Any = {"jumps": jumps, "notes": state.notes, "dealing": dealing}
-        super().__init__(kind, scene, forces, *known, **more)
+        super().__init__(kind, scene, forces, *known, notes=state.notes, dealing=dealing)
         self._state, self.acting = state, tuple(acting)
         state.follow(self.layout.following)
         state.rebuild()  # effects may look at the displacement inside bodies

@@ -34,11 +34,8 @@ class Unresolved(WarnsOnce):
     Newton's test uses one norm. In a scene of very different stiffnesses this norm is the rounding
     of the stiffest forces, and may be as large as all other forces. The iteration ends there, and
     soft parts keep the error of their last iterate. Relative to its own stiffness and inertia each
-    unknown shows this error. With parts in a ratio of stiffness of 1e10, 1e12 and 1e14 it is 5e-10,
-    3e-8 and 6e-4 of a step's increment, and displacements had errors of 2e-9, 2e-9 and 5e-5
-    (`tests/test_unresolved.py`). For the motion of a stiff part as a whole, floating between soft
-    ones, `stiff_parts` shows it: at 1e12 it is 1e-6 to 5e-6 of an increment, and displacements have
-    errors of 4e-8 to 3e-6 with Δt = 0.05 s, and of 1e-2 with 0.2 s.
+    unknown shows this error (`tests/test_unresolved.py`), and the motion of a stiff part as a
+    whole, floating between soft ones.
     """
 
     remembered: ClassVar[Remembered] = WarnsOnce.remembered | same("_moved")

@@ -23,6 +23,7 @@ from rigidfx.base.types import Array
 from rigidfx.base.uncaught import by_users
 from rigidfx.effects import Contact, Obstacle, Support, Touch
 from rigidfx.scene.scene import Scene
+from rigidfx.step.equations.supports import PrescribedDofs
 from rigidfx.step.watches.judge import Attempt, WarnsOnce
 
 Path = Callable[[float], Array]
@@ -41,36 +42,38 @@ class Jumps(WarnsOnce):
 
     remembered: ClassVar[Remembered] = WarnsOnce.remembered
 
-    def __init__(self, scene: Scene) -> None:
-        """Begin before the first step. Collective."""
+    def __init__(self, scene: Scene, prescribed: Callable[[], PrescribedDofs]) -> None:
+        """Begin before the first step, with the dofs that supports hold in each. Collective."""
         super().__init__(scene.comm)
-        self._least, self._found = least_jump(scene), ""
-
-    def look(self, support: Support, t0: float, t1: float, u0: Array, u1: Array) -> None:
-        """Look at an attempt at a step of a support; exceptions of its path go through.
-
-        Its `path_at` t₀ is u₀, and u₁ at t₁, shape (n,) [m].
-        """
-        if not self.waits:
-            return
-        jump = jump_of(support.path_at, t0, t1, u0, u1, self._least)
-        if jump is not None:
-            t, size = jump
-            self._found = (
-                f"{type(support).__name__} on '{support.where}': its path jumps by {size:.3g} m at "
-                f"t = {t:.6g} s. The nodes get a velocity of {2 * size / (t1 - t0):.3g} m/s, twice "
-                "the jump over Δt, that alternates in sign from then on, and shorter steps make it "
-                f"larger. {REMEDY}"
-            )
-
-    def begin(self) -> None:
-        """Begin an attempt at a step: findings of the last one are forgotten."""
-        self._found = ""
+        self._least, self._prescribed = least_jump(scene), prescribed
 
     def accept(self, attempt: Attempt) -> None:
-        """Accept the last attempt as a step, and warn of its findings."""
-        if self._found and self.waits:
-            self.say(self._found)
+        """Look at the paths of supports that move. Collective."""
+        if not self.waits:
+            return
+        prescribed = self._prescribed()
+        for support in prescribed.active:
+            if not support.moves:
+                continue
+            look = partial(self._jump, support, prescribed, attempt.t, attempt.dt)
+            jump = by_users(self._comm, support.owner, "path", look)
+            if jump is None:
+                continue
+            t, size = jump
+            self.say(
+                f"{type(support).__name__} on '{support.where}': its path jumps by {size:.3g} m at "
+                f"t = {t:.6g} s. The nodes get a velocity of {2 * size / attempt.dt:.3g} m/s, "
+                "twice the jump over Δt, that alternates in sign from then on, and shorter steps "
+                f"make it larger. {REMEDY}"
+            )
+            return
+
+    def _jump(
+        self, support: Support, prescribed: PrescribedDofs, t: float, dt: float
+    ) -> tuple[float, float] | None:
+        """See `jump_of`; values at both ends are those that the step has had."""
+        ends = prescribed.path_at(support, t), prescribed.path_at(support, t + dt)
+        return jump_of(support.path_at, t, t + dt, *ends, self._least)
 
 
 class JumpingObstacles(WarnsOnce):
