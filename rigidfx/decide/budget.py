@@ -108,8 +108,7 @@ class BudgetRule:
 
     def limits(self) -> Limits:
         """The displacement that bodies may lack."""
-        size = self._budget * self._largest if self._largest > 0 else inf
-        return Limits(size=size, part=self._budget, begins=self._from_rest)
+        return Limits(part=self._budget, begins=self._from_rest)
 
     def length(self) -> float:
         """How long a window is to be [s]; NaN while that is not known."""

@@ -15,13 +15,12 @@ class Limits:
 
     Attributes:
         rates: Strain rate, of each owned cell [1/s]; None on all ranks if none is bounded.
-        size: Largest displacement of any node [m].
-        part: The same over the largest displacement so far; NaN where rates decide.
+        part: Largest displacement of any node over what accuracy is relative to; NaN where rates
+            decide.
         begins: Whether a motion begins from rest.
     """
 
     rates: Array | None = None
-    size: float = np.inf
     part: float = np.nan
     begins: bool = False
 

@@ -98,7 +98,6 @@ class Growth(Watch):
         self._withheld: list[tuple[Fields, Force]] = []  # ρ⊥ as last seen
         self._ratio, self._since = np.inf, 0
         self._asked = np.inf  # size of the forces of that ratio
-        self._reached = 0.0  # largest displacement of bodies at the end of a step [m]
         self._foreseen = 0.0  # largest static response that has become a shape [m]
         self._lacks = 0.0  # largest 2 |e| so far [m]
         self._added: dict[int, tuple[float, ...]] = {}  # what called for shapes in this step
@@ -115,8 +114,7 @@ class Growth(Watch):
             bodies = attempt.increments.end
             if (woken := self.found.spun(bodies)) is not None:
                 return Looked(woken=woken, reason="they spin too fast for their shapes")
-            if (now := limits()).rates is None:
-                self._reached = self._reach(attempt)
+            now = limits()
             allowed = np.inf if now.rates is not None else self._allowed(now)
             if (woken := self.found.bent(bodies, allowed)) is not None:
                 return Looked(woken=woken, reason="they bend by more than their shapes follow")
@@ -133,12 +131,6 @@ class Growth(Watch):
         if quiet:
             return Looked()
         return self._judged(attempt.dt, self.found.at_start(self._withheld), size, limits())
-
-    def _reach(self, attempt: Attempt) -> float:
-        """Largest displacement of bodies at the end of a step. Collective."""
-        moved = (self.found.moved(body) for body in attempt.increments.end)
-        here = max(float(np.linalg.norm(own, axis=1).max(initial=0.0)) for own in moved)
-        return self._scene.comm.allreduce(here, op=MPI.MAX)
 
     def _resonant(self, dt: float, limits: Callable[[], Limits]) -> Bools | None:
         """Cells of bodies that lack a mode which may be in resonance. Collective."""
@@ -247,7 +239,9 @@ class Growth(Watch):
 
     def _allowed(self, limits: Limits) -> float:
         """Displacement that bodies may lack, of the largest up to the end of a step [m]."""
-        return max(limits.size, limits.part * max(self._foreseen, self._reached))
+        control = self._stepper.control
+        assert control is not None  # an `Accuracy` has one
+        return limits.part * control.reach(self._foreseen)
 
     def _followed(self, F: Array, dt: float, limits: Limits) -> Array:
         """The static response to forces, and its followers where e is bounded. Collective."""

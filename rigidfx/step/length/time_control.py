@@ -168,6 +168,15 @@ class TimeControl(WarnsOnce):
         self._system: Any = None
         self._state: Any = None
 
+    def reach(self, more: float) -> float:
+        """Largest displacement that accuracy is relative to, up to the end of a solved step [m].
+
+        That of the user, or of the points that are asked for, or a larger one that is to come.
+        """
+        if self._control.of is not None:
+            return float(self._control.of)
+        return max(self.length.displacement, self._end.displacement, more)
+
     def follow(self, system: System, state: State) -> None:
         """Follow the equations of a division. Collective."""
         first, self._system, self._state = self._system is None, system, state
