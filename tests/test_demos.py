@@ -86,7 +86,7 @@ def on_ranks(demo, ranks, *arguments):
 )
 def test_demo(tmp_path, demo, ranks):
     # On one rank each hard case has a test of its own, and those about ranks have one on three.
-    some = {"hard_cases": ["--only", "failure"], "accuracy_vs_time": ["--only", "frame"]}.get(
+    some = {"hard_cases": ["--only", "failure"], "accuracy_vs_time": ["--only", "body"]}.get(
         demo.stem, []
     )
     on_ranks(demo, ranks, "--short", *some, "--out", tmp_path / "out")

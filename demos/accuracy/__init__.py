@@ -6,7 +6,7 @@ import inspect
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -27,20 +27,12 @@ class Setting:
 
     Attributes:
         dt: Δt, or the longest one with a budget [s].
-        tol: Strain rate below which cells become rigid [1/s]; nothing does if 0.
-        window: How long it is observed [s].
-        budget: Of `Accuracy`, which chooses Δt and rigid parts; neither is chosen if 0.
-        newton: Reduction of the residual at which Newton's iteration ends.
-        wake: How bodies are released.
+        budget: Of `Accuracy`, which chooses Δt and bodies; neither is chosen if 0.
         reduced: Whether the structure's parts are reduced.
     """
 
     dt: float
-    tol: float = 0.0
-    window: float = 0.0
     budget: float = 0.0
-    newton: float = 1e-12
-    wake: str = "local"
     reduced: bool = False
 
 
@@ -54,10 +46,9 @@ class Structure:
         at: The probe that is compared.
         of: Length that errors are parts of [m].
         t_end: End of its runs [s].
-        min_cells: Least size of a body.
+        quiet: Time up to which Δt is ten times as long [s].
         reference: The setting that errors are against.
         ways: Name of a curve → the settings along it, the fastest first.
-        knobs: Name → setting, beside the last of those by hand.
         parts: The parts that may be reduced.
     """
 
@@ -66,10 +57,9 @@ class Structure:
     at: str
     of: float
     t_end: float
-    min_cells: int
+    quiet: float
     reference: Setting
     ways: dict[str, list[Setting]]
-    knobs: dict[str, Setting] = field(default_factory=dict)
     parts: tuple[rf.Reduced, ...] = ()
 
 
@@ -82,14 +72,14 @@ class Run:
         path: Places of the probe then, a list of three each [m].
         cpu_s: Time of the processor, set-up included [s].
         unknowns: At the start.
-        rigid: Unknowns that were saved, as a part of unknowns × time.
+        saved: Unknowns that were saved, as a part of unknowns × time.
     """
 
     t: list[float]
     path: list[list[float]]
     cpu_s: float
     unknowns: int
-    rigid: float
+    saved: float
 
     def error(self, reference: Run, of: float) -> float:
         """Largest distance of the probe from that of a reference, as a part of a length."""
@@ -118,18 +108,16 @@ def measured(structure: Structure, setting: Setting, folder: Path) -> Run:
 
 def _carried_out(structure: Structure, setting: Setting) -> Run:
     parts, rule = structure.parts if setting.reduced else (), {}
-    if setting.tol:
-        rule["rigidify"] = rf.StrainRate(
-            setting.tol, setting.window, wake=setting.wake, min_cells=structure.min_cells
-        )
+    dt: float | dict[float, float] = setting.dt
     if setting.budget:
         rule["accuracy"] = rf.Accuracy(setting.budget, structure.at, of=structure.of)
-    options = {"snes_rtol": setting.newton}
-    given = setting.dt, structure.t_end
+    elif structure.quiet:
+        dt = {0.0: 10 * setting.dt, structure.quiet: setting.dt}
+    given = dt, structure.t_end
     next(rf.simulate(structure.scene(*parts), *given, **rule))  # compiles forms, which stay
     began = time.process_time()
     scene = structure.scene(*parts)
-    reports = rf.simulate(scene, *given, petsc_options=options, **rule)
+    reports = rf.simulate(scene, *given, **rule)
     first = next(reports)
     t, path, saved = [first.t], [_place(scene, first, structure.at)], 0.0
     for report in reports:
@@ -148,7 +136,6 @@ def _place(scene: rf.Scene, report: rf.Report, at: str) -> list[float]:
 Row = Mapping[str, Any]
 COLOURS = {
     "all flexible": "0.45",
-    "rigid parts by hand": "#d55e00",
     "asked for": "#0072b2",
     "parts reduced by name": "#009e73",
 }
@@ -162,11 +149,12 @@ def draw(panels: Mapping[str, Sequence[Row]], path: Path) -> None:
 
     def picture() -> None:
         title = "Error against computing time: down and to the left is better"
-        figure, axes = figure_of(1, len(panels), (4.6 * len(panels), 4.4), title)
+        figure, axes = figure_of(-(-len(panels) // 2), min(len(panels), 2), (9.2, 8.4), title)
         figure.set_dpi(DPI)
-        for ax, (name, rows) in zip(axes[0], panels.items(), strict=True):
+        for ax, (name, rows) in zip(axes.flat, panels.items(), strict=False):
             _panel(ax, name, rows)
-        axes[0, 0].set_ylabel("error of the probe (%)")
+        for ax in axes[:, 0]:
+            ax.set_ylabel("error of the probe (%)")
         axes[0, 0].legend(frameon=False, loc="lower left")
         save(figure, path)
 
