@@ -143,7 +143,7 @@ def crank(*parts: rf.Reduced) -> rf.Scene:
 # Link and head of the arm are reduced and its leaf stays flexible; the device, and all parts of the
 # slider-crank, are reduced; the block is reduced beside its flexible cantilever.
 #
-# From one point of a curve to the next Δt is halved; while the device falls it is ten times as long.
+# From one point of a curve to the next Δt is halved; as the device falls it is ten times as long.
 # Errors are against a run with a quarter of the shortest Δt, all flexible: the largest distance of
 # a probe from its place there. They are parts of a length, which is the bend of arm and body, the
 # way of the device's top after the touch, and the way of the slider-crank's block less that of

@@ -71,7 +71,8 @@ class Excess:
         self._dense = np.abs(missed) / self._scene.averaging_mass[part.nodes]
         energy = abs(float(self._scene.sum(missed.sum())))
         energy += about.beside.energy(d @ about.Q) / self._energy
-        self.nu = max(energy, 0.5 * abs(part.followed(shapes, even, d)))
+        along = part.followed(shapes, even, d) if shapes.spun is None else 0.0  # N has that of spin
+        self.nu = max(energy, 0.5 * abs(along))
 
     def most(self, share: float) -> Bools:
         """The nodes of the body that miss more than a share of the largest miss. Collective."""

@@ -134,11 +134,13 @@ class Part(Expanded):
         force = self.dot(modes, self.internal[:, :, None])[:, 0]
         return PartShapes(modes, 0.5 * (K + K.T), force)
 
-    def spun(self, modes: Array) -> Array:
-        """N of shapes, by which spin stiffens the part, shape (m, m, 3, 3) [kg]. Collective."""
-        responses, scene = self._responses, self._scene
-        x = responses.stiffness.places
-        x = x - np.asarray(scene.sum(np.r_[x.sum(axis=0), len(x)]))[:3] / scene.sum(len(x))
+    def spun(self, modes: Array, through: Array) -> Array:
+        """N of shapes, by which spin stiffens the part, shape (m, m, 3, 3) [kg]. Collective.
+
+        It turns about axes through a point [m], or freely, where that is any.
+        """
+        responses = self._responses
+        x = responses.stiffness.places - through
         fields = [
             (a == b) * x - 0.5 * (np.outer(x[:, b], np.eye(3)[a]) + np.outer(x[:, a], np.eye(3)[b]))
             for a, b in PAIRS

@@ -1,9 +1,10 @@
 """How far shapes hold, as a run goes on: as bodies bend, and as they spin between joints.
 
-ν is how far a body is from the expansion that its shapes have. It grows with the square of the
-displacement by them, by mass, and is looked at again once that has doubled: the energy of a bar
-that is stretched hardly changes as it begins to bend. ν is too large where amplitudes err by more
-than `LACKING`: then cells of bodies that were found wake, and a run warns of parts named `Reduced`.
+ν is how far a body is from the expansion that its shapes have. It grows with the energy of these,
+½ q·Ωq, and with q·Dq, the square of their displacement by mass: the energy of a bar that is
+stretched hardly changes as it begins to bend. It is looked at again once one of them has doubled,
+or is ten times as large, for named parts far below the bound. Above that cells of bodies that were
+found wake, and a run warns of parts named `Reduced`.
 
 A part that spins on a hinge is stretched by the hinge's force, and so is stiffer. Shapes do not
 know that. A beam that a motor spins up then lags by 4.7 (W/ω)² too much, with W its spin and ω its
@@ -27,12 +28,15 @@ from rigidfx.base.warning import warn
 from rigidfx.coupling.dof_layout import AtNodes
 from rigidfx.effects import Joint
 from rigidfx.mechanics.rigid_body import Body, RigidBody
+from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.excess import About, Excess
 from rigidfx.shapes.part import LACKING
 from rigidfx.state import State
 
-DOUBLED = 2.0  # factor of q·Dq after which ν is looked at again
+BOUND = 0.003  # of ν, above which cells wake, and a run warns: amplitudes err by 0.9 %
+# Factors of ½ q·Ωq or q·Dq after which ν is looked at again: near its bound, and far below it.
+NEAR, FAR = 2.0, 10.0
 SHARE = 0.3  # part of the largest miss of any node, by mass, above which cells wake
 LEAST = 1e-6  # part of the largest ½ q·Ωq so far below which it is not
 # Part of a body's length below which ν of its motion is that of rounding.
@@ -107,31 +111,41 @@ class SpinLimits:
 class Looks:
     """Says when ν of a body is to be looked at."""
 
-    remembered: ClassVar[Remembered] = same("_squares", "_largest")
+    remembered: ClassVar[Remembered] = same("_next", "_largest")
 
     def __init__(self) -> None:
         """Nothing has been looked at."""
-        self._squares: dict[int, float] = {}  # q·Dq of each body when it was, by number [kg m²]
+        # ½ q·Ωq and q·Dq of each body, by number, above which it is [J, kg m²].
+        self._next: dict[int, tuple[float, float]] = {}
         self._largest = 0.0  # strain energy of any body so far [J]
 
     def due(self, body: Body) -> bool:
-        """Whether ν of a body is to be looked at now; then it counts as looked at."""
+        """Whether ν of a body is to be looked at now."""
         data, shapes, q = body.data, body.data.shapes, body.motion.q
         if shapes is None:
             return False
-        energy = 0.5 * float(q @ shapes.stiffness @ q)
+        energy, square = _sizes(shapes, q)
         self._largest = max(self._largest, energy, data.frozen.strain)
         if np.abs(q).max() <= ROUNDING * data.length or energy <= LEAST * self._largest:
             return False
-        square = float(q @ shapes.mass @ q)
-        if square <= DOUBLED * self._squares.get(data.number, 0.0):
-            return False
-        self._squares[data.number] = square
-        return True
+        known = self._next.get(data.number, (0.0, 0.0))
+        return energy > known[0] or square > known[1]
+
+    def looked(self, body: Body, far: bool) -> None:
+        """ν of a body was looked at, and is `FAR` times below its bound, or is not."""
+        shapes, grown = body.data.shapes, FAR if far else NEAR
+        assert shapes is not None
+        energy, square = _sizes(shapes, body.motion.q)
+        self._next[body.data.number] = grown * energy, grown * square
 
     def forget(self, number: int) -> None:
         """Forget a body that is no more."""
-        self._squares.pop(number, None)
+        self._next.pop(number, None)
+
+
+def _sizes(shapes: Shapes, q: Array) -> tuple[float, float]:
+    """½ q·Ωq and q·Dq [J, kg m²]."""
+    return 0.5 * float(q @ shapes.stiffness @ q), float(q @ shapes.mass @ q)
 
 
 class Spent:
@@ -167,7 +181,8 @@ class Spent:
         """Keep ν of a part; warn once where it is not small. Collective."""
         name = body.data.name
         self.nu[name] = found.nu
-        if off_by(found.nu) <= LACKING or name in self._large:
+        self._looks.looked(body, FAR * found.nu <= BOUND)
+        if found.nu <= BOUND or name in self._large:
             return
         self._large |= {name}
         count, lower, upper = found.spent()

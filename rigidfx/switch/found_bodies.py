@@ -36,11 +36,10 @@ from rigidfx.mechanics.rigid_motions import best_motion
 from rigidfx.shapes.excess import About, Excess
 from rigidfx.shapes.found import Found
 from rigidfx.shapes.linear import Linear
-from rigidfx.shapes.part import LACKING
 from rigidfx.shapes.responses import Responses
 from rigidfx.step.equations.actions import Actions, apart
 from rigidfx.step.stepper import Stepper
-from rigidfx.switch.bends import Looks, SpinLimits, most_bent, off_by
+from rigidfx.switch.bends import BOUND, Looks, SpinLimits, most_bent, off_by
 from rigidfx.switch.inventory import about_start
 from rigidfx.withheld.body_forces import BodyForces
 from rigidfx.withheld.fields import Fields, Force
@@ -242,7 +241,8 @@ class FoundBodies:
             errs = self.moved(body) if about.beside.holds else found.d
             size = float(np.abs(errs).max(initial=0.0))
             size = off_by(found.nu) * self._scene.comm.allreduce(size, op=MPI.MAX)
-            if off_by(found.nu) <= LACKING and size <= allowed:
+            self._looks.looked(body, far=False)
+            if found.nu <= BOUND and size <= allowed:
                 self.bends = max(self.bends, size)
                 continue
             words = f"bends by more than its shapes follow: ν = {found.nu:.3g}"

@@ -19,7 +19,7 @@ from rigidfx.base.log import tell
 from rigidfx.base.remembered import ON_DOFS, ON_NODES, PART, Remembered
 from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
-from rigidfx.effects import Contact, PrescribedRotation, Reduced, Windowed
+from rigidfx.effects import Contact, Preload, PrescribedRotation, Reduced, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body, RigidBody
@@ -125,7 +125,7 @@ class Shaping:
         memory = found.modes.itemsize * 3 * m * nodes / MEGA
         text = f"{effect.owner}: {m} shapes of {nodes} nodes, which take {memory:.1f} MB"
         tell(self._scene.comm, text)
-        spun = part.spun(found.modes) if self._spins(body, found) else None
+        spun = self._spun(body, found.modes) if self._spins(body, found) else None
         made = self._with(body, found, held, spun, given)
         v = state.v.x.array.reshape(-1, 3)[body.data.nodes]
         v = v - body.motion.velocities(body.data.offsets)
@@ -163,6 +163,18 @@ class Shaping:
         turned = any(isinstance(e, PrescribedRotation) for e in self._acting)
         return spin > STIFFENING * lowest or turned
 
+    def _spun(self, body: Body, modes: Array) -> Array:
+        """N of a body's shapes, about the axis of a support that turns it. Collective."""
+        part, scene, through = self._part(body.data), self._scene, body.motion.r
+        for support in self._acting:
+            if isinstance(support, PrescribedRotation):
+                held: Array = np.zeros((scene.owned_nodes, 3, 1))
+                nodes = scene.nodes(support.where, support.owner)
+                held[nodes[nodes < scene.owned_nodes]] = 1.0
+                if part.bears(held)[0]:
+                    through = np.asarray(support.through)
+        return part.spun(modes, through)
+
     def _with_spins(self, loads: Array) -> Array:
         """Loads, and the inertia of homogeneous deformations, as spins have it. Collective."""
         assert self._responses is not None
@@ -177,7 +189,8 @@ class Shaping:
         """A body with other shapes, of which the first ones are those that it has. Collective.
 
         All are zero where a support holds its frame, and the first ones that are given follow
-        supports; for N see `Part.spun`.
+        supports; for N see `Part.spun`. K knows the stresses of a `Preload` with a spin: the part
+        of them that N gives is not counted twice.
         """
         data, own, drift = body.data, self._part(body.data), None
         modes = part.modes
@@ -185,7 +198,11 @@ class Shaping:
             drift = np.asarray(self._scene.sum(own.times_mass(modes).sum(axis=0)).T) / data.mass
             modes = modes - drift.T
         moments, fields = own.moments(data.offsets, modes), modes.swapaxes(1, 2).copy()
-        known = data.nodes, fields, moments, part.stiffness, part.force
+        stiffness = part.stiffness
+        for preload in self._scene.named(Preload) if spun is not None else ():
+            spin = body.motion.R.T @ np.asarray(preload.spin)
+            stiffness = stiffness + np.einsum("klij,i,j->kl", spun, spin, spin)
+        known = data.nodes, fields, moments, stiffness, part.force
         made = body.with_shapes(Shapes(*known, drift, spun, given=given))
         kept = replace(NOTHING, strain=data.frozen.strain)
         return Body(replace(made.data, frozen=kept), made.motion)
@@ -280,7 +297,7 @@ class Shaping:
         own, projected = data.shapes, part.projected(every)
         if own is None:
             return self._with(body, projected, False, None, 0)
-        spun = None if own.spun is None else part.spun(every)
+        spun = None if own.spun is None else self._spun(body, every)
         return self._with(body, projected, own.drift is not None, spun, own.given)
 
     def _tell_more(self, name: str, before: int, now: int, all_of_them: bool) -> None:
