@@ -56,7 +56,7 @@ class BodyReport:
         q: Coordinates of its shapes, shape (shapes,) [m].
         q_rate: Their rates, likewise [m/s].
         nu: ν, by which part of its strain energy that of its cells differed from it, of a body with
-            shapes, when last looked at: displacements by shapes have grown by √10 at most since.
+            shapes, when last looked at: displacements by shapes have grown threefold at most since.
         inertia_ratio: Largest ratio, about any axis, of its moment of inertia to the exact one of
             its cells: above 1 where masses are lumped.
         kinetic_excess: Kinetic energy that it has for this reason only [J].

@@ -3,8 +3,8 @@
 ν is how far a body is from the expansion that its shapes have. It grows with the energy of these,
 ½ q·Ωq, and with q·Dq, the square of their displacement by mass: the energy of a bar that is
 stretched hardly changes as it begins to bend. It is looked at again once one of them has doubled,
-or is ten times as large, for named parts far below the bound. Above that cells of bodies that were
-found wake, and a run warns of parts named `Reduced`.
+or grown eightfold, for named parts far below the bound. Above that cells of bodies that were found
+wake, and a run warns of parts named `Reduced`.
 
 A part that spins on a hinge is stretched by the hinge's force, and so is stiffer. Shapes do not
 know that. A beam that a motor spins up then lags by 4.7 (W/ω)² too much, with W its spin and ω its
@@ -36,7 +36,8 @@ from rigidfx.state import State
 
 BOUND = 0.003  # of ν, above which cells wake, and a run warns: amplitudes err by 0.9 %
 # Factors of ½ q·Ωq or q·Dq after which ν is looked at again: near its bound, and far below it.
-NEAR, FAR = 2.0, 10.0
+NEAR = 2.0
+FAR = NEAR * NEAR * NEAR
 SHARE = 0.3  # part of the largest miss of any node, by mass, above which cells wake
 LEAST = 1e-6  # part of the largest ½ q·Ωq so far below which it is not
 # Part of a body's length below which ν of its motion is that of rounding.
