@@ -199,9 +199,10 @@ class Shaping:
             modes = modes - drift.T
         moments, fields = own.moments(data.offsets, modes), modes.swapaxes(1, 2).copy()
         stiffness = part.stiffness
-        for preload in self._scene.named(Preload) if spun is not None else ():
-            spin = body.motion.R.T @ np.asarray(preload.spin)
-            stiffness = stiffness + np.einsum("klij,i,j->kl", spun, spin, spin)
+        if spun is not None:
+            for preload in self._scene.named(Preload):
+                spin = body.motion.R.T @ np.asarray(preload.spin)
+                stiffness = stiffness + np.einsum("klij,i,j->kl", spun, spin, spin)
         known = data.nodes, fields, moments, stiffness, part.force
         made = body.with_shapes(Shapes(*known, drift, spun, given=given))
         kept = replace(NOTHING, strain=data.frozen.strain)
