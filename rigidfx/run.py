@@ -164,7 +164,8 @@ class Run:
         """A report with its ledger, if there is one, ν, and resolved forces. Collective."""
         if self.resolved is not None:
             report = self.resolved.of(report)
-        if nu := self.switch.shaping.spent(self.stepper.state):
+        found = {} if self.growth is None else self.growth.found.nu
+        if nu := self.switch.shaping.spent(self.stepper.state) | found:
             report = replace(report, nu=nu)
         if self.ledgers is None:
             return report

@@ -112,6 +112,7 @@ def test_bodies_that_are_found_show_it(tmp_path):
     u, _, last, _ = followed(bar(2e3), rigidify=grow)
     twin, *_ = followed(bar(2e3))
     assert last.rigid.of.shapes is not None
+    assert 0 < last.bodies[0].nu <= 0.003
     assert np.abs(u - twin)[:, :, 0].max() < 1e-3 * np.abs(twin).max()
     checkpoint = rf.Checkpoint(tmp_path, steps=20)
     cut = rf.simulate(bar(2e3), DT, T_END, rigidify=grow, checkpoint=checkpoint, progress=False)

@@ -82,9 +82,10 @@ class FoundBodies:
     Attributes:
         known: What is known of each body, by its number.
         bends: Largest displacement by which shapes err as bodies bend, so far [m].
+        nu: ν of each body when it was looked at, by its name.
     """
 
-    remembered: ClassVar[Remembered] = same("bends", "_modes", "_cut") | {
+    remembered: ClassVar[Remembered] = same("bends", "nu", "_modes", "_cut") | {
         "known": Each(Known),
         "_looks": PART,
         "_start": ON_DOFS,
@@ -96,6 +97,7 @@ class FoundBodies:
         self._stepper, self._forces, self._dt, self._scene = stepper, forces, dt, stepper.scene
         self.known: dict[int, Known] = {}
         self.bends, self._looks = 0.0, Looks()
+        self.nu: dict[str, float] = {}
         self._start: Array = stepper.state.u.x.array[: 3 * self._scene.owned_nodes].copy()
         self._linear: Linear | None = None
         self._expanded: dict[int, tuple[RigidBody, Found, About]] = {}  # by number
@@ -242,6 +244,7 @@ class FoundBodies:
             size = float(np.abs(errs).max(initial=0.0))
             size = off_by(found.nu) * self._scene.comm.allreduce(size, op=MPI.MAX)
             self._looks.looked(body, far=False)
+            self.nu[data.name] = found.nu
             if found.nu <= BOUND and size <= allowed:
                 self.bends = max(self.bends, size)
                 continue
@@ -301,6 +304,8 @@ class FoundBodies:
     def bind(self) -> None:
         """Forget bodies that are no more. Collective."""
         numbers = {body.number for body in self._stepper.state.bodies.of.records}
+        names = {body.name for body in self._stepper.state.bodies.of.records}
+        self.nu = {name: nu for name, nu in self.nu.items() if name in names}
         self.known = {number: own for number, own in self.known.items() if number in numbers}
         for number in sorted(self._expanded.keys() - numbers):
             self._expanded.pop(number)[2].destroy()
