@@ -17,7 +17,7 @@ APART = {
     *("_field", "_cell_field", "_square"),  # refilled before they are read
     *("WholeMass._matrix", "WholeMass._without"),  # made when it is asked for
     *("_last", "Whereabouts._first", "held", "_seen"),  # reports, the preload, bodies by identity
-    *("Growth._strains", "Growth._reached"),  # of a last look
+    "Growth._strains",  # of a last look
     *(
         "FoundBodies._expanded",
         "FoundBodies._linear",

@@ -126,7 +126,8 @@ def test_a_blade_is_stiffened_by_spin_about_its_axis(preloaded):
 
     def heights(*parts):
         aluminium = rf.StVenantKirchhoff(E=7e10, nu=0.33, rho=2700.0)
-        effects = [turn, begins, push, *parts]
+        damping = rf.StiffnessDamping(0.02, frequency=10.0), rf.NumericalDamping(0.02)
+        effects = [turn, begins, push, *damping, *parts]
         end = {"tip": (0.9, 0, 0)}
         scene = rf.Scene(blade, aluminium, effects, element="enhanced", probes=end)
         return np.array([r.probes["tip"][2] for r in rf.simulate(scene, 1e-3, 0.05)])

@@ -2,8 +2,7 @@
 
 Each scene runs with each budget, beside a `StepControl`, nothing rigid: what `Accuracy` does by
 itself with so few unknowns, unless a small bar stands for a large one (`min_cells`). Its numbers
-end in `_flexible`; a constant Δt of as many steps errs by `constant_flexible`. Runs set by hand are
-beside those that are asked for an accuracy in `demos/accuracy_vs_time.py`.
+end in `_flexible`; a constant Δt of as many steps errs by `constant_flexible`.
 
 `measured` is the largest distance of the probe from where it is in the reference, all flexible, on
 the same mesh, with steps a quarter as long as the sharpest budget would have them (`--short`: half

@@ -22,7 +22,8 @@ displacements ψ_ab by M (δ_ab ξ - sym(e_a ξ_b)) and K' the change of K with 
 
     J gains Σ N_kl q_k q_l,    N_ab = -Φᵀ K'[ψ_ab] Φ,
 
-which is of second order in q, as the rest of J is.
+which is of second order in q, as the rest of J is. ξ counts from the axis of a support that turns
+the body.
 
 All of it comes from the second moments G_kl = Σ m Φ_k Φ_lᵀ, with Φ₀ = ξ, which are summed once; a
 step then costs the same whatever the mesh.

@@ -137,7 +137,7 @@ class Part(Expanded):
     def spun(self, modes: Array, through: Array) -> Array:
         """N of shapes, by which spin stiffens the part, shape (m, m, 3, 3) [kg]. Collective.
 
-        It turns about axes through a point [m], or freely, where that is any.
+        It turns about axes through a point [m]; for a free body any point serves.
         """
         responses = self._responses
         x = responses.stiffness.places - through

@@ -60,6 +60,11 @@ class Responses:
         self._momenta = self.inertia(self.motions)
         self._solver: Solver | None = None
 
+    @property
+    def stressed(self) -> bool:
+        """Whether cells have stresses in the state. Collective."""
+        return bool(self.scene.sum(np.count_nonzero(self.rigid.internal)) > 0)
+
     def dot(self, a: Array, b: Array) -> Array:
         """aᵀb of all columns, shape (k, l). Collective."""
         return np.asarray(self.scene.sum(columns(a).T @ columns(b)))
@@ -82,8 +87,7 @@ class Responses:
         `SceneError` if the state is not stable.
         """
         if self._solver is None:
-            stressed = bool(self.scene.sum(np.count_nonzero(self.rigid.internal)))
-            self._solver = Solver(self.stiffness, self.motions, self._momenta, stressed)
+            self._solver = Solver(self.stiffness, self.motions, self._momenta, self.stressed)
         return self._solver.solve(self.balanced(F))
 
     def of_nodes(self, nodes: Indices, Q: Array | None = None) -> Callable[[Array], Array]:

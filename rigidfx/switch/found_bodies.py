@@ -156,6 +156,7 @@ class FoundBodies:
         self.linear()  # finds the modes of the whole
         found, vectors = self._within(data, self._vectors)
         self._forget(data.number)
+        self.nu.pop(data.name, None)
         begun, lacking = self._modes, self._cut
         whole = data.size == self._scene.mesh.topology.index_map(3).size_global
         # Its own modes are those of the whole, or would bend rigid faces.
@@ -251,7 +252,8 @@ class FoundBodies:
             words = f"bends by more than its shapes follow: ν = {found.nu:.3g}"
             tell(self._scene.comm, f"{data.name} {words}")
             woken = np.zeros(self._scene.mesh.topology.index_map(3).size_local, dtype=bool)
-            woken[most_bent(self._scene, data, found)] = True
+            most = most_bent(self._scene, data, found)
+            woken[most if self._scene.sum(most.size) > 0 else data.cells] = True
             return woken
         return None
 

@@ -13,7 +13,7 @@ body begins with the modes that Δt resolves, as a resonance that builds up cann
 forces of one step.
 
 Where a displacement is bounded in place of a strain rate, 2 |e| of each node is compared with a
-part of the largest displacement up to the end of the step, or of the largest e that has become a
+part of what accuracy is relative to, up to the end of the step, or of the largest e that is now a
 shape: that is the motion to come where a load begins. While a motion begins from rest, a body grows
 once in a step and no cell wakes, as all steps err by much of nothing then. And e has its followers
 beside it (`rigidfx.shapes.ritz`); with strain rates these would let a body follow a wave for which
@@ -115,7 +115,8 @@ class Growth(Watch):
             if (woken := self.found.spun(bodies)) is not None:
                 return Looked(woken=woken, reason="they spin too fast for their shapes")
             now = limits()
-            allowed = np.inf if now.rates is not None else self._allowed(now)
+            free = now.rates is not None or now.begins
+            allowed = np.inf if free else self._allowed(now)
             if (woken := self.found.bent(bodies, allowed)) is not None:
                 return Looked(woken=woken, reason="they bend by more than their shapes follow")
         own = [each for each in self._forces.borne.values() if self.found.grows(each[0].data)]

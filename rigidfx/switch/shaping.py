@@ -160,20 +160,25 @@ class Shaping:
         mass = own.dot(part.modes, own.times_mass(part.modes))
         lowest = float((np.diag(part.stiffness) / np.diag(mass)).min())
         spin = float(body.motion.angular_velocity @ body.motion.angular_velocity)
-        turned = any(isinstance(e, PrescribedRotation) for e in self._acting)
-        return spin > STIFFENING * lowest or turned
+        return spin > STIFFENING * lowest or self._axis(own) is not None
 
-    def _spun(self, body: Body, modes: Array) -> Array:
-        """N of a body's shapes, about the axis of a support that turns it. Collective."""
-        part, scene, through = self._part(body.data), self._scene, body.motion.r
+    def _axis(self, part: Part) -> Array | None:
+        """A point of the axis about which a support turns a part [m]; None without. Collective."""
+        found, scene = None, self._scene
         for support in self._acting:
             if isinstance(support, PrescribedRotation):
                 held: Array = np.zeros((scene.owned_nodes, 3, 1))
                 nodes = scene.nodes(support.where, support.owner)
                 held[nodes[nodes < scene.owned_nodes]] = 1.0
                 if part.bears(held)[0]:
-                    through = np.asarray(support.through)
-        return part.spun(modes, through)
+                    found = np.asarray(support.through)
+        return found
+
+    def _spun(self, body: Body, modes: Array) -> Array:
+        """N of a body's shapes: see `Part.spun`. Collective."""
+        part = self._part(body.data)
+        axis = self._axis(part)
+        return part.spun(modes, body.motion.r if axis is None else axis)
 
     def _with_spins(self, loads: Array) -> Array:
         """Loads, and the inertia of homogeneous deformations, as spins have it. Collective."""
@@ -189,8 +194,8 @@ class Shaping:
         """A body with other shapes, of which the first ones are those that it has. Collective.
 
         All are zero where a support holds its frame, and the first ones that are given follow
-        supports; for N see `Part.spun`. K knows the stresses of a `Preload` with a spin: the part
-        of them that N gives is not counted twice.
+        supports; for N see `Part.spun`. Where a `Preload` has put the stresses of a spin into K,
+        Ω is taken less these.
         """
         data, own, drift = body.data, self._part(body.data), None
         modes = part.modes
@@ -199,9 +204,10 @@ class Shaping:
             modes = modes - drift.T
         moments, fields = own.moments(data.offsets, modes), modes.swapaxes(1, 2).copy()
         stiffness = part.stiffness
-        if spun is not None:
+        assert self._responses is not None
+        if spun is not None and self._responses.stressed:
             for preload in self._scene.named(Preload):
-                spin = body.motion.R.T @ np.asarray(preload.spin)
+                spin = np.asarray(preload.spin)  # in the frame of the start, in which shapes are
                 stiffness = stiffness + np.einsum("klij,i,j->kl", spun, spin, spin)
         known = data.nodes, fields, moments, stiffness, part.force
         made = body.with_shapes(Shapes(*known, drift, spun, given=given))
@@ -279,7 +285,7 @@ class Shaping:
         if data.name not in self._growing:
             return body
         part = self._part(data)
-        known = _free(data)
+        known = part.projected(_free(data))
         m, basis, fits = len(known.force), part.begun(known.modes), []
         for F, follow in zip(self._new_loads(body, nodes, ways), (True, False), strict=True):
             F = responses.balanced(F)
@@ -320,8 +326,9 @@ class Shaping:
         for body in state.bodies:
             if body.data.shapes is None:
                 continue
-            own, loads = _free(body.data), self._loads[body.data.name]
-            if count := self._part(body.data).unspanned(own, loads)[0].shape[2]:
+            part, loads = self._part(body.data), self._loads[body.data.name]
+            own = part.projected(_free(body.data))
+            if count := part.unspanned(own, loads)[0].shape[2]:
                 warn(
                     self._scene.comm,
                     f"Reduced '{body.data.name}': shapes={len(own.force)} lack more than "
@@ -387,13 +394,10 @@ class Shaping:
         self._responses = None
 
 
-def _free(data: RigidBody) -> PartShapes:
-    """The shapes of a body but those that follow supports."""
-    own = data.shapes
-    if own is None:
-        return PartShapes(np.zeros((data.nodes.size, 3, 0)), np.zeros((0, 0)), np.zeros(0))
-    modes, n = whole_modes(data).swapaxes(1, 2), own.given
-    return PartShapes(modes[:, :, n:], own.stiffness[n:, n:], own.force[n:])
+def _free(data: RigidBody) -> Array:
+    """The shapes of a body but those that follow supports, shape (nodes, 3, m)."""
+    given = 0 if data.shapes is None else data.shapes.given
+    return whole_modes(data).swapaxes(1, 2)[:, :, given:]
 
 
 def whole_modes(data: RigidBody) -> Array:

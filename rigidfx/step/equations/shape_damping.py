@@ -58,9 +58,12 @@ class ShapeDamping:
 
         with self._forces.undamped() as parts:
             steady, viscous = dict[str, Array](), dict[str, Array]()
+            half = 0.5 * body.shapes.stiffness
+            if body.shapes.spun is not None:  # that may lack stresses of a spin
+                half = _projected(self._scene, rows, form, fields)
             for kind, is_viscous, switch in parts:
                 switch(True)
-                C = _projected(self._scene, rows, form, fields) - 0.5 * body.shapes.stiffness
+                C = _projected(self._scene, rows, form, fields) - half
                 switch(False)
                 found = viscous if is_viscous else steady
                 found[kind] = found.get(kind, 0.0) + 0.5 * (C + C.T)

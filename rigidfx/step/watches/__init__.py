@@ -1,1 +1,1 @@
-"""Observers of attempts: the judge, who may object, and watches, which take note."""
+"""Attempts at a step, why one is repeated, and watches of accepted ones."""
