@@ -237,7 +237,7 @@ class FoundBodies:
         """
         for body in bodies:
             data = body.data
-            if not (self.grows(data) and self._looks.due(body)):
+            if not (self.grows(data) and self._looks.due(body, bool(np.isfinite(allowed)))):
                 continue
             _, about = self._of(data)
             found = Excess(about, body)
