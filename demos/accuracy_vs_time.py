@@ -1,8 +1,8 @@
 # # What accuracy costs in time
 #
 # Four structures are run again and again, in three ways: all flexible with shorter and shorter
-# steps; with parts that are reduced by name, likewise; and by asking for an accuracy, which chooses
-# Δt and bodies. How far off is each run, and how long does it take?
+# steps; with parts that are reduced by name, and the same steps; and by asking for an accuracy,
+# which chooses Δt and bodies. How far off is each run, and how long does it take?
 #
 #     python3 demos/accuracy_vs_time.py
 #     python3 demos/accuracy_vs_time.py --only body

@@ -41,7 +41,7 @@ BOUND = 0.003  # of ν, above which cells wake, and a run warns: amplitudes err 
 NEAR = 2.0
 FAR = NEAR * NEAR * NEAR
 SHARE = 0.3  # part of the largest miss of any node, by mass, above which cells wake
-LEAST = 1e-6  # part of the largest ½ q·Ωq so far below which it is not
+LEAST = 1e-6  # part of the largest ½ q·Ωq so far up to which ν is not looked at
 # Part of a body's length below which ν of its motion is that of rounding.
 ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))
 
@@ -118,7 +118,7 @@ class Looks:
 
     def __init__(self) -> None:
         """Nothing has been looked at."""
-        # ½ q·Ωq and q·Dq of each body, by number, above which it is [J, kg m²].
+        # ½ q·Ωq and q·Dq of each body, by number, above which ν is looked at again [J, kg m²].
         self._next: dict[int, tuple[float, float]] = {}
         self._largest = 0.0  # strain energy of any body so far [J]
 

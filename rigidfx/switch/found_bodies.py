@@ -284,9 +284,9 @@ class FoundBodies:
     def _gained(
         self, d: Array, bodies: Sequence[Body], rows: Rows, actions: Actions
     ) -> tuple[Shift, float, float]:
-        """What others gain by displacements of all nodes, and how much energy is too much [J].
+        """The shift of all nodes by d, and the excess of energy if they stay and if they go [J].
 
-        That is where nodes stay, and where they go. Actions are those on all nodes. Collective.
+        Actions are those on all nodes. Collective.
         """
         state, forces, none = self._stepper.state, self._stepper.forces, Bodies.of_each(())
         cells = np.sort(np.concatenate([body.data.cells for body in bodies]))

@@ -44,7 +44,7 @@ class Withheld:
 
     Attributes:
         bodies: The bodies' data.
-        fields: Of each; a body whose forces nobody asks for has none.
+        fields: Of each; a part named `Reduced` has none: its forces are not evaluated.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class Withheld:
         frozen, out = b.x.array[parts.rows.dofs].reshape(-1, 3), []
         for data, at, places in zip(parts.bodies, parts.at, parts.coordinates, strict=True):
             own = by_data.get(id(data))
-            # Nobody asks for the forces on a part named `Reduced`: see ν.
+            # Forces on a part named `Reduced` are not evaluated: see ν.
             if own is None and (data.shapes is None or data.shapes.images.shape[1]):
                 inert = self._mass.of_directions(at, places)
                 own = Fields(scene, data, places, inert, frozen[at])
