@@ -1,21 +1,12 @@
 """The rule of `Accuracy`: the displacement that bodies lack stays within a budget.
 
 All cells freeze after the first step, and bodies get shapes. What shapes lack
-(`rigidfx.switch.growth`) may be half of the budget that time integration has left; beyond that
-bodies get shapes, and cells wake that shapes do not follow.
+(`rigidfx.switch.growth`) may be half of the budget that time integration has left. Before woken
+cells freeze again, the displacement that a freeze would lose is estimated by
 
-Before such cells freeze again, the displacement that a freeze would lose is estimated. A
-displacement is an integral u = ∫ σ : ε dV, with σ the stresses of a unit force at its place. If σ
-is in proportion to the largest strains so far, S, and strains s are withheld, the lost part is
+    m = Σ w S s / Σ w S² ,    w = C V   of each cell, sums over cells that freeze, and all,  (1)
 
-    m = Σ w S s / Σ w S² ,    w = C V   of each cell, sums over cells that freeze, and all.  (1)
-
-If the motion repeats, s = S, and m is the withheld part of the strain energy. By Rayleigh's
-quotient a frequency then has the error m/2, so a free vibration has the error (1 + πN) m after N
-periods; changing loads may double m. While loads rest, s is the swing of the strain of a cell in
-the window. While they change, s is its largest strain rate times τ = √(∫ Σ w ε² dt/∫ Σ w ε̇² dt),
-which is 1/ω for a vibration. Cells freeze in the order of rising w S s/V, until a fifth of the
-allowed value is used.
+with their largest strains so far, S, and strains s that are withheld (docs/theory/waking.md).
 """
 
 from __future__ import annotations

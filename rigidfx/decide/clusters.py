@@ -8,13 +8,11 @@ The rules of bodies that never form a hinge or a chain:
 3. No two bodies share a node, which would be a hinge. One component keeps its cells there, all
    others lose their new cells round the node. Priority: a cell of an existing body at the node,
    then an existing body anywhere, then the number of cells, then the first cell in the mesh file.
-   In one pass a component either loses cells or takes them from others, unless nothing else is left
-   to do. All cells of a pass are taken out together, so their order does not matter. Passes are
-   repeated until nothing changes. So a large body stays whole.
+   In one pass a component either loses cells or takes them from others. Passes are repeated until
+   nothing changes. So a large body stays whole.
 4. A cell all of whose nodes belong to one body cannot strain: it joins it.
 
-Components are named by the least of their cells' numbers in the mesh file, so that neither the
-partition of the mesh nor its local numbering can be seen in the result.
+Components are named by the least of their cells' numbers in the mesh file, as on any ranks.
 """
 
 from __future__ import annotations

@@ -2,23 +2,18 @@
 
 A change of a load (`wake="all"`, 3.3) is a declared breakpoint (a jump, a kink, the end of a time
 window), at which a step ends; or a load, or the velocity of a support, that differs from its value
-at the last freeze by more than a given fraction of its largest value so far. Loads and supports are
-functions of time, so a change is known before the step in which it happens. The `signal` of an
-effect is the value that counts.
+at the last freeze by more than a given fraction of its largest value so far. It is known before
+the step in which it happens. The `signal` of an effect is the value that counts.
 
 The force of a contact is known after a step has been solved. If it differs from its value at the
-last freeze in the same way, bodies are released and the step is solved again, so that the struck
-part is flexible in the step of the impact. A first touch is such a change; rattling with smaller
-forces is none. If the forces of a contact add up to zero, as those of a surface against itself, the
-sum of their magnitudes counts.
+last freeze in the same way, bodies are released and the step is solved again. A first touch is such
+a change; rattling with smaller forces is none. If forces add up to zero, as those of a surface
+against itself, the sum of their magnitudes counts.
 
 A changing load, or a condition of the user's, may release cells that have just become rigid. A
-window later they would freeze again, and be released again. This saves no time, and each switch
-loses the phase of a vibration. A release is *hasty* if a cell was observed for longer than it was
-rigid. After n hasty releases in a row a cell has to qualify in γⁿ⁻¹ windows in a row before it may
-become rigid again: in one window after the first hasty release, in γ windows after the second. In a
-time T there are then about log T/log γ switches instead of T/T_red. Any other release resets the
-count.
+release is *hasty* if a cell was observed for longer than it was rigid. After n hasty ones in a row
+it has to qualify in γⁿ⁻¹ windows in a row: in a time T there are then about log T/log γ switches
+instead of T/T_red. Any other release resets the count.
 
 A window has to exceed the period of the lowest excited mode and that of the loads (3.1). Both
 are found in signals without rigid motion: distances between a few nodes far from each other, and

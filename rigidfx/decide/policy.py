@@ -4,8 +4,7 @@
 
 Bodies without shapes are released by any change of a load or of a support, or by the user alone.
 Bodies that grow lose the cells that their shapes do not follow. Then a new window begins. Changes
-of Δt, of numerical damping or of the output release nothing. A policy changes nothing but its own
-memory.
+of Δt, of numerical damping or of the output release nothing.
 """
 
 from __future__ import annotations

@@ -4,9 +4,8 @@
 ½ q·Ωq, and with q·Dq, the square of their displacement by mass: the energy of a bar that is
 stretched hardly changes as it begins to bend. It is looked at again once one of them has doubled,
 or grown eightfold, for named parts far below the bound. q·Dq counts for these, and where
-displacements are bounded. With strain rates it woke plates that soft modes bend slowly: a random
-scene of `waking.py` then erred by 1.06 of its promise for 0.56. Above the bound cells of bodies
-that were found wake; for named parts the run warns.
+displacements are bounded. Above the bound cells of bodies that were found wake; for named parts the
+run warns.
 
 A part that spins on a hinge is stretched by the hinge's force, and so is stiffer. Shapes do not
 know that. A beam that a motor spins up then lags by 4.7 (W/ω)² too much, with W its spin and ω its

@@ -1,9 +1,8 @@
 """Freeze cells as a rigid body, and release them: equations (34)-(43), exact in energy and momenta.
 
-At the freeze a body takes over the momenta of its nodes, by one 6×6 system. It keeps its deformed
-shape, and hence its strain energy, and in its frame the difference velocities (40) of its nodes
-from the rigid motion. These have no momenta, so the kinetic energy is exactly that of the rigid
-motion plus theirs. At the release the nodes get
+At the freeze a body takes over the momenta of its nodes. It keeps its deformed shape, and hence
+its strain energy, and in its frame the difference velocities (40) of its nodes from the rigid
+motion, which have no momenta. At the release the nodes get
 
     v = ṙ + ω × R V + R ΔV                                                                  (41)
 
@@ -12,16 +11,12 @@ of a body (growth, merging, loss of some cells) is a release of all bodies conce
 freeze in the same instant; handing ΔV to some of the nodes only would break all three balances.
 
 A consistent mass couples a body's nodes with the flexible ones round it, and joints couple bodies.
-So no exchange by the body's nodes alone keeps all balances. Then velocities are projected, in the
-metric of the mass, on the fields that are rigid in the bodies and keep joints closed
-(`projected_velocities`). The removed part has no momenta, since rigid motions of the whole are
-among these fields, and its energy is exactly the difference. The new body keeps both. Moving
-supports do work meanwhile: their nodes keep their velocity v_s by an impulse, the change of
-(M v)_s, and motors of given speed theirs by impulses Λ of their joints. The flexible side of an
-interface, which has a velocity of its own between switches, gets that of the body; otherwise the
-difference would alternate from step to step. At a release the kept field is rotated with the body
-and projected on the fields that are possible then. It is made orthogonal to the former ones, so
-that it adds no momenta, and scaled to restore the energy.
+Then velocities are projected, in the metric of the mass, on the fields that are rigid in the bodies
+and keep joints closed (docs/theory/joints.md). The removed part has no momenta, and its energy is
+exactly the difference. The new body keeps both. Moving supports and motors do work meanwhile: their
+nodes keep their velocity by impulses. The flexible side of an interface gets the velocity of the
+body; otherwise the difference would alternate. At a release the kept field is rotated with the
+body, projected anew, made orthogonal to the former fields, and scaled to restore the energy.
 
 A body with shapes is released as the rigid body in its present shape. That body has its momenta and
 its energy. It keeps the velocities with which the shapes change, as a frozen body keeps vibrations,

@@ -7,11 +7,10 @@ it bends so far that its energy is not that of second order.
 Shapes move nodes by Φq, of first order. Cells that take over there would be strained by what bodies
 do not feel: a bar that bends is too long by the square of its slope. So all nodes go by δ first,
 the displacement of second order of the whole structure (`rigidfx.shapes.expanded`). Then the cells
-of the bodies have the energy of the expansion but for ν, and those beside them little more than
-before. A cantilever bent by 0.04, 0.11 and 0.27 of its length, asked for 1 %, errs by 0.5, 0.4 and
-0.5 %; where nodes stayed at Φq, by 1.3, 5.0 and 5.1 %. Joints and rigid faces would be torn by δ:
-where there are any, nodes stay. Otherwise they go by the part of δ with which the energy is that of
-the expansion, as stresses in which a body was frozen do work along δ that no load has done.
+of the bodies have the energy of the expansion but for ν (docs/notes/waking.md has what that is
+worth). Joints and rigid faces would be torn by δ: where there are any, nodes stay. Otherwise they
+go by the part of δ with which the energy is that of the expansion, as stresses in which a body was
+frozen do work along δ that no load has done.
 """
 
 from __future__ import annotations
@@ -306,8 +305,6 @@ class FoundBodies:
     def bind(self) -> None:
         """Forget bodies that are no more. Collective."""
         numbers = {body.number for body in self._stepper.state.bodies.of.records}
-        names = {body.name for body in self._stepper.state.bodies.of.records}
-        self.nu = {name: nu for name, nu in self.nu.items() if name in names}
         self.known = {number: own for number, own in self.known.items() if number in numbers}
         for number in sorted(self._expanded.keys() - numbers):
             self._expanded.pop(number)[2].destroy()

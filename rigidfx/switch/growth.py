@@ -8,16 +8,13 @@ tolerance: where
 
 in a cell, e becomes a shape of the body, and the step is made again. A shape begins undeformed and
 at rest, so that it vibrates about e with the amplitude e: these are the strain rates to which it
-comes; 2/Δt is the highest frequency of steps. Cells wake where a body goes on calling for shapes. A
-body begins with the modes that Δt resolves, as a resonance that builds up cannot be seen in the
-forces of one step.
+comes; 2/Δt is the highest frequency of steps. Cells wake where a body goes on calling for shapes.
 
 Where a displacement is bounded in place of a strain rate, 2 |e| of each node is compared with a
 part of what accuracy is relative to, up to the end of the step, or of the largest e that is now a
 shape: that is the motion to come where a load begins. While a motion begins from rest, a body grows
-once in a step and no cell wakes, as all steps err by much of nothing then. And e has its followers
-beside it (`rigidfx.shapes.ritz`); with strain rates these would let a body follow a wave for which
-its cells are to wake.
+once in a step and no cell wakes. And e has its followers beside it (`rigidfx.shapes.ritz`); with
+strain rates these would let a body follow a wave for which its cells are to wake.
 """
 
 from __future__ import annotations

@@ -7,8 +7,7 @@ same.
 
 Lumped masses sit at the corners of the cells, farther out than the mass they represent: moments of
 inertia come out too large, threefold about the axis of a bar one cell across, by 1 + 2/n² of a
-block of n cells across (the paper remarks on it in Section 6.1). `excess_of_lumping` tells by how
-much, exactly; it costs a loop over the points of the cells in NumPy, at a freeze only.
+block of n cells across (the paper, Section 6.1). `excess_of_lumping` tells by how much.
 """
 
 from __future__ import annotations

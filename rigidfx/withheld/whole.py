@@ -2,12 +2,9 @@
 
 The difference of two motions, e = ũ - u, obeys the equations of the whole structure under ρ: all of
 it as it is now, other bodies condensed, springs and contacts as they are, in a step so long that
-neither inertia nor viscosity counts.
-
-Newton's method goes from state to state, g(u + e) - g(u) = ρ: at each iterate a step begins there,
-whose forces without an increment are those of that state. A single step that leads to 2e, its
-forces halfway, would not do: the mean of two turned shapes is shorter than either. The derivative
-of forces halfway is half the stiffness.
+neither inertia nor viscosity counts. Newton's method goes from state to state,
+g(u + e) - g(u) = ρ: at each iterate a step begins there, whose forces without an increment are
+those of that state. The derivative of forces halfway is half the stiffness.
 """
 
 from __future__ import annotations
