@@ -110,13 +110,12 @@ def bent(force, *effects):
 
 
 def test_nu_is_the_error_of_the_deflection():
-    """It grows with the energy, and bounds what the expansion is off by."""
+    """It grows with the square of displacements, and tells what the expansion is off by."""
     (z, reports), (twin, _) = bent(4000.0, rf.Reduced()), bent(4000.0)
     nu = [r.bodies[0].nu for r in reports]
     error = np.abs(z - twin).max() / np.abs(twin).max()
     assert nu == sorted(nu)
-    assert nu[-1] < error < 3 * nu[-1]
-    assert len(set(nu)) < len(nu)  # it is looked at as the energy has doubled
+    assert 0.5 * error < nu[-1] < 2 * error
 
 
 def test_a_part_that_bends_far_is_named_once_with_its_cells():

@@ -15,9 +15,8 @@ release is *hasty* if a cell was observed for longer than it was rigid. After n 
 it has to qualify in γⁿ⁻¹ windows in a row: in a time T there are then about log T/log γ switches
 instead of T/T_red. Any other release resets the count.
 
-A window has to exceed the period of the lowest excited mode and that of the loads (3.1). Both
-are found in signals without rigid motion: distances between a few nodes far from each other, and
-the loads. The longest period is that of the lowest peak in their spectra.
+A window has to exceed the period of the lowest excited mode and that of the loads (3.1): that of
+the lowest peak in spectra of the loads, and of distances between a few nodes far from each other.
 """
 
 from __future__ import annotations

@@ -55,8 +55,8 @@ class BodyReport:
         strain: Strain energy of a body with shapes [J].
         q: Coordinates of its shapes, shape (shapes,) [m].
         q_rate: Their rates, likewise [m/s].
-        nu: ν, by which part of its strain energy that of its cells differed from it, of a body with
-            shapes, when last looked at: displacements by shapes have grown threefold at most since.
+        nu: ν, by which part of its strain energy that of its cells has differed from it, or half of
+            its displacement by their forces of second order, at most so far, of a body with shapes.
         inertia_ratio: Largest ratio, about any axis, of its moment of inertia to the exact one of
             its cells: above 1 where masses are lumped.
         kinetic_excess: Kinetic energy that it has for this reason only [J].

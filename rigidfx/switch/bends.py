@@ -154,15 +154,16 @@ class Spent:
     """ν of the parts of a run that are named `Reduced`.
 
     Attributes:
-        nu: ν of each part when it was looked at, by its name.
+        nu: ν of each part, the largest so far, by its name.
     """
 
-    remembered: ClassVar[Remembered] = same("nu", "_large") | {"_looks": PART}
+    remembered: ClassVar[Remembered] = same("nu", "_rise", "_large") | {"_looks": PART}
 
     def __init__(self, scene: Scene) -> None:
         """Nothing has been looked at."""
         self._scene, self._limits, self._looks = scene, SpinLimits(scene), Looks()
         self.nu: dict[str, float] = {}
+        self._rise: dict[str, float] = {}  # ν over q·Dq when it was looked at [1/(kg m²)]
         self._large: frozenset[str] = frozenset()  # parts of whose ν has been warned
 
     def follow(self, state: State, about: Callable[[Body], About]) -> dict[str, float]:
@@ -175,14 +176,18 @@ class Spent:
             return {}
         self._limits.check(state)
         for body in state.bodies:
-            if body.data.named and self._looks.due(body):
-                self._look(state.t, body, Excess(about(body), body))
+            if body.data.named and body.data.shapes is not None:
+                name, (_, square) = body.data.name, _sizes(body.data.shapes, body.motion.q)
+                if self._looks.due(body):
+                    found = Excess(about(body), body)
+                    self._look(state.t, body, found)
+                    self._rise[name] = found.nu / square
+                self.nu[name] = max(self.nu.get(name, 0.0), self._rise.get(name, 0.0) * square)
         return dict(self.nu)
 
     def _look(self, t: float, body: Body, found: Excess) -> None:
-        """Keep ν of a part; warn once where it is not small. Collective."""
+        """Warn once where ν of a part is not small. Collective."""
         name = body.data.name
-        self.nu[name] = found.nu
         self._looks.looked(body, FAR * found.nu <= BOUND)
         if found.nu <= BOUND or name in self._large:
             return

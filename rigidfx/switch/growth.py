@@ -13,8 +13,7 @@ comes; 2/Δt is the highest frequency of steps. Cells wake where a body goes on 
 Where a displacement is bounded in place of a strain rate, 2 |e| of each node is compared with a
 part of what accuracy is relative to, up to the end of the step, or of the largest e that is now a
 shape: that is the motion to come where a load begins. While a motion begins from rest, a body grows
-once in a step and no cell wakes. And e has its followers beside it (`rigidfx.shapes.ritz`); with
-strain rates these would let a body follow a wave for which its cells are to wake.
+once in a step and no cell wakes. And e has its followers; with strain rates these follow waves.
 """
 
 from __future__ import annotations

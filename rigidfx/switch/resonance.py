@@ -6,7 +6,7 @@ withheld is in tune with it, and has gained by now the momenta s of one oscillat
 
     ṡ = ρ⊥ - Ω² p ,  ṗ = s ,    cos ΩΔt = Σ d₁·(d₀ + d₂) / (2 Σ d₁·d₁) ,
 
-with Ω by three changes d of ρ⊥ from step to step. A blow leaves little in it.
+with Ω by three changes d of ρ⊥ from step to step.
 """
 
 from __future__ import annotations

@@ -7,8 +7,7 @@ In the frame of a body they are
 the forces of loads and flexible cells, minus the inertia of the body's motion, minus the internal
 forces f⁰ of the shape that the body keeps, in the form that the Energy–Momentum Method gives them
 for a rotating shape, with K Φ q½ of bodies that have shapes. R̄ is the rotation halfway through the
-step. The mean of both rotations is shorter: with it f⁰ would be 1 - cos(ωΔt/2) too large in a
-steady spin by ωΔt per step.
+step: by the mean of both, which is shorter, f⁰ would be 1 - cos(ωΔt/2) too large.
 """
 
 from __future__ import annotations

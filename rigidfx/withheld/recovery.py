@@ -1,9 +1,9 @@
 """Strains of parts named rigid, for stresses that are asked for.
 
-The forces on its nodes strain such a part by its own stiffness. Where
-more than its own supports bear the loads, or where it would bend by so much that a linear response
-does not balance the forces (stresses of a bar whose tip went 4 % of its length were 4 % off, by
-turns alone), the whole structure is solved with it. Else it strains by K⁺ρ, under steady forces ρ.
+The forces on its nodes strain such a part by its own stiffness, K⁺ρ. Where more than its own
+supports bear the loads, or where it would bend by so much that a linear response does not balance
+the forces (stresses of a bar whose tip went 4 % of its length were 4 % off, by turns alone), the
+whole structure is solved with it.
 """
 
 from __future__ import annotations
