@@ -71,6 +71,7 @@ class LoadChanges:
         self._breaks = sorted({t for own in (loads if every else supports) for t in own})
         self._reason = "a load or a support changes" if every else "a support begins or ends"
         self._loads = [load for load in windowed if type(load).signal is not Effect.signal]
+        self._idle: list[Array] | None = None  # signals while no load acts
         self.reference = self._signals(0.0)
         self.largest = [float(np.linalg.norm(q)) for q in self.reference]
         self.resting_since, self._resting = 0.0, self.reference
@@ -107,19 +108,19 @@ class LoadChanges:
 
     def _signals(self, t: float) -> list[Array]:
         """Signals of the loads at t [s]. Collective."""
-        dt = self._timeline.dt
-        if not self._loads:
-            return []
+        dt, acting = self._timeline.dt, any(load.acts(t) for load in self._loads)
+        if not acting and self._idle is not None:
+            return self._idle
 
         def signals() -> list[Array]:
-            return [
-                np.array(by_name(load.owner, t, partial(load.signal, t, dt)))
-                for load in self._loads
-            ]
+            return [np.array(by_name(e.owner, t, partial(e.signal, t, dt))) for e in self._loads]
 
         values = together(self._comm, "A load", signals)
         # Functions cannot be compared: were theirs to differ, so would what ranks decide by them.
-        return list(self._comm.bcast(values))
+        values = list(self._comm.bcast(values))
+        if not acting:
+            self._idle = values
+        return values
 
 
 class BackOff:

@@ -64,7 +64,7 @@ class Excess:
         """
         part, shapes, self._scene = about.part, body.data.shapes, about.responses.scene
         assert shapes is not None
-        self.d = d = np.asarray(np.einsum("nka,k->na", shapes.whole, body.motion.q))
+        self.d = d = deformed(body, body.motion.q)
         self._about, self._energy, even = about, part.energy(d), part.even(d)
         w = part.whole(d, even, about.responses.of_nodes(part.nodes, about.Q))
         missed = part.missed(d, w)
@@ -112,3 +112,9 @@ class Excess:
         h = SMALL_WAY * scene.mean_cell_size / size
         change = forces(h * self.d, cells) - forces(-h * self.d, cells)
         return 0.25 * float(scene.sum((self.d * change).sum())) / h
+
+
+def deformed(body: Body, q: Array) -> Array:
+    """Φ q at the owned nodes of a body, with the drift of one that is held, shape (nodes, 3)."""
+    assert body.data.shapes is not None
+    return np.asarray(np.einsum("nka,k->na", body.data.shapes.whole, q))

@@ -33,7 +33,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
-from rigidfx.shapes.excess import About
+from rigidfx.shapes.excess import About, deformed
 from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.part import LACKING
 from rigidfx.shapes.responses import Responses
@@ -123,7 +123,7 @@ class Shortening:
         self._small[key], about = np.inf, self._about(body)
         if self._hangs(body, about.responses):
             return False
-        d = _deformed(body, body.motion.q)
+        d = deformed(body, body.motion.q)
         (own,) = self._response(body, about, about.part.even(d)[:, :, None])
         part = 10 * self._largest(own) / (LACKING * self._largest(d))
         self._small[key] = size / min(max(part, ROUNDING) ** 0.5, 0.5)
@@ -170,7 +170,7 @@ class Shortening:
 
     def _forces(self, body: Body, part: Expanded) -> Array:
         """½ K'[d] d of a body and its rate, shape (nodes, 3, 2) [N, N/s]. Collective."""
-        d, rate = (_deformed(body, x) for x in (body.motion.q, body.motion.q_rate))
+        d, rate = (deformed(body, x) for x in (body.motion.q, body.motion.q_rate))
         sizes = self._largest(d), self._largest(rate)
         h = sizes[0] / sizes[1] if sizes[1] > 0 else 0.0
         change = part.even(d + h * rate) - part.even(d - h * rate)
@@ -256,9 +256,3 @@ def _set(symmetric: Array, at: tuple[int, ...], value: float) -> None:
 def _key(body: Body) -> Key:
     """A body of one frozen shape: its number, which it keeps as it gains cells, and its origin."""
     return body.data.number, *(float(x) for x in body.data.origin)
-
-
-def _deformed(body: Body, q: Array) -> Array:
-    """Φ q at the owned nodes of a body, shape (nodes, 3)."""
-    assert body.data.shapes is not None
-    return np.asarray(np.einsum("nka,k->na", body.data.shapes.whole, q))

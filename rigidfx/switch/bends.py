@@ -41,8 +41,7 @@ NEAR = 2.0
 FAR = NEAR * NEAR * NEAR
 SHARE = 0.3  # part of the largest miss of any node, by mass, above which cells wake
 LEAST = 1e-6  # part of the largest ½ q·Ωq so far up to which ν is not looked at
-# Part of a body's length below which ν of its motion is that of rounding.
-ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))
+ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))  # of q, over the length of a body
 
 
 def off_by(ratio: float) -> float:
