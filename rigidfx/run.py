@@ -24,7 +24,8 @@ from rigidfx.step.first_touch import FirstTouch
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.system import StepResult
 from rigidfx.step.watches.judge import Attempt
-from rigidfx.switch.growth import Growth, Looked
+from rigidfx.switch.found_bodies import Looked
+from rigidfx.switch.growth import Growth
 from rigidfx.switch.switch import Switch
 from rigidfx.withheld.recovery import Recovery
 

@@ -20,7 +20,7 @@ from rigidfx.base.warning import warn
 from rigidfx.decide.budget import BudgetRule
 from rigidfx.decide.memory import Memory
 from rigidfx.decide.rules import judged_cells
-from rigidfx.decide.settings import CHANGE, Criterion
+from rigidfx.decide.settings import Criterion
 from rigidfx.effects import NumericalDamping, Rigid
 from rigidfx.report.ledger import Entry, Ledger, Rigidity
 from rigidfx.report.report import Report
@@ -110,11 +110,6 @@ class Budgeted(Criterion):
     def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> BudgetRule:
         """The rule of the budget."""
         return BudgetRule(scene, timeline, memory, self.budget)
-
-    @property
-    def contact_change(self) -> float:
-        """Change of a contact's force that releases what it meets: shapes lack what a blow does."""
-        return CHANGE
 
     @property
     def remedy(self) -> str:

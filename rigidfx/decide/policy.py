@@ -30,7 +30,6 @@ from rigidfx.decide.settings import Criterion
 from rigidfx.effects import Contact, Touch
 from rigidfx.report.ledger import Rigidity
 from rigidfx.report.report import Report
-from rigidfx.scene.points import linked, met
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
@@ -78,11 +77,10 @@ class Policy:
             signals=Signals(scene),
             back_off=BackOff(self._graph.owned, criterion.patience),
             loads=LoadChanges(scene, timeline, criterion.change, every),
-            contacts=ContactChanges(criterion.contact_change),
+            contacts=ContactChanges(criterion.change),
             next_number=self.named.count + 1,
         )
-        watched = scene.named(Contact) if self.memory.contacts.watched else []
-        self._met = {contact.title: met(scene, contact) for contact in watched}
+        self._touches = self.memory.contacts.watched and bool(scene.named(Contact))
         rule = partial(criterion.rule, scene, timeline, self.memory)
         self.rule = together(scene.comm, f"{criterion.owner}: its rule", rule)
 
@@ -110,28 +108,14 @@ class Policy:
         self, seen: Observation, touches: Callable[[], Mapping[str, Touch]]
     ) -> Decision | None:
         """The release by contacts in a step that has been solved; None without. Collective."""
-        if not self._met or not seen.bodies:
+        if not self._touches or not seen.bodies:
             return None
         if not (changed := self.memory.contacts.changed(touches())):
             return None
-        cells = self._struck(changed)
-        if not self._any(self._planner.free(seen) & cells):
+        if not self._any(self._planner.free(seen)):
             return None
-        decision = self._release(seen, f"the contact '{changed[0]}' changes", cells)
-        return replace(decision, loads_changed=self._criterion.follows_loads)
-
-    def _struck(self, contacts: list[str]) -> Bools:
-        """Owned cells that contacts of these titles release.
-
-        Those are all, or where bodies grow those of connected parts that contacts meet, and of
-        those that joints link with them.
-        """
-        if not self._criterion.grows:
-            return self._every
-        parts = np.any([self._met[title] for title in contacts], axis=0)
-        groups = linked(self._scene)
-        found = np.isin(groups, groups[parts])
-        return np.asarray(found[self._scene.parts.of_cell[: self._graph.owned]])
+        decision = self._release(seen, f"the contact '{changed[0]}' changes", self._every)
+        return replace(decision, loads_changed=True)
 
     def repeated(self, seen: Observation, cells: Bools | None) -> Decision | None:
         """The release that conditions ask for before a step is solved again. Collective."""

@@ -126,11 +126,6 @@ class Criterion:
             return inf
         return CHANGE if self.load_change is None else self.load_change
 
-    @property
-    def contact_change(self) -> float:
-        """Change of a contact's force, over its largest so far, that releases bodies."""
-        return self.change
-
     def least_cells(self, scene: Scene) -> int:
         """Least number of cells of a new body. Collective."""
         if self.min_cells is not None:

@@ -23,6 +23,8 @@ from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.interface import Interface
+from rigidfx.shapes.orthonormal import INDEPENDENT, slowest, whole_groups
+from rigidfx.shapes.part import LACKING, MOST
 from rigidfx.shapes.responses import Responses
 
 
@@ -41,6 +43,37 @@ class About:
     def beside(self) -> Interface:
         """The cells beside it. Collective, when it is first asked for."""
         return Interface(self.responses.stiffness, self.part.cells, self.part.nodes)
+
+    @cached_property
+    def on_supports(self) -> bool:
+        """Whether cells beside it join it to supports. Collective, when it is first asked for."""
+        held = self.responses.stiffness.held.reshape(-1, 3, 1).astype(np.float64)
+        return self.beside.holds and bool(self.responses.act_on(self.part.nodes, held)[0])
+
+    def unspanned(
+        self, modes: Array, stiffness: Array, F: Array, most: int = MOST
+    ) -> tuple[Array, bool]:
+        """Forces that strain it by more than `LACKING` otherwise than shapes can. Collective.
+
+        With δ the response less its rigid motion, ½ δ·Kδ is its strain energy and ½ h·Ω⁻¹h that of
+        shapes Φ, (nodes, 3, m), h = ΦᵀKδ. In a part that is the whole these are f·K⁻¹f and g·Ω⁻¹g,
+        g = Φᵀf.
+
+        Combinations of forces on the whole, (owned nodes, 3, k) [N], those first which shapes lack
+        most, and whether these are all.
+        """
+        part, u = self.part, self.responses.solve(F)
+        deformed = part.unmoved(np.einsum("ab,nbk->nak", self.Q, u[part.nodes]))
+        forces = part.times_stiffness(deformed)
+        own, whole = part.dot(deformed, forces), part.dot(F, u)
+        h = part.dot(modes, forces)
+        lack = own - h.T @ np.linalg.solve(stiffness, h)
+        values, T = slowest(self.responses.scene.comm, lack)
+        own, whole = (np.einsum("ki,kl,li->i", T, A, T) for A in (own, whole))
+        bound = np.maximum(own, LACKING**2 * whole)
+        some = values > np.maximum(LACKING**2 * bound, INDEPENDENT**2 * bound.max(initial=0.0))
+        count = whole_groups(values[some], most)
+        return np.asarray((F @ T[:, some])[:, :, :count]), count == np.count_nonzero(some)
 
     def destroy(self) -> None:
         """Free the PETSc objects of the body. Collective."""

@@ -16,7 +16,7 @@ from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.expanded import Expanded
-from rigidfx.shapes.orthonormal import INDEPENDENT, Basis, slowest, to_one, whole_groups
+from rigidfx.shapes.orthonormal import INDEPENDENT, Basis, to_one
 from rigidfx.shapes.responses import Responses
 
 # Part of a static response, in the norm of the strain energy, that shapes may lack.
@@ -73,12 +73,6 @@ class Part(Expanded):
         if cells_in < 2 or not free:
             raise SceneError(f"Reduced '{self._name}': {wrong}.")
         return free
-
-    def bears(self, F: Array) -> Bools:
-        """Which forces in balance act on it, or on what it holds together with. Collective."""
-        scene, part = self._scene, self._responses.rigid.part
-        own = np.concatenate(scene.comm.allgather(np.unique(part[self.nodes])))
-        return np.asarray(scene.sum((F[np.isin(part, own)] ** 2).sum(axis=(0, 1)))) > 0.0
 
     def shapes(self, vectors: Array, count: int = MOST, block: int = 1) -> PartShapes:
         """Shapes from vectors of the whole; dependent ones are left out. Collective.
@@ -151,25 +145,3 @@ class Part(Expanded):
             change = self.dot(modes, self.stiffening(psi[self.nodes, :, k], modes))
             N[:, :, a, b] = N[:, :, b, a] = -0.5 * (change + change.T)
         return N
-
-    def unspanned(self, shapes: PartShapes, F: Array, most: int = MOST) -> tuple[Array, bool]:
-        """Forces that strain it by more than `LACKING` otherwise than its shapes can. Collective.
-
-        With δ the response less its rigid motion, ½ δ·Kδ is its strain energy and ½ h·Ω⁻¹h that of
-        shapes, h = ΦᵀKδ. In a part that is the whole these are f·K⁻¹f and g·Ω⁻¹g, g = Φᵀf.
-
-        Combinations of forces on the whole, (owned nodes, 3, k) [N], those first which shapes lack
-        most, and whether these are all.
-        """
-        u = self._responses.solve(F)
-        deformed = self.unmoved(u[self.nodes])
-        forces = self.times_stiffness(deformed)
-        own, whole = self.dot(deformed, forces), self.dot(F, u)
-        h = self.dot(shapes.modes, forces)
-        lack = own - h.T @ np.linalg.solve(shapes.stiffness, h)
-        values, T = slowest(self._scene.comm, lack)
-        own, whole = (np.einsum("ki,kl,li->i", T, A, T) for A in (own, whole))
-        bound = np.maximum(own, LACKING**2 * whole)
-        some = values > np.maximum(LACKING**2 * bound, INDEPENDENT**2 * bound.max(initial=0.0))
-        count = whole_groups(values[some], most)
-        return np.asarray((F @ T[:, some])[:, :, :count]), count == np.count_nonzero(some)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from rigidfx.base.types import Array, Indices
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.effects import Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
@@ -79,6 +79,12 @@ class Responses:
         before, after = self.scene.sum([(columns(f) ** 2).sum(axis=0) for f in (F, out)])
         out[:, :, after <= BALANCED**2 * before] = 0.0
         return np.asarray(out)
+
+    def act_on(self, nodes: Indices, F: Array) -> Bools:
+        """Which forces in balance act on nodes, or on what these hold together with. Collective."""
+        part = self.rigid.part
+        own = np.concatenate(self.scene.comm.allgather(np.unique(part[nodes])))
+        return np.asarray(self.scene.sum((F[np.isin(part, own)] ** 2).sum(axis=(0, 1)))) > 0.0
 
     def solve(self, F: Array) -> Array:
         """Displacements [m] by forces on nodes, the same number on each rank [N]. Collective.

@@ -90,7 +90,7 @@ def shapes_of(
     """
     none = F[:, :, :0]
     each = (F, none if faces is None else faces, none if slow is None else slow)
-    loads = [own[:, :, part.bears(own)] for own in each]
+    loads = [own[:, :, responses.act_on(part.nodes, own)] for own in each]
     if count is None:
         depths = DEPTH, FACE_DEPTH, 1
         vectors, n = ritz(responses, *zip(loads, depths, strict=True), resolved=resolved)

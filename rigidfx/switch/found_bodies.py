@@ -16,7 +16,7 @@ frozen do work along δ that no load has done.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -24,7 +24,7 @@ from mpi4py import MPI
 
 from rigidfx.base.log import tell
 from rigidfx.base.remembered import ON_DOFS, ON_NODES, PART, Each, Remembered, same
-from rigidfx.base.types import Array, Bools
+from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import rigid_faces
 from rigidfx.effects.nodes import Instant
@@ -35,6 +35,8 @@ from rigidfx.mechanics.rigid_motions import best_motion
 from rigidfx.shapes.excess import About, Excess
 from rigidfx.shapes.found import Found
 from rigidfx.shapes.linear import Linear
+from rigidfx.shapes.part import MOST
+from rigidfx.shapes.pressing import Pressing, vectors_for
 from rigidfx.shapes.responses import Responses
 from rigidfx.step.equations.actions import Actions, apart
 from rigidfx.step.stepper import Stepper
@@ -56,6 +58,21 @@ class Shift(NamedTuple):
     d: Array
     energy: float
     angular_momentum: Array
+
+
+@dataclass(frozen=True)
+class Looked:
+    """What an attempt calls for.
+
+    Attributes:
+        bodies: All bodies, some with more shapes, with which the step is to be made again.
+        woken: Owned cells that wake; None where none does.
+        reason: Why they wake, in words.
+    """
+
+    bodies: Bodies | None = None
+    woken: Bools | None = None
+    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -87,6 +104,7 @@ class FoundBodies:
     remembered: ClassVar[Remembered] = same("bends", "nu", "_modes", "_cut") | {
         "known": Each(Known),
         "_looks": PART,
+        "_pressing": PART,
         "_start": ON_DOFS,
         "_vectors": ON_NODES,
     }
@@ -103,6 +121,8 @@ class FoundBodies:
         self._modes, self._cut = 0, np.inf  # modes of the whole, and the lowest ω that these lack
         self._vectors: Array = np.zeros((self._scene.owned_nodes, 3, 0))  # modes, and further ones
         self._limits = SpinLimits(self._scene)
+        self._pressing = Pressing(self._scene)
+        self._cells = self._scene.mesh.topology.index_map(3).size_local  # owned ones
 
     def linear(self) -> Linear:
         """Equations of the whole about its start. Collective."""
@@ -155,6 +175,7 @@ class FoundBodies:
         self.linear()  # finds the modes of the whole
         found, vectors = self._within(data, self._vectors)
         self._forget(data.number)
+        self._pressing.forget()
         self.nu.pop(data.name, None)
         begun, lacking = self._modes, self._cut
         whole = data.size == self._scene.mesh.topology.index_map(3).size_global
@@ -178,10 +199,55 @@ class FoundBodies:
         found, about = self._of(data)
         return found, np.einsum("ab,nbk->nak", about.Q, e[data.nodes])
 
-    def more(self, body: Body, vectors: Array) -> Body | None:
-        """A body with further shapes; None if it has all of them. Collective."""
+    def more(self, body: Body, vectors: Array, loads: int = 1) -> Body | None:
+        """A body with further shapes; None if it has all of them. Collective.
+
+        Vectors after the first ones, those of loads, are followers.
+        """
         found, own = self._within(body.data, vectors)
-        return found.with_shapes(body, own, vectors.shape[2] - 1)
+        return found.with_shapes(body, own, vectors.shape[2] - loads)
+
+    def pressed(self, bodies: Bodies, pressing: tuple[Ints, Array], dt: float) -> Looked | None:
+        """What nodes that press for the first time call for; None if nothing. Collective.
+
+        Contacts press owned nodes in directions, see `ContactForces`; shapes follow frequencies of
+        a step of dt [s].
+        """
+        new = self._pressing.new(pressing)
+        if new is None:
+            return None
+        before, full = list(bodies), np.zeros(self._cells, dtype=bool)
+        now = [self._with_more(body, *new, dt, full) for body in before]
+        if self._scene.sum(np.count_nonzero(full)):
+            return Looked(woken=full, reason="contacts press more nodes than shapes follow")
+        changed = any(own is not body for own, body in zip(now, before, strict=True))
+        return Looked(Bodies.of_each(now)) if changed else None
+
+    def _with_more(self, body: Body, nodes: Ints, ways: Array, dt: float, full: Bools) -> Body:
+        """A body with shapes for nodes that press; its cells are marked full if it has no room.
+
+        Collective.
+        """
+        data = body.data
+        if not self.grows(data):
+            return body
+        about, begun = self._of(data)[1], self.known[data.number].begun
+        loads = self._pressing.loads(data.nodes, body.motion.R @ about.Q, nodes, ways)
+        for F, follow in zip(loads, (True, False), strict=True):
+            room, shapes = max(MOST + begun - body.data.deforms_by, 0), body.data.shapes
+            modes, stiffness = np.zeros((len(data.nodes), 3, 0)), np.zeros((0, 0))
+            if shapes is not None:
+                modes, stiffness = shapes.modes.swapaxes(1, 2), shapes.stiffness
+            vectors, count, fits = vectors_for(about, modes, stiffness, F, dt, room, follow)
+            full[data.cells] |= not fits
+            more = self.more(body, vectors, count) if count else None
+            body = body if more is None else more
+        if grown := body.data.deforms_by - data.deforms_by:
+            known = self.known[data.number]
+            self.known[data.number] = replace(known, begun=known.begun + grown)
+            text = f"{data.name} has {body.data.deforms_by} shapes, {grown} for nodes that press"
+            tell(self._scene.comm, text)
+        return body
 
     def shortened(self, body: Body) -> Array:
         """δ of the whole structure as a body bends, in space, (owned nodes, 3) [m]. Collective."""
@@ -216,9 +282,9 @@ class FoundBodies:
 
     # How far they hold ----------------------------------------------------------------------------
 
-    def spun(self, bodies: Bodies) -> Bools | None:
+    def spun(self, bodies: Bodies) -> Looked | None:
         """Cells of bodies that forces of joints stiffen as they spin; None if none. Collective."""
-        woken = np.zeros(self._scene.mesh.topology.index_map(3).size_local, dtype=bool)
+        woken = np.zeros(self._cells, dtype=bool)
         fast = False
         for body in (own for own in bodies if self.grows(own.data)):
             limit = self._limits.limit(body, self.known[body.data.number].spin)
@@ -226,13 +292,13 @@ class FoundBodies:
                 fast, woken[body.data.cells] = True, True
                 words = f"forces of joints stiffen it above {limit:.3g} rad/s"
                 tell(self._scene.comm, f"{body.data.name} spins too fast for its shapes: {words}")
-        return woken if fast else None
+        return Looked(woken=woken, reason="they spin too fast for their shapes") if fast else None
 
-    def bent(self, bodies: Bodies, allowed: float) -> Bools | None:
+    def bent(self, bodies: Bodies, allowed: float) -> Looked | None:
         """Cells in which the energy is not that of second order; None if none are. Collective.
 
-        Displacements may err by what is allowed [m]. The motion of a body that cells beside it hold
-        errs as a whole, that of others as they bend.
+        Displacements may err by what is allowed [m]. The motion of a body that cells join to
+        supports errs as a whole, that of others as they bend.
         """
         for body in bodies:
             data = body.data
@@ -240,7 +306,7 @@ class FoundBodies:
                 continue
             _, about = self._of(data)
             found = Excess(about, body)
-            errs = self.moved(body) if about.beside.holds else found.d
+            errs = self.moved(body) if about.on_supports else found.d
             size = float(np.abs(errs).max(initial=0.0))
             size = off_by(found.nu) * self._scene.comm.allreduce(size, op=MPI.MAX)
             self._looks.looked(body, far=False)
@@ -248,12 +314,11 @@ class FoundBodies:
             if found.nu <= BOUND and size <= allowed:
                 self.bends = max(self.bends, size)
                 continue
-            words = f"bends by more than its shapes follow: ν = {found.nu:.3g}"
-            tell(self._scene.comm, f"{data.name} {words}")
-            woken = np.zeros(self._scene.mesh.topology.index_map(3).size_local, dtype=bool)
-            most = most_bent(self._scene, data, found)
+            words = "bends by more than its shapes follow"
+            tell(self._scene.comm, f"{data.name} {words}: ν = {found.nu:.3g}")
+            woken, most = np.zeros(self._cells, dtype=bool), most_bent(self._scene, data, found)
             woken[most if self._scene.sum(most.size) > 0 else data.cells] = True
-            return woken
+            return Looked(woken=woken, reason=words)
         return None
 
     # Where they leave their shapes ----------------------------------------------------------------

@@ -19,7 +19,6 @@ once in a step and no cell wakes. And e has its followers; with strain rates the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -35,7 +34,7 @@ from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt, Watch
 from rigidfx.switch.bends import SHARE, at_cells
-from rigidfx.switch.found_bodies import FoundBodies
+from rigidfx.switch.found_bodies import FoundBodies, Looked
 from rigidfx.switch.resonance import Resonance
 from rigidfx.withheld.body_forces import BodyForces
 from rigidfx.withheld.fields import Fields, Force
@@ -53,21 +52,6 @@ WOKEN = 0.5  # tolerances above which a cell wakes then
 # Periods in which a vibration falls to 1/e, as with 1.6 % of critical damping: what is in tune, or
 # out of phase, adds up for as long.
 PERIODS = 10.0
-
-
-@dataclass(frozen=True)
-class Looked:
-    """What an attempt calls for.
-
-    Attributes:
-        bodies: All bodies, some with more shapes, with which the step is to be made again.
-        woken: Owned cells that wake; None where none does.
-        reason: Why they wake, in words.
-    """
-
-    bodies: Bodies | None = None
-    woken: Bools | None = None
-    reason: str = OUTGROWN
 
 
 class Growth(Watch):
@@ -107,14 +91,16 @@ class Growth(Watch):
         if not self._forces.borne:
             return Looked()
         if limits is not None:
-            bodies = attempt.increments.end
-            if (woken := self.found.spun(bodies)) is not None:
-                return Looked(woken=woken, reason="they spin too fast for their shapes")
-            now = limits()
+            bodies, now = attempt.increments.end, limits()
             free = now.rates is not None or now.begins
-            allowed = np.inf if free else self._allowed(now)
-            if (woken := self.found.bent(bodies, allowed)) is not None:
-                return Looked(woken=woken, reason="they bend by more than their shapes follow")
+            pressing = self._stepper.system.actions.pressing()
+            found = (
+                self.found.spun(bodies)
+                or self.found.bent(bodies, np.inf if free else self._allowed(now))
+                or self.found.pressed(self._stepper.state.bodies, pressing, attempt.dt)
+            )
+            if found is not None:
+                return found
         own = [each for each in self._forces.borne.values() if self.found.grows(each[0].data)]
         self._withheld = [(fields, fields.outside(force)) for fields, force in own]
         size = size_of(self._scene, self._withheld)
@@ -195,7 +181,7 @@ class Growth(Watch):
             tell(comm, f"{body.data.name} has {more.data.deforms_by} shapes: {want:.3g} tol")
         if ended:
             cells = np.concatenate([data.cells for data in ended])
-            return Looked(woken=self._strained_most(e[:, :, 0], rates, cells, limits))
+            return Looked(None, self._strained_most(e[:, :, 0], rates, cells, limits), OUTGROWN)
         if not grown:
             return self._left(most, limits)
         size = float(np.linalg.norm(e, axis=1).max(initial=0.0))

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.log import tell
-from rigidfx.base.remembered import ON_DOFS, ON_NODES, PART, Remembered
+from rigidfx.base.remembered import ON_DOFS, PART, Remembered
 from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
 from rigidfx.effects import Contact, Preload, PrescribedRotation, Reduced, Windowed
@@ -24,7 +24,6 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body, RigidBody
 from rigidfx.mechanics.shapes import Shapes
-from rigidfx.scene.mesh_order import mesh_order
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.excess import About
 from rigidfx.shapes.faces import of_faces
@@ -32,8 +31,9 @@ from rigidfx.shapes.motion import pulled
 from rigidfx.shapes.orthonormal import to_one
 from rigidfx.shapes.part import LACKING, MOST, Part, PartShapes
 from rigidfx.shapes.patterns import of_springs, patterns
+from rigidfx.shapes.pressing import Pressing, vectors_for
 from rigidfx.shapes.responses import Responses
-from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz, shapes_of
+from rigidfx.shapes.ritz import RESOLVED, shapes_of
 from rigidfx.state import State
 from rigidfx.step.equations.division import Hold
 from rigidfx.step.system.held_bodies import guided
@@ -52,12 +52,11 @@ class Shaping:
     Attributes:
         start: Displacement of the owned dofs at the start, about which the structure responds [m];
             None before a part has been given shapes.
-        pressed: Which of the owned nodes contacts have pressed already.
     """
 
     remembered: ClassVar[Remembered] = {
         "start": ON_DOFS,
-        "pressed": ON_NODES,
+        "_pressing": PART,
         "_spent": PART,
     }
 
@@ -73,7 +72,7 @@ class Shaping:
         self._scene, self._forces, self._acting, self._until = scene, forces, acting, until
         self._dt = dt
         self.start: Array | None = None
-        self.pressed = np.zeros(scene.owned_nodes, dtype=bool)
+        self._pressing = Pressing(scene)
         self._responses: Responses | None = None
         self._loads: dict[str, Array] = {}  # patterns of forces from the start on, of each part
         self._expanded: dict[str, tuple[Part, About]] = {}
@@ -164,13 +163,14 @@ class Shaping:
 
     def _axis(self, part: Part) -> Array | None:
         """A point of the axis about which a support turns a part [m]; None without. Collective."""
-        found, scene = None, self._scene
+        found, scene, responses = None, self._scene, self._responses
+        assert responses is not None
         for support in self._acting:
             if isinstance(support, PrescribedRotation):
                 held: Array = np.zeros((scene.owned_nodes, 3, 1))
                 nodes = scene.nodes(support.where, support.owner)
                 held[nodes[nodes < scene.owned_nodes]] = 1.0
-                if part.bears(held)[0]:
+                if responses.act_on(part.nodes, held)[0]:
                     found = np.asarray(support.through)
         return found
 
@@ -236,66 +236,29 @@ class Shaping:
         Contacts press owned nodes in directions of the shape (nodes, 3, 3), see `ContactForces`;
         shapes follow frequencies of a step of dt [s]. Collective.
         """
-        new = ~self.pressed[pressing[0]]
-        nodes, ways = pressing[0][new], pressing[1][new]
-        if not self._scene.sum(nodes.size):
+        new = self._pressing.new(pressing)
+        if new is None:
             return None
-        self.pressed[nodes] = True
-        responses, before = self._bind(state), list(state.bodies)
-        now = [self._with_more(responses, body, nodes, ways, dt) for body in before]
+        self._bind(state)
+        before = list(state.bodies)
+        now = [self._with_more(body, *new, dt) for body in before]
         changed = any(own is not body for own, body in zip(now, before, strict=True))
         return Bodies.of_each(now) if changed else None
 
-    def _new_loads(self, body: Body, nodes: Ints, ways: Array) -> tuple[Array, Array]:
-        """Forces on nodes that press for the first time, as they act on a body. Collective.
-
-        Those on its own nodes are unit forces. Others reach it through cells that deform, by their
-        resultants: one and each coordinate are their weights. Nodes of the body have the order of
-        the mesh file, so that shapes are the same on any ranks. The first result is along the main
-        direction of each node, the second along the others, in the body's frame, (owned nodes, 3,
-        k); some may be zero.
-        """
-        scene, own = self._scene, np.isin(nodes, body.data.nodes)
-        numbers = scene.comm.allgather(self._numbers[nodes[own]])
-        first, every = sum(map(len, numbers[: scene.comm.rank])), np.concatenate(numbers)
-        place = np.argsort(np.argsort(every, kind="stable"), kind="stable")
-        f = ways @ body.motion.R
-        size = np.linalg.norm(f, axis=2, keepdims=True)
-        f = np.divide(f, size, where=size > 0, out=np.zeros_like(f)).swapaxes(1, 2)
-        F = np.zeros((scene.owned_nodes, 3, 3, every.size + 4))
-        F[nodes[own], :, :, place[first : first + np.count_nonzero(own)]] = f[own]
-        x = scene.space.tabulate_dof_coordinates()[nodes[~own]]
-        sums = np.asarray(scene.sum(np.r_[x.sum(axis=0), len(x)]))
-        weights = np.c_[np.ones(len(x)), (x - sums[:3] / max(sums[3], 1.0)) / scene.mean_cell_size]
-        np.add.at(
-            F[:, :, :, every.size :], nodes[~own], f[~own][:, :, :, None] * weights[:, None, None]
-        )
-        return F[:, :, 0], F[:, :, 1:].reshape(scene.owned_nodes, 3, -1)
-
-    @cached_property
-    def _numbers(self) -> Ints:
-        """Number of each node of this rank in the mesh file. Collective."""
-        return mesh_order(self._scene).nodes
-
-    def _with_more(
-        self, responses: Responses, body: Body, nodes: Ints, ways: Array, dt: float
-    ) -> Body:
+    def _with_more(self, body: Body, nodes: Ints, ways: Array, dt: float) -> Body:
         """A body with shapes for nodes that press, as far as its own lack some. Collective."""
         data = body.data
         if data.name not in self._growing:
             return body
         part = self._part(data)
-        known = part.projected(_free(data))
+        about, known = self._expanded[data.name][1], part.projected(_free(data))
         m, basis, fits = len(known.force), part.begun(known.modes), []
-        for F, follow in zip(self._new_loads(body, nodes, ways), (True, False), strict=True):
-            F = responses.balanced(F)
-            room = max(MOST - len(basis), 0)
-            main, fit = part.unspanned(known, F[:, :, part.bears(F)], room)
+        loads = self._pressing.loads(data.nodes, body.motion.R, nodes, ways)
+        for F, follow in zip(loads, (True, False), strict=True):
+            room, spanned = max(MOST - len(basis), 0), (known.modes, known.stiffness)
+            vectors, count, fit = vectors_for(about, *spanned, F, dt, room, follow)
             fits.append(fit)
-            if main.shape[2]:
-                load, resolved = (main, DEPTH if follow else 1), dt / RESOLVED
-                vectors, n = ritz(responses, load, resolved=resolved, most=room)
-                part.extend(basis, vectors[:, :, :n], main.shape[2])
+            part.extend(basis, vectors, count)
         self._tell_more(data.name, m, len(basis), all(fits))
         if len(basis) == m:
             return body
@@ -326,9 +289,10 @@ class Shaping:
         for body in state.bodies:
             if body.data.shapes is None:
                 continue
-            part, loads = self._part(body.data), self._loads[body.data.name]
+            loads, part = self._loads[body.data.name], self._part(body.data)
             own = part.projected(_free(body.data))
-            if count := part.unspanned(own, loads)[0].shape[2]:
+            about = self._expanded[body.data.name][1]
+            if count := about.unspanned(own.modes, own.stiffness, loads)[0].shape[2]:
                 warn(
                     self._scene.comm,
                     f"Reduced '{body.data.name}': shapes={len(own.force)} lack more than "
