@@ -33,9 +33,9 @@ ALL = 0.95  # of the energy: what damping takes more than that does not tell how
 # Unknowns of a body, from which it may save what e and Python cost: steps took 3.5 ms at
 # 1000 unknowns all flexible, and 2 ms more beside bodies that took 19 % of these.
 WORTH = 600
-# Unknowns of a structure, from which it is looked at: with half of fewer rigid a step would lose 1
-# of its 4 ms, and looking takes 0.6 ms.
-WATCHED = 1500
+# Unknowns of a structure, from which it is looked at: with bodies, three scenes of 1722 to 2700
+# took 1.2 to 1.6 of the time without (a body in flight, a bar and a cantilever that strike).
+WATCHED = 3000
 KNOWN = 8  # steps of the finer run that are remembered
 AHEAD = 2  # of them past the time that is asked, as slopes are taken from neighbours
 
@@ -136,7 +136,7 @@ class Accuracy:
         never: Names of sets of cells that stay flexible.
         min_cells: Least number of cells of a new body. If None: a twentieth of all cells, and
             cells of 600 unknowns at least, since smaller bodies save no time; a structure below
-            1500 unknowns then has no bodies.
+            3000 unknowns then has no bodies.
         check: Whether the flexible twin is computed, too, with steps about a quarter as long: then
             ledgers have the measured error.
         grow: Without effect, for one release: every run begins reduced.

@@ -318,7 +318,7 @@ class FoundBodies:
             tell(self._scene.comm, f"{data.name} {words}: ν = {found.nu:.3g}")
             woken, most = np.zeros(self._cells, dtype=bool), most_bent(self._scene, data, found)
             woken[most if self._scene.sum(most.size) > 0 else data.cells] = True
-            return Looked(woken=woken, reason=words)
+            return Looked(woken=woken, reason="they bend by more than their shapes follow")
         return None
 
     # Where they leave their shapes ----------------------------------------------------------------
