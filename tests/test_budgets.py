@@ -258,7 +258,7 @@ def test_what_flies_rigid_wakes_as_it_strikes():
     exact = fall(1e-3)[-1].probes["end"]
     with pytest.warns(rf.RigidfxWarning, match="as a contact has closed"):
         reports = fall(5e-3, accuracy=rf.Accuracy(0.02, "end", min_cells=20))
-    assert "the contact 'floor' changes" in {e.reason for r in reports for e in r.events}
+    assert any(r.touches["floor"].nodes > 0 and len(r.bodies) for r in reports)
     way = max(np.linalg.norm(r.probes["end"]) for r in reports)
     assert np.linalg.norm(reports[-1].probes["end"] - exact) < 0.02 * way
 

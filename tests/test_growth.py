@@ -266,6 +266,29 @@ def test_bars_that_meet_may_grow():
     assert np.abs(tips(own) - tips(twin)).max() < 0.001 * np.abs(tips(twin) - tips(twin)[0]).max()
 
 
+def struck():
+    """A bar that falls on an edge, asked for one per cent."""
+    floor = rf.Contact("z0", against=rf.Plane((0, 0, -1e-3), (0.1, 0, 1)), title="floor")
+    falls = rf.InitialVelocity(linear=(0, 0, -0.1))
+    return bar(floor, falls, rf.StiffnessDamping(0.02, frequency=100.0))
+
+
+def asked(dt):
+    return {"accuracy": rf.Accuracy(0.01, min_cells=2, smallest=dt)}
+
+
+def test_a_blow_gives_shapes_and_releases_little():
+    """Nodes get shapes before they press; only the cells at the edge wake, as they bend by much."""
+    dt = 5e-4
+    twin, own = (list(rf.simulate(struck(), dt, 0.06, **more)) for more in ({}, asked(dt)))
+    peaks = [max(r.touches["floor"].pressing for r in reports[1:]) for reports in (twin, own)]
+    assert max(unknowns(own)[5:]) < 0.3 * twin[0].unknowns
+    assert peaks[1] == pytest.approx(peaks[0], rel=0.005)
+    rebound = [reports[-1].linear_momentum[2] for reports in (twin, own)]
+    assert rebound[1] == pytest.approx(rebound[0], rel=0.005)
+    assert imbalance(own) < 1e-10
+
+
 @pytest.mark.parametrize("name", ["kappa", "easing", "grow"])
 def test_former_settings_are_taken_with_a_warning(name):
     former = {"kappa": 3.0, "easing": 0.25, "grow": False}
@@ -291,7 +314,8 @@ def _found():
     of_stalk = rf.simulate(
         on_a_stalk(period)[0], period / 20, 5 * period, rigidify=on_stalk(period)
     )
-    own = run(bar(THROWN, blow())), run(bar(HELD, blow(200.0))), list(of_stalk)
+    of_blow = rf.simulate(struck(), 5e-4, 0.02, **asked(5e-4))
+    own = run(bar(THROWN, blow())), run(bar(HELD, blow(200.0))), list(of_stalk), list(of_blow)
     return [[*r.probes["tip"], float(r.unknowns)] for reports in own for r in reports[::6]]
 
 

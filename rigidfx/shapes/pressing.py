@@ -18,6 +18,7 @@ from rigidfx.effects import Contact
 from rigidfx.scene.mesh_order import mesh_order
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.excess import About
+from rigidfx.shapes.part import MOST
 from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz
 
 
@@ -49,16 +50,21 @@ class Pressing:
         """Begin anew: a new body has no shapes for those that press."""
         self._pressed[:] = False
 
-    def loads(self, inside: Indices, R: Array, nodes: Ints, ways: Array) -> tuple[Array, Array]:
+    def loads(
+        self, inside: Indices, R: Array, nodes: Ints, ways: Array
+    ) -> tuple[Array, Array, bool]:
         """Forces on new nodes, as they act on a body with some nodes inside. Collective.
 
-        Those on its own nodes are unit forces. Others reach it through cells that deform, by their
-        resultants: one and each coordinate are their weights. Nodes of the body have the order of
-        the mesh file, so that shapes are the same on any ranks. The first result is along the main
-        direction of each node, the second along the others, turned back by R, (owned nodes, 3, k);
-        some may be zero.
+        Those on its own nodes are unit forces, unless they are more than `MOST`. Those and others,
+        which reach it through cells that deform, act by their resultants: one and each coordinate
+        are their weights. Nodes of the body have the order of the mesh file, so that shapes are the
+        same on any ranks. The first result is along the main direction of each node, the second
+        along the others, turned back by R, (owned nodes, 3, k); some may be zero. The third says
+        whether all of the body's nodes have forces of their own.
         """
         scene, own = self._scene, np.isin(nodes, inside)
+        each = int(scene.sum(np.count_nonzero(own))) <= MOST
+        own &= each
         numbers = scene.comm.allgather(self._numbers[nodes[own]])
         first, every = sum(map(len, numbers[: scene.comm.rank])), np.concatenate(numbers)
         place = np.argsort(np.argsort(every, kind="stable"), kind="stable")
@@ -73,7 +79,7 @@ class Pressing:
         np.add.at(
             F[:, :, :, every.size :], nodes[~own], f[~own][:, :, :, None] * weights[:, None, None]
         )
-        return F[:, :, 0], F[:, :, 1:].reshape(scene.owned_nodes, 3, -1)
+        return F[:, :, 0], F[:, :, 1:].reshape(scene.owned_nodes, 3, -1), each
 
     @cached_property
     def _numbers(self) -> Ints:

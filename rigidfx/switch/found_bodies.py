@@ -83,11 +83,13 @@ class Known:
         begun: How many modes it began with.
         lacking: The lowest ω that these lack [1/s].
         spin: Its angular velocity then, in its frame [rad/s].
+        pressed: How many shapes it has for nodes that press.
     """
 
     begun: int
     lacking: float
     spin: Array
+    pressed: int = 0
 
 
 class FoundBodies:
@@ -216,35 +218,28 @@ class FoundBodies:
         new = self._pressing.new(pressing)
         if new is None:
             return None
-        before, full = list(bodies), np.zeros(self._cells, dtype=bool)
-        now = [self._with_more(body, *new, dt, full) for body in before]
-        if self._scene.sum(np.count_nonzero(full)):
-            return Looked(woken=full, reason="contacts press more nodes than shapes follow")
+        before = list(bodies)
+        now = [self._with_more(body, *new, dt) for body in before]
         changed = any(own is not body for own, body in zip(now, before, strict=True))
         return Looked(Bodies.of_each(now)) if changed else None
 
-    def _with_more(self, body: Body, nodes: Ints, ways: Array, dt: float, full: Bools) -> Body:
-        """A body with shapes for nodes that press; its cells are marked full if it has no room.
-
-        Collective.
-        """
+    def _with_more(self, body: Body, nodes: Ints, ways: Array, dt: float) -> Body:
+        """A body with shapes for nodes that press, as far as there is room. Collective."""
         data = body.data
         if not self.grows(data):
             return body
-        about, begun = self._of(data)[1], self.known[data.number].begun
-        loads = self._pressing.loads(data.nodes, body.motion.R @ about.Q, nodes, ways)
+        about, known = self._of(data)[1], self.known[data.number]
+        *loads, _ = self._pressing.loads(data.nodes, body.motion.R @ about.Q, nodes, ways)
         for F, follow in zip(loads, (True, False), strict=True):
-            room, shapes = max(MOST + begun - body.data.deforms_by, 0), body.data.shapes
+            added, shapes = body.data.deforms_by - data.deforms_by, body.data.shapes
+            room = max(MOST - known.pressed - added, 0)
             modes, stiffness = np.zeros((len(data.nodes), 3, 0)), np.zeros((0, 0))
             if shapes is not None:
                 modes, stiffness = shapes.modes.swapaxes(1, 2), shapes.stiffness
-            vectors, count, fits = vectors_for(about, modes, stiffness, F, dt, room, follow)
-            full[data.cells] |= not fits
-            more = self.more(body, vectors, count) if count else None
-            body = body if more is None else more
+            vectors, count, _ = vectors_for(about, modes, stiffness, F, dt, room, follow)
+            body = (self.more(body, vectors, count) if count else None) or body
         if grown := body.data.deforms_by - data.deforms_by:
-            known = self.known[data.number]
-            self.known[data.number] = replace(known, begun=known.begun + grown)
+            self.known[data.number] = replace(known, pressed=known.pressed + grown)
             text = f"{data.name} has {body.data.deforms_by} shapes, {grown} for nodes that press"
             tell(self._scene.comm, text)
         return body
@@ -279,6 +274,11 @@ class FoundBodies:
         for fields, force in forces:
             F[force.nodes] = fields.at_nodes(force) @ self._of(fields.data)[1].Q
         return F
+
+    def grown(self, data: RigidBody) -> int:
+        """How many shapes forces have called for, beside those that it began with."""
+        known = self.known[data.number]
+        return data.deforms_by - known.begun - known.pressed
 
     # How far they hold ----------------------------------------------------------------------------
 

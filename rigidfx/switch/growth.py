@@ -163,7 +163,7 @@ class Growth(Watch):
             want = wanted.get(body.data.number, 0.0)
             if not want > 1:
                 continue
-            count = body.data.deforms_by - self.found.known[body.data.number].begun
+            count = self.found.grown(body.data)
             before = self._added.get(body.data.number, ())
             if limits.begins and before:  # what is left is for the next step to tell
                 continue

@@ -252,14 +252,14 @@ class Shaping:
             return body
         part = self._part(data)
         about, known = self._expanded[data.name][1], part.projected(_free(data))
-        m, basis, fits = len(known.force), part.begun(known.modes), []
-        loads = self._pressing.loads(data.nodes, body.motion.R, nodes, ways)
+        m, basis = len(known.force), part.begun(known.modes)
+        *loads, each = self._pressing.loads(data.nodes, body.motion.R, nodes, ways)
         for F, follow in zip(loads, (True, False), strict=True):
             room, spanned = max(MOST - len(basis), 0), (known.modes, known.stiffness)
             vectors, count, fit = vectors_for(about, *spanned, F, dt, room, follow)
-            fits.append(fit)
+            each &= fit
             part.extend(basis, vectors, count)
-        self._tell_more(data.name, m, len(basis), all(fits))
+        self._tell_more(data.name, m, len(basis), each)
         if len(basis) == m:
             return body
         new, _ = to_one(self._scene.comm, basis.vectors[:, :, m:])
