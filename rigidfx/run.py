@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -10,6 +11,7 @@ import numpy as np
 from rigidfx.base.remembered import PART, Remembered
 from rigidfx.base.uncaught import on_all_ranks
 from rigidfx.decide.bodies import Decision
+from rigidfx.decide.limits import Limits
 from rigidfx.decide.policy import Policy
 from rigidfx.decide.rules import Observation
 from rigidfx.report.events import Event
@@ -82,7 +84,7 @@ class Run:
             attempt = stepper.attempt(attempt.end, again=True)
         if policy is None:
             return stepper.accept(attempt), []
-        attempt, found = self._grown(attempt, policy)
+        attempt, found = self._grown(attempt, policy.rule.limits)
         seen = Observation(stepper, attempt.dt, 0.0)
         decision = policy.struck(seen, stepper.touches)
         if decision is None and found.woken is not None:
@@ -91,23 +93,23 @@ class Run:
         if not events and policy.releases.repeat and len(stepper.state.bodies):
             events = self._asked(policy, attempt, number)
         if events:
-            attempt = stepper.attempt(attempt.end, again=True)
-            if self.growth is not None:
-                self.growth.look(attempt)
+            attempt, _ = self._grown(stepper.attempt(attempt.end, again=True), None)
         return stepper.accept(attempt), events
 
-    def _grown(self, attempt: Attempt, policy: Policy) -> tuple[Attempt, Looked]:
+    def _grown(
+        self, attempt: Attempt, limits: Callable[[], Limits] | None
+    ) -> tuple[Attempt, Looked]:
         """A step made again until bodies have the shapes that it calls for; which cells wake.
 
-        Collective.
+        Without limits, nodes that press are what calls for shapes, and no cell wakes. Collective.
         """
         if self.growth is None:
             return attempt, Looked()
-        found = self.growth.look(attempt, policy.rule.limits)
+        found = self.growth.look(attempt, limits)
         while found.bodies is not None:
             self.switch.regroup(found.bodies)
             attempt = self.stepper.attempt(attempt.end, again=True)
-            found = self.growth.look(attempt, policy.rule.limits)
+            found = self.growth.look(attempt, limits)
         return attempt, found
 
     def _asked(self, policy: Policy, attempt: Attempt, number: int) -> list[Event]:

@@ -185,7 +185,7 @@ def test_a_bent_body_that_gains_cells_keeps_its_energy():
 def test_a_run_that_begins_reduced_keeps_its_budget():
     """All of a plate is one body from the second step on, and follows two blows."""
     budget, dt = 0.01, 4e-3
-    own = list(rf.simulate(struck_gong(), dt, 0.3, accuracy=rf.Accuracy(budget)))
+    own = list(rf.simulate(struck_gong(), dt, 0.3, accuracy=rf.Accuracy(budget, min_cells=9)))
     assert max(unknowns(own)[2:]) < 60
     assert imbalance(own) < 1e-10
     ledger = own[-1].ledger

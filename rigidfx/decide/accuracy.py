@@ -123,8 +123,9 @@ class Accuracy:
 
     A run begins reduced: from the second step on all cells are in bodies. A body gets shapes where
     what it withholds would move a node by more than its share of the budget, and where contacts
-    press it, and loses cells where shapes do not suffice. Bodies may use half of the budget that time integration (`rigidfx.scene.timeline.StepControl`) has left
-    (`rigidfx.decide.budget`). The ledger of each report has the spent amounts of
+    press it, and loses cells where shapes do not suffice. Bodies may use half of the budget that
+    time integration (`rigidfx.scene.timeline.StepControl`) has left (`rigidfx.decide.budget`). The
+    ledger of each report has the spent amounts of
     both. Neither strains are bounded nor the error of the mesh is estimated.
 
     Attributes:

@@ -45,6 +45,7 @@ class Interface:
         beside = {i: own[meets[own]] for i, own in others.items()}
         self._K = self._rows.assembled(stiffness.linear.tangent(beside))
         self._patch, self._count = self._patches(beside)
+        self._places = stiffness.places[nodes]
         x, sums = stiffness.places[self._own], np.zeros((self._count, 4))
         np.add.at(sums, self._patch, np.c_[np.ones(len(x)), x])
         sums = np.asarray(scene.sum(sums))
@@ -60,6 +61,18 @@ class Interface:
         parts = connected_parts(mesh, 2, among)
         found = at.largest(dofmap[some], parts.of_cell[some].astype(np.float64))[self._own]
         return found.astype(np.int64), parts.count
+
+    def apart(self, d: Array) -> Array:
+        """Displacements of the part's nodes as those see it that it shares, (nodes, 3). Collective.
+
+        They are without the rigid motion that fits the shared ones best, if there are any.
+        """
+        if self._K is None:
+            return d
+        modes = rigid_motions(self._places, 1.0)
+        own = modes[self._shared].reshape(-1, 6)
+        sums = self._scene.sum(own.T @ np.c_[own, d[self._shared].reshape(-1)])
+        return np.asarray(d - modes @ np.linalg.lstsq(sums[:, :6], sums[:, 6])[0])
 
     def energy(self, d: Array) -> float:
         """½ δ·K δ by displacements of the part's nodes, shape (nodes, 3) [m]. Collective."""

@@ -13,13 +13,17 @@ from typing import ClassVar
 import numpy as np
 
 from rigidfx.base.remembered import ON_NODES, Remembered
-from rigidfx.base.types import Array, Indices, Ints
+from rigidfx.base.types import Array, Ints
 from rigidfx.effects import Contact
 from rigidfx.scene.mesh_order import mesh_order
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.excess import About
-from rigidfx.shapes.part import MOST
 from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz
+
+Known = tuple[Array, Array]  # Φ, shape (nodes, 3, m), and Ω of the shapes of a body
+# Nodes that begin to press at once, each with forces of its own: these take 3.5 kB a node of the
+# mesh.
+UNITS = 144
 
 
 class Pressing:
@@ -50,57 +54,61 @@ class Pressing:
         """Begin anew: a new body has no shapes for those that press."""
         self._pressed[:] = False
 
-    def loads(
-        self, inside: Indices, R: Array, nodes: Ints, ways: Array
-    ) -> tuple[Array, Array, bool]:
-        """Forces on new nodes, as they act on a body with some nodes inside. Collective.
+    def vectors(
+        self, about: About, R: Array, new: tuple[Ints, Array], known: Known, dt: float, room: int
+    ) -> tuple[list[tuple[Array, int]], bool]:
+        """Vectors of the whole for forces that the known shapes of a body do not span. Collective.
 
-        Those on its own nodes are unit forces, unless they are more than `MOST`. Those and others,
-        which reach it through cells that deform, act by their resultants: one and each coordinate
-        are their weights. Nodes of the body have the order of the mesh file, so that shapes are the
-        same on any ranks. The first result is along the main direction of each node, the second
-        along the others, turned back by R, (owned nodes, 3, k); some may be zero. The third says
-        whether all of the body's nodes have forces of their own.
+        New nodes are as `new` tells them; R turns the body's frame at the start into space. Vectors
+        follow frequencies of a step of dt [s]; followers take half of the room that forces leave.
+        First those for the main direction of each node, then those for the others: vectors, shape
+        (owned nodes, 3, k), and how many of them are responses to forces. And whether there is room
+        for all forces.
         """
-        scene, own = self._scene, np.isin(nodes, inside)
-        each = int(scene.sum(np.count_nonzero(own))) <= MOST
-        own &= each
+        responses, out, fits = about.responses, [], True
+        for F, depth in zip(self._loads(about, R, *new), (DEPTH, 1), strict=True):
+            F = responses.balanced(F)
+            F = F[:, :, responses.act_on(about.part.nodes, F)]
+            F, all_of_them = about.unspanned(*known, F, room)
+            fits &= all_of_them
+            if count := F.shape[2]:
+                most = count + (room - count) // 2
+                found, n = ritz(responses, (F, depth), resolved=dt / RESOLVED, most=most)
+                out.append((found[:, :, :n], count))
+                room = max(room - n, 0)
+        return out, fits
+
+    def _loads(self, about: About, R: Array, nodes: Ints, ways: Array) -> tuple[Array, Array]:
+        """Forces on new nodes, as they act on a body. Collective.
+
+        Those on its own nodes are unit forces, unless they are more than `UNITS`. Then these, and
+        in any case others in the same connected part, act by their resultants: one and each
+        coordinate are their weights. Nodes of the body have the order of the mesh file, so that
+        shapes are the same on any ranks. The first result is along the main direction of each node,
+        the second along the others, turned back by R, (owned nodes, 3, k); some may be zero.
+        """
+        scene, part = self._scene, about.responses.rigid.part
+        inside = np.isin(nodes, about.part.nodes)
+        parts = np.concatenate(scene.comm.allgather(np.unique(part[about.part.nodes])))
+        own = inside & (int(scene.sum(np.count_nonzero(inside))) <= UNITS)
+        others = ~own & np.isin(part[nodes], parts)
         numbers = scene.comm.allgather(self._numbers[nodes[own]])
         first, every = sum(map(len, numbers[: scene.comm.rank])), np.concatenate(numbers)
         place = np.argsort(np.argsort(every, kind="stable"), kind="stable")
         f = ways @ R
         size = np.linalg.norm(f, axis=2, keepdims=True)
-        f = np.divide(f, size, where=size > 0, out=np.zeros_like(f)).swapaxes(1, 2)
-        F = np.zeros((scene.owned_nodes, 3, 3, every.size + 4))
+        some = np.asarray(scene.sum(np.count_nonzero(size[:, :, 0], axis=0))) > 0
+        f = np.divide(f, size, where=size > 0, out=np.zeros_like(f)).swapaxes(1, 2)[:, :, some]
+        F = np.zeros((scene.owned_nodes, 3, f.shape[2], every.size + 4))
         F[nodes[own], :, :, place[first : first + np.count_nonzero(own)]] = f[own]
-        x = scene.space.tabulate_dof_coordinates()[nodes[~own]]
+        x = scene.space.tabulate_dof_coordinates()[nodes[others]]
         sums = np.asarray(scene.sum(np.r_[x.sum(axis=0), len(x)]))
         weights = np.c_[np.ones(len(x)), (x - sums[:3] / max(sums[3], 1.0)) / scene.mean_cell_size]
-        np.add.at(
-            F[:, :, :, every.size :], nodes[~own], f[~own][:, :, :, None] * weights[:, None, None]
-        )
-        return F[:, :, 0], F[:, :, 1:].reshape(scene.owned_nodes, 3, -1), each
+        more = f[others][:, :, :, None] * weights[:, None, None]
+        np.add.at(F[:, :, :, every.size :], nodes[others], more)
+        return F[:, :, 0], F[:, :, 1:].reshape(scene.owned_nodes, 3, -1)
 
     @cached_property
     def _numbers(self) -> Ints:
         """Number of each node of this rank in the mesh file. Collective."""
         return mesh_order(self._scene).nodes
-
-
-def vectors_for(
-    about: About, modes: Array, stiffness: Array, F: Array, dt: float, room: int, follow: bool
-) -> tuple[Array, int, bool]:
-    """Vectors of the whole for the forces that a body's shapes do not span. Collective.
-
-    They follow frequencies of a step of dt [s]. The vectors, (owned nodes, 3, k), how many of them
-    are responses to forces, and whether there is room for all forces.
-    """
-    responses = about.responses
-    F = responses.balanced(F)
-    F = F[:, :, responses.act_on(about.part.nodes, F)]
-    new, fits = about.unspanned(modes, stiffness, F, room)
-    if not new.shape[2]:
-        return new, 0, fits
-    load = new, DEPTH if follow else 1
-    vectors, n = ritz(responses, load, resolved=dt / RESOLVED, most=room)
-    return vectors[:, :, :n], new.shape[2], fits

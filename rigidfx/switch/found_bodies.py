@@ -36,11 +36,11 @@ from rigidfx.shapes.excess import About, Excess
 from rigidfx.shapes.found import Found
 from rigidfx.shapes.linear import Linear
 from rigidfx.shapes.part import MOST
-from rigidfx.shapes.pressing import Pressing, vectors_for
+from rigidfx.shapes.pressing import Pressing
 from rigidfx.shapes.responses import Responses
 from rigidfx.step.equations.actions import Actions, apart
 from rigidfx.step.stepper import Stepper
-from rigidfx.switch.bends import BOUND, Looks, SpinLimits, most_bent, off_by
+from rigidfx.switch.bends import BOUND, Looks, SpinLimits, at_cells, most_bent, off_by
 from rigidfx.switch.inventory import about_start
 from rigidfx.withheld.body_forces import BodyForces
 from rigidfx.withheld.fields import Fields, Force
@@ -209,40 +209,47 @@ class FoundBodies:
         found, own = self._within(body.data, vectors)
         return found.with_shapes(body, own, vectors.shape[2] - loads)
 
-    def pressed(self, bodies: Bodies, pressing: tuple[Ints, Array], dt: float) -> Looked | None:
+    def pressed(
+        self, bodies: Bodies, pressing: tuple[Ints, Array], dt: float, wakes: bool
+    ) -> Looked | None:
         """What nodes that press for the first time call for; None if nothing. Collective.
 
         Contacts press owned nodes in directions, see `ContactForces`; shapes follow frequencies of
-        a step of dt [s].
+        a step of dt [s]. If bodies have no room for more, cells at these nodes wake, or none.
         """
         new = self._pressing.new(pressing)
         if new is None:
             return None
-        before = list(bodies)
-        now = [self._with_more(body, *new, dt) for body in before]
+        before, now, full = list(bodies), [], np.zeros(self._cells, dtype=bool)
+        marks: Array = np.zeros(self._scene.owned_nodes)
+        marks[new[0]] = 1.0
+        for body in before:
+            more, fits = self._with_more(body, new, dt)
+            now.append(more)
+            if wakes and not fits:
+                full[body.data.cells] = at_cells(self._scene, marks, body.data.cells) > 0
+        if self._scene.sum(np.count_nonzero(full)):
+            return Looked(woken=full, reason="contacts press more of them than shapes follow")
         changed = any(own is not body for own, body in zip(now, before, strict=True))
         return Looked(Bodies.of_each(now)) if changed else None
 
-    def _with_more(self, body: Body, nodes: Ints, ways: Array, dt: float) -> Body:
-        """A body with shapes for nodes that press, as far as there is room. Collective."""
-        data = body.data
+    def _with_more(self, body: Body, new: tuple[Ints, Array], dt: float) -> tuple[Body, bool]:
+        """A body with shapes for nodes that press, and whether it has room for all. Collective."""
+        data, modes, stiffness = body.data, np.zeros((len(body.data.nodes), 3, 0)), np.eye(0)
         if not self.grows(data):
-            return body
+            return body, True
         about, known = self._of(data)[1], self.known[data.number]
-        *loads, _ = self._pressing.loads(data.nodes, body.motion.R @ about.Q, nodes, ways)
-        for F, follow in zip(loads, (True, False), strict=True):
-            added, shapes = body.data.deforms_by - data.deforms_by, body.data.shapes
-            room = max(MOST - known.pressed - added, 0)
-            modes, stiffness = np.zeros((len(data.nodes), 3, 0)), np.zeros((0, 0))
-            if shapes is not None:
-                modes, stiffness = shapes.modes.swapaxes(1, 2), shapes.stiffness
-            vectors, count, _ = vectors_for(about, modes, stiffness, F, dt, room, follow)
-            body = (self.more(body, vectors, count) if count else None) or body
+        if data.shapes is not None:
+            modes, stiffness = data.shapes.modes.swapaxes(1, 2), data.shapes.stiffness
+        room, R = max(MOST - known.pressed, 0), body.motion.R @ about.Q
+        found, fits = self._pressing.vectors(about, R, new, (modes, stiffness), dt, room)
+        for vectors, count in found:
+            body = self.more(body, vectors, count) or body
         if grown := body.data.deforms_by - data.deforms_by:
             self.known[data.number] = replace(known, pressed=known.pressed + grown)
             text = f"{data.name} has {body.data.deforms_by} shapes, {grown} for nodes that press"
             tell(self._scene.comm, text)
-        return body
+        return body, fits
 
     def shortened(self, body: Body) -> Array:
         """δ of the whole structure as a body bends, in space, (owned nodes, 3) [m]. Collective."""
@@ -306,7 +313,7 @@ class FoundBodies:
                 continue
             _, about = self._of(data)
             found = Excess(about, body)
-            errs = self.moved(body) if about.on_supports else found.d
+            errs = self.moved(body) if about.on_supports else about.beside.apart(found.d)
             size = float(np.abs(errs).max(initial=0.0))
             size = off_by(found.nu) * self._scene.comm.allreduce(size, op=MPI.MAX)
             self._looks.looked(body, far=False)

@@ -85,22 +85,20 @@ class Growth(Watch):
     def look(self, attempt: Attempt, limits: Callable[[], Limits] | None = None) -> Looked:
         """What an attempt that was solved calls for. Collective.
 
-        Limits are those that wake cells; without them nothing may change any more.
+        Limits are those that wake cells; without them nodes that press alone call for shapes.
         """
         self._forces.bear(attempt.t, attempt.dt)
         if not self._forces.borne:
             return Looked()
-        if limits is not None:
-            bodies, now = attempt.increments.end, limits()
-            free = now.rates is not None or now.begins
-            pressing = self._stepper.system.actions.pressing()
-            found = (
-                self.found.spun(bodies)
-                or self.found.bent(bodies, np.inf if free else self._allowed(now))
-                or self.found.pressed(self._stepper.state.bodies, pressing, attempt.dt)
-            )
-            if found is not None:
-                return found
+        pressing, now = self._stepper.system.actions.pressing(), limits and limits()
+        wakes = now is not None and now.rates is None
+        found = self.found.pressed(self._stepper.state.bodies, pressing, attempt.dt, wakes)
+        if found is None and now is not None:
+            bodies, free = attempt.increments.end, now.rates is not None or now.begins
+            allowed = np.inf if free else self._allowed(now)
+            found = self.found.spun(bodies) or self.found.bent(bodies, allowed)
+        if found is not None:
+            return found
         own = [each for each in self._forces.borne.values() if self.found.grows(each[0].data)]
         self._withheld = [(fields, fields.outside(force)) for fields, force in own]
         size = size_of(self._scene, self._withheld)

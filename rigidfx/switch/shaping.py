@@ -31,7 +31,7 @@ from rigidfx.shapes.motion import pulled
 from rigidfx.shapes.orthonormal import to_one
 from rigidfx.shapes.part import LACKING, MOST, Part, PartShapes
 from rigidfx.shapes.patterns import of_springs, patterns
-from rigidfx.shapes.pressing import Pressing, vectors_for
+from rigidfx.shapes.pressing import Pressing
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.ritz import RESOLVED, shapes_of
 from rigidfx.state import State
@@ -241,34 +241,32 @@ class Shaping:
             return None
         self._bind(state)
         before = list(state.bodies)
-        now = [self._with_more(body, *new, dt) for body in before]
+        now = [self._with_more(body, new, dt) for body in before]
         changed = any(own is not body for own, body in zip(now, before, strict=True))
         return Bodies.of_each(now) if changed else None
 
-    def _with_more(self, body: Body, nodes: Ints, ways: Array, dt: float) -> Body:
+    def _with_more(self, body: Body, new: tuple[Ints, Array], dt: float) -> Body:
         """A body with shapes for nodes that press, as far as its own lack some. Collective."""
         data = body.data
         if data.name not in self._growing:
             return body
         part = self._part(data)
         about, known = self._expanded[data.name][1], part.projected(_free(data))
-        m, basis = len(known.force), part.begun(known.modes)
-        *loads, each = self._pressing.loads(data.nodes, body.motion.R, nodes, ways)
-        for F, follow in zip(loads, (True, False), strict=True):
-            room, spanned = max(MOST - len(basis), 0), (known.modes, known.stiffness)
-            vectors, count, fit = vectors_for(about, *spanned, F, dt, room, follow)
-            each &= fit
+        m, basis, own = len(known.force), part.begun(known.modes), (known.modes, known.stiffness)
+        room = max(MOST - m, 0)
+        found, fits = self._pressing.vectors(about, body.motion.R, new, own, dt, room)
+        for vectors, count in found:
             part.extend(basis, vectors, count)
-        self._tell_more(data.name, m, len(basis), each)
+        self._tell_more(data.name, m, len(basis), fits)
         if len(basis) == m:
             return body
-        new, _ = to_one(self._scene.comm, basis.vectors[:, :, m:])
-        every = np.concatenate([whole_modes(data).swapaxes(1, 2), new], axis=2)
-        own, projected = data.shapes, part.projected(every)
-        if own is None:
+        more, _ = to_one(self._scene.comm, basis.vectors[:, :, m:])
+        every = np.concatenate([whole_modes(data).swapaxes(1, 2), more], axis=2)
+        shapes, projected = data.shapes, part.projected(every)
+        if shapes is None:
             return self._with(body, projected, False, None, 0)
-        spun = None if own.spun is None else self._spun(body, every)
-        return self._with(body, projected, own.drift is not None, spun, own.given)
+        spun = None if shapes.spun is None else self._spun(body, every)
+        return self._with(body, projected, shapes.drift is not None, spun, shapes.given)
 
     def _tell_more(self, name: str, before: int, now: int, all_of_them: bool) -> None:
         """Log new shapes; warn once of forces for which there is no room. Collective."""
