@@ -268,7 +268,7 @@ def test_bars_that_meet_may_grow():
 
 def struck():
     """A bar that falls on an edge, asked for one per cent."""
-    floor = rf.Contact("z0", against=rf.Plane((0, 0, -1e-3), (0.1, 0, 1)), title="floor")
+    floor = rf.Contact("z0", against=rf.Plane((0, 0, -1e-3), (0.1, 0.01, 1)), title="floor")
     falls = rf.InitialVelocity(linear=(0, 0, -0.1))
     return bar(floor, falls, rf.StiffnessDamping(0.02, frequency=100.0))
 

@@ -18,12 +18,10 @@ from rigidfx.effects import Contact
 from rigidfx.scene.mesh_order import mesh_order
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.excess import About
+from rigidfx.shapes.part import MOST
 from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz
 
 Known = tuple[Array, Array]  # Φ, shape (nodes, 3, m), and Ω of the shapes of a body
-# Nodes that begin to press at once, each with forces of its own: these take 3.5 kB a node of the
-# mesh.
-UNITS = 144
 
 
 class Pressing:
@@ -81,16 +79,17 @@ class Pressing:
     def _loads(self, about: About, R: Array, nodes: Ints, ways: Array) -> tuple[Array, Array]:
         """Forces on new nodes, as they act on a body. Collective.
 
-        Those on its own nodes are unit forces, unless they are more than `UNITS`. Then these, and
-        in any case others in the same connected part, act by their resultants: one and each
-        coordinate are their weights. Nodes of the body have the order of the mesh file, so that
-        shapes are the same on any ranks. The first result is along the main direction of each node,
-        the second along the others, turned back by R, (owned nodes, 3, k); some may be zero.
+        Those on its own nodes are unit forces, unless there are more than three for each shape that
+        it may get. Then these, and in any case others in the same connected part, act by their
+        resultants: one and each coordinate are their weights. Nodes of the body have the order of
+        the mesh file, so that shapes are the same on any ranks. The first result is along the main
+        direction of each node, the second along the others, turned back by R, (owned nodes, 3, k);
+        some may be zero.
         """
         scene, part = self._scene, about.responses.rigid.part
         inside = np.isin(nodes, about.part.nodes)
         parts = np.concatenate(scene.comm.allgather(np.unique(part[about.part.nodes])))
-        own = inside & (int(scene.sum(np.count_nonzero(inside))) <= UNITS)
+        own = inside & (int(scene.sum(np.count_nonzero(inside))) <= 3 * MOST)
         others = ~own & np.isin(part[nodes], parts)
         numbers = scene.comm.allgather(self._numbers[nodes[own]])
         first, every = sum(map(len, numbers[: scene.comm.rank])), np.concatenate(numbers)

@@ -89,7 +89,7 @@ class Known:
     begun: int
     lacking: float
     spin: Array
-    pressed: int = 0
+    pressed: int
 
 
 class FoundBodies:
@@ -186,7 +186,7 @@ class FoundBodies:
             own, lacking = found.modes(self._forces.dt or self._dt, self._cut)
             begun += own.shape[2]
             vectors = np.concatenate([vectors, own], axis=2)
-        self.known[data.number] = Known(begun, lacking, body.motion.angular_velocity_body)
+        self.known[data.number] = Known(begun, lacking, body.motion.angular_velocity_body, 0)
         made = found.with_shapes(body, vectors)
         return body if made is None else found.moving(made)
 
