@@ -220,7 +220,8 @@ class FoundBodies:
         new = self._pressing.new(pressing)
         if new is None:
             return None
-        before, now, full = list(bodies), [], np.zeros(self._cells, dtype=bool)
+        before, now, known = list(bodies), [], dict(self.known)
+        full = np.zeros(self._cells, dtype=bool)
         marks: Array = np.zeros(self._scene.owned_nodes)
         marks[new[0]] = 1.0
         for body in before:
@@ -229,6 +230,8 @@ class FoundBodies:
             if wakes and not fits:
                 full[body.data.cells] = at_cells(self._scene, marks, body.data.cells) > 0
         if self._scene.sum(np.count_nonzero(full)):
+            self._pressing.forget()  # the bodies that are then ask anew
+            self.known = known
             return Looked(woken=full, reason="contacts press more of them than shapes follow")
         changed = any(own is not body for own, body in zip(now, before, strict=True))
         return Looked(Bodies.of_each(now)) if changed else None
