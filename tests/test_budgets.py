@@ -231,11 +231,8 @@ def test_nothing_is_sure_from_a_contact_on(tmp_path):
     assert alone[-1].ledger.sure == "unknown"
 
 
-def test_what_flies_rigid_wakes_as_it_strikes():
-    """A tilted block lands on an edge, becomes rigid and strikes the floor with the next one.
-
-    The twin's blow throws it otherwise, by 0.036 of its way, and e does not contain that.
-    """
+def test_what_flies_rigid_keeps_its_budget_as_it_strikes():
+    """A tilted block lands on an edge, turns and strikes the floor with the next one."""
 
     def tilted(x):
         moved = np.array([[1, 0, 0], [0, np.cos(0.3), -np.sin(0.3)], [0, np.sin(0.3), np.cos(0.3)]])
