@@ -316,7 +316,7 @@ class FoundBodies:
                 continue
             _, about = self._of(data)
             found = Excess(about, body)
-            errs = self.moved(body) if about.on_supports else about.beside.apart(found.d)
+            errs = self.moved(body) if about.on_supports else about.beside.apart(found.d @ about.Q)
             size = float(np.abs(errs).max(initial=0.0))
             size = off_by(found.nu) * self._scene.comm.allreduce(size, op=MPI.MAX)
             self._looks.looked(body, far=False)
