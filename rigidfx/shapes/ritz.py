@@ -22,6 +22,7 @@ FACE_DEPTH = 2  # from each load of a face that a joint holds
 # that is struck twice errs by 4.8e-4, 4e-5, 2.5e-5 of its way and by 12, 0.5, 0.4 % of its peak
 # stress where that is 1, 2, 4 (`reduced.py`).
 RESOLVED = np.pi
+CLEAN = float(np.sqrt(np.finfo(np.float64).eps))  # part of a follower that may be rounding
 ALL = int(np.iinfo(np.int64).max)
 
 
@@ -30,9 +31,9 @@ def ritz(
 ) -> tuple[Array, int]:
     """Ritz vectors of forces: first the responses to all, then those to these' inertia. Collective.
 
-    What Δt does not resolve, by 1/ω [s], follows forces at once, and has no followers. Besides,
-    these would be rounding: each response to inertia makes the slowest motions' part in it larger
-    by the square of its frequency over theirs.
+    What Δt does not resolve, by 1/ω [s], follows forces at once, and has no followers. Nor has what
+    would be rounding: each response to inertia makes the slowest motions' part in it larger by the
+    square of its frequency over theirs.
 
     Each load has patterns, the most important first, shape (owned nodes, 3, k) [N], and the number
     of responses in a row; there are no followers from `most` vectors on. Vectors Y with YᵀMY = 1,
@@ -40,7 +41,8 @@ def ritz(
     called for: a few that are not resolved follow, which may fill a block.
     """
     basis, late = Basis(responses.scene.owned_nodes, responses.scene.sum), []
-    next_loads = [F for F, _ in loads]
+    next_loads, slow = [F for F, _ in loads], np.zeros(len(loads))
+    rounding = np.full(len(loads), np.finfo(np.float64).eps)
     for level in range(max(depth for _, depth in loads)):
         for k, (_, depth) in enumerate(loads):
             F, before = next_loads[k], len(basis)
@@ -51,8 +53,11 @@ def ritz(
             Y = responses.solve(F)
             if level:
                 squares, T = slowest(responses.scene.comm, responses.dot(F, Y))  # 1/ω²
-                squares = squares[squares > resolved**2] if level > 1 else squares
+                slow[k] = max(slow[k], squares[0])
+                known = rounding[k] * slow[k] <= CLEAN * squares
+                squares = squares[known & (squares > resolved**2) if level > 1 else known]
                 some = whole_groups(squares, most - before)
+                rounding[k] *= slow[k] / squares[some - 1] if some else 1.0
                 Y = Y @ T
                 late.append(Y[:, :, some:])
                 Y = Y[:, :, :some]

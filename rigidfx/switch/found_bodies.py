@@ -98,7 +98,6 @@ class FoundBodies:
     `destroy` frees the PETSc objects.
 
     Attributes:
-        dt: The longest Δt [s].
         known: What is known of each body, by its number.
         bends: Largest displacement by which shapes err as bodies bend, so far [m].
         nu: ν of each body when it was looked at, by its name.
@@ -114,7 +113,7 @@ class FoundBodies:
 
     def __init__(self, stepper: Stepper, forces: BodyForces, dt: float) -> None:
         """None is found: the present state is the start; dt is the nominal Δt [s]."""
-        self._stepper, self._forces, self.dt, self._scene = stepper, forces, dt, stepper.scene
+        self._stepper, self._forces, self._dt, self._scene = stepper, forces, dt, stepper.scene
         self.known: dict[int, Known] = {}
         self.bends, self._looks = 0.0, Looks()
         self.nu: dict[str, float] = {}
@@ -135,7 +134,7 @@ class FoundBodies:
             responses = about_start(scene, stepper.forces, self._start, acting)
             self._linear = Linear(responses)
             if not self._vectors.shape[2]:
-                self._vectors, self._cut = self._linear.modes(self._forces.dt or self.dt)
+                self._vectors, self._cut = self._linear.modes(self._forces.dt or self._dt)
                 self._modes = self._vectors.shape[2]
                 tell(scene.comm, f"bodies begin with {self._modes} modes of the whole")
         return self._linear
@@ -184,7 +183,7 @@ class FoundBodies:
         whole = data.size == self._scene.mesh.topology.index_map(3).size_global
         # Its own modes are those of the whole, or would bend rigid faces.
         if np.isfinite(self._cut) and not (whole or self.stiff(data)):
-            own, lacking = found.modes(self._forces.dt or self.dt, self._cut)
+            own, lacking = found.modes(self._forces.dt or self._dt, self._cut)
             begun += own.shape[2]
             vectors = np.concatenate([vectors, own], axis=2)
         self.known[data.number] = Known(begun, lacking, body.motion.angular_velocity_body, 0)

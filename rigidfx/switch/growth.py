@@ -167,7 +167,7 @@ class Growth(Watch):
                 continue
             stalls, more = len(before) > 1 and want > max(WAKES, 0.5 * before[-2]), None
             if not (stalls or count >= GROWN):
-                new = self._followed(F, limits) if new is None else new
+                new = self._followed(F, dt, limits) if new is None else new
                 more = self.found.more(body, new)
             if more is None or new is None:
                 if not limits.begins and (want > WAKES or count >= GROWN):
@@ -224,13 +224,9 @@ class Growth(Watch):
         assert control is not None  # an `Accuracy` has one
         return limits.part * control.reach(self._foreseen)
 
-    def _followed(self, F: Array, limits: Limits) -> Array:
-        """The static response to forces, and its followers where e is bounded. Collective.
-
-        These follow what the longest Δt resolves: in the short steps of a blow the last ones would
-        be rounding.
-        """
-        resolved, depth = self.found.dt / RESOLVED, DEPTH if limits.rates is None else 1
+    def _followed(self, F: Array, dt: float, limits: Limits) -> Array:
+        """The static response to forces, and its followers where e is bounded. Collective."""
+        resolved, depth = dt / RESOLVED, DEPTH if limits.rates is None else 1
         vectors, count = ritz(self.found.responses, (F[:, :, None], depth), resolved=resolved)
         return vectors[:, :, :count]
 
