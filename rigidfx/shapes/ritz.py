@@ -22,18 +22,23 @@ FACE_DEPTH = 2  # from each load of a face that a joint holds
 # that is struck twice errs by 4.8e-4, 4e-5, 2.5e-5 of its way and by 12, 0.5, 0.4 % of its peak
 # stress where that is 1, 2, 4 (`reduced.py`).
 RESOLVED = np.pi
-CLEAN = float(np.sqrt(np.finfo(np.float64).eps))  # part of a follower that may be rounding
+EPS = float(np.finfo(np.float64).eps)
+CLEAN = float(np.sqrt(EPS))  # part of a follower that may be rounding
 ALL = int(np.iinfo(np.int64).max)
 
 
 def ritz(
-    responses: Responses, *loads: tuple[Array, int], resolved: float = 0.0, most: int = MOST
+    responses: Responses,
+    *loads: tuple[Array, int],
+    resolved: float = 0.0,
+    most: int = MOST,
+    clean: bool = False,
 ) -> tuple[Array, int]:
     """Ritz vectors of forces: first the responses to all, then those to these' inertia. Collective.
 
-    What Δt does not resolve, by 1/ω [s], follows forces at once, and has no followers. Nor has what
-    would be rounding: each response to inertia makes the slowest motions' part in it larger by the
-    square of its frequency over theirs.
+    What Δt does not resolve, by 1/ω [s], follows forces at once, and has no followers. Besides,
+    these would be rounding: each response to inertia makes the slowest motions' part in it larger
+    by the square of its frequency over theirs. They are `clean` if they end where it is `CLEAN`.
 
     Each load has patterns, the most important first, shape (owned nodes, 3, k) [N], and the number
     of responses in a row; there are no followers from `most` vectors on. Vectors Y with YᵀMY = 1,
@@ -42,7 +47,7 @@ def ritz(
     """
     basis, late = Basis(responses.scene.owned_nodes, responses.scene.sum), []
     next_loads, slow = [F for F, _ in loads], np.zeros(len(loads))
-    rounding = np.full(len(loads), np.finfo(np.float64).eps)
+    rounding = np.full(len(loads), EPS if clean else 0.0)
     for level in range(max(depth for _, depth in loads)):
         for k, (_, depth) in enumerate(loads):
             F, before = next_loads[k], len(basis)

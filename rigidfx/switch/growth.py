@@ -227,7 +227,8 @@ class Growth(Watch):
     def _followed(self, F: Array, dt: float, limits: Limits) -> Array:
         """The static response to forces, and its followers where e is bounded. Collective."""
         resolved, depth = dt / RESOLVED, DEPTH if limits.rates is None else 1
-        vectors, count = ritz(self.found.responses, (F[:, :, None], depth), resolved=resolved)
+        known = self.found.responses, (F[:, :, None], depth)
+        vectors, count = ritz(*known, resolved=resolved, clean=True)
         return vectors[:, :, :count]
 
     # What is left --------------------------------------------------------------------------------
