@@ -70,8 +70,8 @@ class Pressing:
             F, all_of_them = about.unspanned(*known, F, room)
             fits &= all_of_them
             if count := F.shape[2]:
-                kept = {"resolved": dt / RESOLVED, "most": count + (room - count) // 2}
-                found, n = ritz(responses, (F, depth), **kept, clean=True)
+                most, load = count + (room - count) // 2, (F, depth)
+                found, n = ritz(responses, load, resolved=dt / RESOLVED, most=most, clean=True)
                 out.append((found[:, :, :n], count))
                 room = max(room - n, 0)
         return out, fits

@@ -238,7 +238,8 @@ class FoundBodies:
 
     def _with_more(self, body: Body, new: tuple[Ints, Array], dt: float) -> tuple[Body, bool]:
         """A body with shapes for nodes that press, and whether it has room for all. Collective."""
-        data, modes, stiffness = body.data, np.zeros((len(body.data.nodes), 3, 0)), np.eye(0)
+        data, stiffness = body.data, np.eye(0)
+        modes: Array = np.zeros((len(data.nodes), 3, 0))
         if not self.grows(data):
             return body, True
         about, known = self._of(data)[1], self.known[data.number]
