@@ -125,8 +125,8 @@ class Accuracy:
     what it withholds would move a node by more than its share of the budget, and where contacts
     press it, and loses cells where shapes do not suffice. Bodies may use half of the budget that
     time integration (`rigidfx.scene.timeline.StepControl`) has left (`rigidfx.decide.budget`). The
-    ledger of each report has the spent amounts of
-    both. Neither strains are bounded nor the error of the mesh is estimated.
+    ledger of each report has the spent amounts of both. Neither strains are bounded nor the error
+    of the mesh is estimated.
 
     Attributes:
         budget: Error of the displacement over the largest one so far, such as 0.01.
