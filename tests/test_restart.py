@@ -302,6 +302,22 @@ def test_a_recorder_that_is_closed_hinders_no_checkpoint(tmp_path):
     assert len(list(steps)) == 5
 
 
+def test_a_run_that_is_over_has_its_last_fields_with_its_last_checkpoint(tmp_path):
+    """It has them even if it is killed before its recorder is closed: `resume` has no step more."""
+    scene = bar()
+    left = rf.Checkpoint(tmp_path, steps=4)
+    recorder = rf.Recorder(scene, tmp_path, every=4, stress=False)
+    for report in rf.simulate(scene, 0.1, 0.6, checkpoint=left, progress=False):
+        recorder.write(report)
+    assert rf.read_fields(tmp_path).times == pytest.approx([0, 0.4, 0.6])
+    recorder.close()
+    longer = rf.resume(tmp_path, scene, t_end=0.8, progress=False)
+    with rf.Recorder(scene, tmp_path, every=4, stress=False) as recorder:
+        for report in longer:
+            recorder.write(report)
+    assert rf.read_fields(tmp_path).times == pytest.approx([0, 0.4, 0.8])
+
+
 def recorded(folder, scene, steps, last=10**6, **more):
     """Have a run's reports written up to a step; how many rows there are then."""
     with rf.Recorder(scene, folder, stress=False, **more) as recorder:

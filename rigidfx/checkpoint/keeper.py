@@ -216,11 +216,13 @@ class Keeper:
     ) -> None:
         """Refuse a run that no checkpoint keeps, or a folder that takes none; have it. Collective.
 
-        A run that goes on does so from `kept`, of the folder `before`. A `SceneError` on every rank
+        The last of `looks` are the writers of files. A run that goes on does so from `kept`, of the
+        folder `before`. A `SceneError` on every rank
         names a class that does not name its memory, an `OutputError` a folder that takes no files.
         """
         scene = run.stepper.scene
         self._run, self._looks, self._comm, self._given = run, looks, scene.comm, checkpoint
+        *_, self._writers = looks
         self._step, self._t = (0, 0.0) if kept is None else (kept.step, kept.t)
         self._order, self._scene = mesh_order(scene), scene_hashes(scene)
         plain = {name: taken(value) for name, value in call.items()}
@@ -255,9 +257,11 @@ class Keeper:
         if (due or heard) and step > self._step:
             state = self._run.stepper.state
             last = state.snapshot() if over else None
-            self._leave(step, t)
+            kept = self._kept(step, t)
             if last is not None:  # nothing follows, and the last report may still be asked
                 state.restore(last)
+                self._writers.complete()  # behind the ends of files that are kept
+            self._leave(kept)
         if heard:
             self._signals.served()
         if heard == signal.SIGINT:
@@ -280,19 +284,21 @@ class Keeper:
         self._comm.Allreduce(MPI.IN_PLACE, found, op=MPI.MAX)
         return bool(found[1]), int(found[0])
 
-    def _leave(self, step: int, t: float) -> None:
+    def _kept(self, step: int, t: float) -> Kept:
+        """Content of a checkpoint of a step that ended at t [s]. Collective."""
         run = self._run
         state = self._gathered(run.stepper.state, run.switch)
         run.switch.again()
-        kept = Kept(step, t, self._call, state, self._gathered(run, self._looks))
+        return Kept(step, t, self._call, state, self._gathered(run, self._looks))
 
+    def _leave(self, kept: Kept) -> None:
         def write_next(folder: Path) -> None:
             if self._claim is not None:
                 self._claim.check()
-            write(folder, {"scene": self._scene, "step": step, "t": t}, kept)
+            write(folder, {"scene": self._scene, "step": kept.step, "t": kept.t}, kept)
 
         self._on_disk(write_next)
-        self._step, self._t, self._began = step, t, perf_counter()
+        self._step, self._t, self._began = kept.step, kept.t, perf_counter()
 
     def _on_disk(self, action: Callable[[Path], object]) -> None:
         """Do something in the folder on rank 0; raise its errors on all ranks. Collective."""

@@ -232,6 +232,15 @@ class Recorder:
         if self._due(report):
             self._write_fields(report)
 
+    def complete(self) -> None:
+        """Write the fields of the last step, unless they are there or the run has gone on.
+
+        A run that leaves checkpoints calls this before the one of its end. Collective.
+        """
+        last = self._last
+        if last and not self._closed and last.step != self._fields_at and last.current:
+            self._write_fields(last)
+
     def close(self) -> None:
         """Close the files, and let other recorders have the folder. Collective.
 
@@ -263,10 +272,9 @@ class Recorder:
         Where the run has gone on since the last report that was written, its fields are gone.
         """
         together = error is None or isinstance(error, StepError)
-        last = self._last
         try:
-            if together and last and last.step != self._fields_at and last.current:
-                self._write_fields(last)
+            if together:
+                self.complete()
             if error is None:
                 self.close()
         finally:  # of this rank alone: others may not be here

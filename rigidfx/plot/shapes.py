@@ -152,6 +152,9 @@ class Shapes:
             return None
         return {"times": list(self._times), "shapes": list(self._shapes)}
 
+    def complete(self) -> None:
+        """Nothing to do: nothing is kept back."""
+
     def _go_on(self, report: Report) -> None:
         """Join the run, with what its checkpoint keeps of these shapes."""
         known = report._writers.known(self.name)

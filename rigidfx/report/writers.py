@@ -24,6 +24,10 @@ class Writer(Protocol):
         """Where its files end, and its memory; on rank 0, None elsewhere."""
         ...
 
+    def complete(self) -> None:
+        """Write what it has kept back for the end of a run. Collective."""
+        ...
+
 
 class Writers:
     """The writers of a run; each joins as it writes its first report.
@@ -64,6 +68,11 @@ class Writers:
         if name not in self._known and self._was is not None and os.path.isabs(name):
             name = os.path.normpath(os.path.join(self._was, os.path.relpath(name, self._before)))
         return self._known.get(name)
+
+    def complete(self) -> None:
+        """Let each write what it has kept back for the end of a run. Collective."""
+        for writer in self._joined:
+            writer.complete()
 
     @property
     def ends(self) -> Mapping[str, Any]:
