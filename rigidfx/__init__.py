@@ -68,6 +68,7 @@ from rigidfx.effects import (
     Tied,
     Traction,
     Universal,
+    rayleigh,
 )
 from rigidfx.mechanics.enhanced import AssumedStrains
 from rigidfx.mechanics.materials import (
@@ -88,7 +89,7 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import StepControl
 from rigidfx.simulation import resume, simulate
 from rigidfx.statics import compliance, static
-from rigidfx.vibration.modes import Modes, modes, periods, rayleigh
+from rigidfx.vibration.modes import Modes, modes, periods
 
 __version__ = "0.2.0"
 

@@ -12,7 +12,13 @@ from rigidfx.effects.attached.spring_damper import SpringDamper, SpringDamperRep
 from rigidfx.effects.base import Effect, Table, Windowed, bends_of
 from rigidfx.effects.contact import Contact
 from rigidfx.effects.contacts.obstacles import Cylinder, Obstacle, Plane, Sphere
-from rigidfx.effects.damping import KelvinVoigt, MassDamping, NumericalDamping, StiffnessDamping
+from rigidfx.effects.damping import (
+    KelvinVoigt,
+    MassDamping,
+    NumericalDamping,
+    StiffnessDamping,
+    rayleigh,
+)
 from rigidfx.effects.initial import (
     InitialDisplacement,
     InitialVelocity,
