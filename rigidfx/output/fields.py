@@ -1,24 +1,6 @@
 """The fields of a run for ParaView, and clouds of points: joints, and integration points.
 
-They are displacement [m] and velocity [m/s] on the nodes. On the nodes are also Cauchy stress
-`stress` (nine components), `von_mises` of it [Pa] and Green-Lagrange strain `strain`, extrapolated
-and averaged among the cells of a material (`rigidfx.flexible.nodal_stress`): where materials meet,
-the series has a node for each. In scenes with contacts their pressure [Pa] and gap [m] are there
-too (NaN off their surfaces). On the cells there are the means `cell_stress` and `cell_von_mises`
-[Pa] (`rigidfx.flexible.stress`), the number of the material, and, where there are bodies or may be,
-the number of the body (0 outside bodies), the `level` (0 flexible, 1 reduced, 2 rigid), a flag
-`rigid` and, where parts are found, the strain rate of the step [1/s], zero in bodies. With
-`wake="local"` stress and strain of a cell of a part named `Rigid`, in its mean and in its share of
-the values at its nodes, are those of its freeze and what the forces on it add, were it flexible:
-`recovered` is 1 there, see `rigidfx.report.recovered`.
-
-A joint is a point with its force and moment for arrows. Fields of joints are `displacement` of the
-joint's place [m], `force` [N] and `moment` [N m] on its second side, `angle` [rad] and `travel`
-[m], zero where a joint leaves none free, and `gap` [m].
-
-Fields at integration points are neither extrapolated nor averaged: `displacement` [m], Cauchy
-stress `stress` (nine components), `von_mises` of it [Pa] and Green-Lagrange strain `strain`, as
-`rigidfx.flexible.stress` defines them.
+docs/columns.md lists them. Where materials meet, the series has a node for each of them.
 """
 
 from __future__ import annotations

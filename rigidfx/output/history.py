@@ -1,59 +1,6 @@
-"""The table of a run's steps, history.csv: its columns and rows, and how to read it.
+"""The table of a run's steps, history.csv: its rows, and how to read it.
 
-Columns, in SI units; a vector has one column for each of x, y, z:
-
-    step, t, dt, iterations, linear_iterations, cuts, unknowns
-    kinetic, strain, stored, springs, energy at t; stored in bodies, in springs, and the sum [J]
-    work_of_loads, work_of_supports          in the step [J]
-    dissipated                               by all damping in the step [J]
-    impact_energy                            change of energy where a support began [J]
-    momentum_scale, L_x …                    Σ m|v| and linear momentum [kg m/s]
-    J_x …                                    angular momentum about the origin [kg m²/s]
-    impulse_x …                              by supports besides their reactions: where they or
-                                             bodies begin or end, and on velocities that alternate
-                                             [N s]
-    angular_impulse_x …                      its moment about the origin [N m s]
-    bodies, shapes, nu, J_rigid_x …          number of bodies and of their shapes, the largest ν of
-                                             them (`BodyReport`), their part of J
-    reaction_NAME_x …                        of each support [N], zero while it does not act
-    moment_NAME_x …                          its moment about the origin [N m], likewise
-    u_NAME_x …                               displacement of each probe [m]
-    v_NAME_x …                               velocity of each probe [m/s]
-    a_NAME_x …                               its change since the last row over the time since then
-                                             [m/s²]: the mean acceleration; NaN in the first row
-    von_mises_NAME, stress_NAME_xx …         stress at each probe [Pa], and
-    strain_NAME_xx …                         strain there: xx, yy, zz, xy, yz, xz; extrapolated and
-                                             averaged, see `rigidfx.flexible.nodal_stress`
-    peak_NAME, peak_NAME_x …                 largest von Mises stress over each set of `peaks` [Pa],
-                                             and its node's place in the reference shape [m]
-    contact                                  stored in contacts at t [J]; in scenes with contacts
-    joint_NAME_place_x, _force_x, _moment_x … place of the joint NAME at t [m]; force on its second
-                                             side and moment about the place [N, N m]
-    joint_NAME_angle, _angle_rate            of a joint that turns [rad, rad/s]; else NaN
-    joint_NAME_travel, _travel_rate, _gap    of one that slides [m, m/s]; violation at t [m]
-    joint_NAME_motor, _spring, _stop         effort of each motor, spring and stop of the joint in
-                                             the step [N m, N], zero while it does not act; of two
-                                             motors _motor_torque_1, _motor_speed, …
-    contact_NAME_force_x …, _moment_x …      of each contact [N, N m], zero while it does not act
-    contact_NAME_pressing, _resolved         sum of the sizes of its nodal forces [N]; its mean over
-                                             the shortest time that the mesh resolves, for peaks
-    contact_NAME_energy, _dissipated         stored at t, taken by friction in the step [J]
-    contact_NAME_penetration, _nodes         greatest [m], number of nodes that touch, at t
-    frozen, energy_allowed                   what the ledger says: kept of vibrations, and what that
-                                             may be [J]
-    damped, damping_allowed                  taken by numerical damping, and what that may be [J]
-    deformation                              what these are relative to [J]
-    time_error, displacement, time_allowed   estimated error of time integration, what it is
-                                             relative to, and what it may be [m]; NaN where
-                                             nothing estimates it, or nothing was asked
-    rejected                                 steps so far that erred by too much in time
-    rigidity_error, rigidity_allowed         the same of what is rigid [m], with an `Accuracy`
-    periods                                  that the motion has gone through so far
-    unsure                                   0 where these are estimates, 1 where rigidity_error is
-                                             unknown, and 2 where time_error is, too: from the first
-                                             contact on
-    measured_error                           largest distance from a twin so far [m], likewise
-    wall                                     wall time of the step [s]
+docs/columns.md lists the columns.
 """
 
 from __future__ import annotations

@@ -1,18 +1,6 @@
 """The files of a run: a row per step in history.csv, and fields for ParaView.
 
-    folder/history.csv     one row per step, flushed at once, numbers in full precision; its columns
-                           are told in `history`
-    folder/events.csv      one row per body that was frozen, changed or released; only if there may
-                           be such events; see `run_files`
-    folder/bodies.csv      one row per body at each time of the fields; only if there may be bodies;
-                           see `run_files`
-    folder/fields.pvd      fields for ParaView, at the output interval; see `fields`
-    folder/fields/         its files, one per time
-    folder/fields.vtkhdf   the same in one file, in place of these or besides; see `vtkhdf`
-    folder/points.pvd      stress and strain at integration points, if asked for, or points.vtkhdf;
-                           see `point_fields`
-    folder/log.txt         what the run said of itself: see `rigidfx.base.log`
-    folder/view.py         a script for ParaView that shows them; see `view`
+docs/results.md lists the files, docs/columns.md the columns of tables and the fields.
 
 A run may end at any instant, by Ctrl-C or kill -9: each file is whole up to the last row or time
 that was written. While it goes on no other recorder gets the folder.

@@ -5,16 +5,7 @@ not at all: the file can be read while it grows, after a kill, and where the dis
 process at a time writes a table. The lock is the system's: it ends with the process, however that
 ends.
 
-Columns of events.csv, a row per body that was frozen, changed or released: t, kind, reason,
-unknowns_before, unknowns_after of the event; energy_frozen, energy_released, energy_lost [J],
-work_of_supports, work_of_motors at it [J], linear_momentum_error [kg m/s], angular_momentum_error
-[kg m²/s]; impulse_x … [N s] and angular_impulse_x … [N m s] that supports exerted at it; name,
-number, cells_before, cells_after, stored_before, stored_after of the body [J].
-
-Columns of bodies.csv, a row per body at each time of the fields: t, number, name, cells, shapes,
-nu (see `BodyReport`), mass [kg], centre_x … of mass [m], velocity_x … of it [m/s],
-angular_velocity_x … [rad/s], rotation_x …, the rotation vector since the body became rigid [rad],
-kinetic, stored, strain [J].
+docs/columns.md lists the columns of events.csv and bodies.csv.
 """
 
 from __future__ import annotations

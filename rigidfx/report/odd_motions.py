@@ -33,7 +33,7 @@ from typing import ClassVar
 import numpy as np
 
 from rigidfx.base.remembered import Remembered, same
-from rigidfx.base.types import Array, Ints
+from rigidfx.base.types import Array
 from rigidfx.effects import Preload, Reduced, Spring, SpringDamper, Support
 from rigidfx.effects.damping import warn_of_ratio
 from rigidfx.report.advice import ADVICE, OF_ALL, Adviser
@@ -172,13 +172,12 @@ class TurnedSprings(Adviser):
         """Find the nodes of springs. Collective."""
         super().__init__(scene)
         self._most = 0.0
-        n = scene.owned_nodes
-        self._X: Array = scene.space.tabulate_dof_coordinates()[:n]
+        n, places = scene.owned_nodes, scene.space.tabulate_dof_coordinates()
         self._springs = []
         for spring in (s for s in scene.named(Spring) if s.face is None):
             weights = scene.shares(spring.where, spring.kind)[:n]
             on = np.flatnonzero(weights)
-            rest = scene.start_places[on] if spring.relaxed == "start" else self._X[on]
+            rest = scene.start_places[on] if spring.relaxed == "start" else places[on]
             arms = rest - scene.sum(weights[on] @ rest)
             square = scene.sum(weights[on] @ (arms**2).sum(axis=1))
             if square > 0 and spring.K.any():
@@ -192,7 +191,7 @@ class TurnedSprings(Adviser):
         if report.step % TURNED_EVERY:
             return
         for spring, on, w, X in self._springs:
-            x = self._positions(report, on)
+            x = report.state.positions(on)
             x = x - self._scene.sum(w @ x)
             moved = x - X
             found = self._scene.sum(
@@ -206,16 +205,6 @@ class TurnedSprings(Adviser):
                 known = {"t": report.t, "number": angle, "energy": found[9]}
                 self.advise("nodes of a spring rotate", where=spring.where, **known)
                 return
-
-    def _positions(self, report: Report, on: Ints) -> Array:
-        """Positions of owned nodes, those in bodies too, shape (n, 3) [m]."""
-        x = self._X + report.state.u.x.array[: self._X.size].reshape(-1, 3)
-        bodies = report.rigid
-        for k, record in enumerate(bodies.of.records):
-            inside = np.flatnonzero(np.isin(record.nodes, on))
-            a = record.coordinates(inside)
-            x[record.nodes[inside]] = a @ bodies.pose[k, : a.shape[1]]
-        return np.asarray(x[on])
 
 
 class Overdamped(Look):

@@ -96,10 +96,15 @@ def start_of(scene: Scene, given: Any) -> Start | None:
                 "a run that starts from a report has none. Take relaxed='mesh', or an "
                 "InitialDisplacement in place of the report."
             )
+    return taken_from(scene, given)
+
+
+def taken_from(scene: Scene, given: Report) -> Start:
+    """The start that a report of a scene on the same mesh is. Collective."""
     state = given.state
     state.rebuild()
     # A reduced part deforms from the report's places on, which have its strains.
-    named = {effect.name for effect in scene.named(Rigid) if not effect.deforms}
+    named = {effect.name for effect in scene.named(Rigid) if effect.is_rigid}
     bodies = tuple(body for body in state.bodies if body.data.name in named)
     notes = deepcopy(state.notes) | _turns(scene, given)
     return Start(state.u.x.array.copy(), bodies, notes)

@@ -50,6 +50,7 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.report.report import Report
+from rigidfx.report.start import taken_from
 from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.weights import inertial_masses
@@ -231,7 +232,9 @@ class Problem:
 
         A state that turns may be taken to rest. Collective.
         """
-        state = self._state = _state(scene, about)
+        state = self._state = State(scene)
+        if about is not None:
+            taken_from(scene, about).apply(state)
         self.shaping: Shaping | None = None
         t = 0.0 if about is None else about.t
         acting = scene.acting(t)
@@ -426,18 +429,3 @@ class Problem:
         for item in (*self.motions, self.K, self.M, self._Z, self.shaping, self._of):
             if item is not None:
                 item.destroy()
-
-
-def _state(scene: Scene, about: Report | None) -> State:
-    """The state of a report at rest, or the reference. Collective."""
-    state = State(scene)
-    if about is None:
-        return state
-    given = about.state
-    given.rebuild()
-    state.place(given.u.x.array)
-    named = {effect.name for effect in scene.named(Rigid) if effect.is_rigid}
-    bodies = Bodies.of_each(body for body in given.bodies if body.data.name in named)
-    rest = np.zeros((len(bodies), 3))
-    state.group(bodies.moving(rest, rest))
-    return state
