@@ -19,7 +19,7 @@ import rigidfx as rf
 from rigidfx.step.linear.linear_solver import FORMER, OF_DEFINITE, has_cholmod, solver_of
 from rigidfx.step.newton import chord
 from rigidfx.step.newton.factors import SKEW, Cholesky
-from rigidfx.step.newton.low_rank import LowRank
+from rigidfx.step.newton.kept_tangent import LowRank
 
 N = 60
 

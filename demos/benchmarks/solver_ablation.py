@@ -29,7 +29,7 @@ from common import say
 
 import rigidfx as rf
 from rigidfx.step.equations.equations import Equations
-from rigidfx.step.newton import chord, kept_tangent, low_rank
+from rigidfx.step.newton import chord, kept_tangent
 from rigidfx.step.newton.factors import entries_of, price
 from rigidfx.step.newton.stopping_test import ChordTest
 from rigidfx.step.system import system
@@ -99,7 +99,7 @@ RULES: dict[str, tuple[Any, str, Any]] = {  # where each is, and what stands the
     "judged after four iterations, not two": (chord, "OWN", 2),
     "guess with relative motion": (system, "predict", lambda *given: predict(*given)[-1:]),
     "guess by mean motion alone": (system, "predict", lambda *given: predict(*given)[:1]),
-    "contacts followed by low rank": (low_rank.LowRank, "follow", lambda *_: False),
+    "contacts followed by low rank": (kept_tangent.LowRank, "follow", lambda *_: False),
     "rounding is remembered": (ChordTest, "_floor", property(lambda _: 0.0, lambda *_: None)),
 }
 assemble = Equations.tangent

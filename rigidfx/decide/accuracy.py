@@ -24,8 +24,9 @@ from rigidfx.decide.settings import Criterion
 from rigidfx.effects import NumericalDamping, Rigid
 from rigidfx.report.ledger import Entry, Ledger, Rigidity
 from rigidfx.report.report import Report
+from rigidfx.scene.points import check_probes, probe_names
 from rigidfx.scene.scene import Scene
-from rigidfx.scene.timeline import StepControl, Timeline, check_probes, fraction, probe_names
+from rigidfx.scene.timeline import StepControl, Timeline, fraction
 
 FINER = 4  # a twin's Δt
 OF_XI = 0.3  # of the ξ with which damping would take as much as it may, were it to go on as it does

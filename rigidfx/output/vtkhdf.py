@@ -3,18 +3,13 @@
 Points and cells are there once, the values of each time behind those of the time before; whole
 numbers that have not changed since are not there again. Displacements are in double precision, all
 else is in single precision; tensors have the six components xx, yy, zz, xy, yz, xz of VTK's
-symmetric ones. Rank 0 alone writes, by h5py. The file of a run that was killed opens with all times
-that were written.
-
-The format: https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format.
+symmetric ones. Rank 0 alone writes. The file of a run that was killed opens with all times.
+https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format tells the format.
 """
 
 from __future__ import annotations
 
-import signal
-import threading
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from io import DEFAULT_BUFFER_SIZE
 from pathlib import Path
 from typing import Any
@@ -26,7 +21,7 @@ import numpy.typing as npt
 from rigidfx.base.errors import SceneError
 from rigidfx.flexible.stress import SYMMETRIC
 from rigidfx.output.paraview import Body, Cloud
-from rigidfx.output.whole_writes import ChangedFile, WholeWrites
+from rigidfx.output.whole_writes import ChangedFile, WholeWrites, uninterrupted
 
 Array = npt.NDArray[Any]
 
@@ -42,23 +37,6 @@ STEPS: dict[str, Array] = {
     "CellOffsets": NOUGHT[None],
     "ConnectivityIdOffsets": NOUGHT[None],
 }
-
-
-@contextmanager
-def uninterrupted() -> Iterator[None]:
-    """Delay a SIGINT to the end. Other threads get none in any case."""
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or before is None:
-        yield
-        return
-    heard: list[int] = []
-    signal.signal(signal.SIGINT, lambda number, frame: heard.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-        if heard:
-            signal.raise_signal(signal.SIGINT)
 
 
 def hdf(owner: str) -> Any:
@@ -114,7 +92,8 @@ class HdfSeries:
         for kind in ("Point", "Cell"):
             root.create_group(f"{kind}Data")
             root.create_group(f"Steps/{kind}DataOffsets")
-        self._commit()
+        self._file.flush()
+        self._disk.commit()
         if kept[0]:
             with h5py.File(former, "r") as file:
                 self._copy(file["VTKHDF"], kept[0])
@@ -159,7 +138,8 @@ class HdfSeries:
                 self._tables[name] = self._table(f"Steps/{name}", row)
             _put(self._tables[name], self._count, row[None])
         self._root["Steps"].attrs["NSteps"] = np.int64(self._count + 1)
-        self._commit()
+        self._file.flush()
+        self._disk.commit()
         self._count += 1
 
     def _placed(self, name: str, values: Array) -> int:
@@ -177,10 +157,6 @@ class HdfSeries:
             _put(self._tables[name], place, values)
             self._last[name] = None if values.dtype.kind == "f" else values, place
         return place
-
-    def _commit(self) -> None:
-        self._file.flush()
-        self._disk.commit()
 
     def close(self) -> None:
         """Close the file."""

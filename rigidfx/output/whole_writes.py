@@ -10,7 +10,10 @@ from __future__ import annotations
 
 import io
 import os
+import signal
+import threading
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from errno import EIO, ENOSPC
 from pathlib import Path
 from typing import Any
@@ -124,3 +127,20 @@ class WholeWrites(io.RawIOBase):
         if not self.closed:
             self._open.close()
         super().close()
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Delay a SIGINT to the end. Other threads get none in any case."""
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or before is None:
+        yield
+        return
+    heard: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, frame: heard.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if heard:
+            signal.raise_signal(signal.SIGINT)

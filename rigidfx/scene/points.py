@@ -5,7 +5,7 @@ Connected parts act on each other by joints that link them and by contacts.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,8 @@ import numpy as np
 from mpi4py import MPI
 
 from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import names, shown
 from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.domain.connected import ConnectedParts
 from rigidfx.effects import Contact
@@ -35,6 +37,26 @@ def find_probes(scene: Scene) -> Mapping[str, Point]:
         mine = weights_at(scene, cell, scene.probes[name]) if here else None
         found[name] = owned_part(scene, *scene.comm.bcast(mine, root=root))
     return found
+
+
+def probe_names(owner: str, at: Any) -> tuple[str, ...] | None:
+    """Names of probes that a user gives, sorted; None if none are given."""
+    if at is None:
+        return None
+    given = names(owner, "at", at, "probes")
+    if not given:
+        raise SceneError(f"{owner}: at must be names of probes, got {shown(at)}.")
+    return tuple(sorted(set(given)))
+
+
+def check_probes(owner: str, names: Sequence[str], scene: Scene) -> None:
+    """Refuse names of probes that the scene does not have."""
+    for name in names:
+        if name not in scene.probes:
+            raise SceneError(
+                f"{owner}: at names the probe '{name}'; the scene has "
+                f"{sorted(scene.probes) or 'none'}. Name one of these, or give it to the Scene."
+            )
 
 
 def parts_of_nodes(scene: Scene, parts: ConnectedParts | None = None) -> Ints:

@@ -1,7 +1,4 @@
-"""Where steps end, on a grid of nominal steps and on every breakpoint.
-
-`StepControl` is the record of a user who wants steps as long as an error lets them be.
-"""
+"""Where steps end: on a grid of nominal steps and on every breakpoint, or as an error lets them."""
 
 from __future__ import annotations
 
@@ -12,9 +9,10 @@ from math import floor, ulp
 from typing import Any
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import names, number, positive, shown
+from rigidfx.base.inputs import number, positive, shown
 from rigidfx.base.instants import resolution
 from rigidfx.base.taken import take_fields
+from rigidfx.scene.points import check_probes, probe_names
 from rigidfx.scene.scene import Scene
 
 WIDEST = 1e100  # s, and as many parts of one: the cube of a step is a number
@@ -72,8 +70,7 @@ class Timeline:
         `SceneError` if a step is as short as numbers are apart at the end of the run, or has no
         cube among the numbers.
         """
-        pairs = zip(self._times, self._steps, strict=True)
-        taken = [dt for t, dt in pairs if t < self.t_end]
+        taken = [dt for t, dt in zip(self._times, self._steps, strict=True) if t < self.t_end]
         self.least = finest = min(taken) if finest is None else finest
         apart = ulp(self.t_end)
         if finest < LEAST * apart:
@@ -127,17 +124,13 @@ FINEST = 1e-12  # part of a displacement that rounding leaves something of
 def fraction(owner: str, name: str, value: Any) -> float:
     """A user's number between zero, or what rounding leaves of one, and one as a float."""
     result = number(owner, name, value)
-    if FINEST <= result < 1:
-        return result
-    if 0 < result < 1:
+    if not FINEST <= result < 1:
+        fine = f", and {FINEST:g} or more, as rounding errs by some of that"
         raise SceneError(
-            f"{owner}: {name} must be {FINEST:g} or more, as rounding errs by some of that, got "
-            f"{shown(value)}."
+            f"{owner}: {name} must be a number between 0 and 1, such as 0.01 for one per cent"
+            f"{fine if 0 < result < 1 else ''}; got {shown(value)}."
         )
-    raise SceneError(
-        f"{owner}: {name} must be a number between 0 and 1, such as 0.01 for one per cent, got "
-        f"{shown(value)}."
-    )
+    return result
 
 
 @dataclass(frozen=True)
@@ -204,23 +197,3 @@ class StepControl:
     def check(self, scene: Scene) -> None:
         """Look its probes up."""
         check_probes("StepControl", self.names, scene)
-
-
-def probe_names(owner: str, at: Any) -> tuple[str, ...] | None:
-    """Names of probes that a user gives, sorted; None if none are given."""
-    if at is None:
-        return None
-    given = names(owner, "at", at, "probes")
-    if not given:
-        raise SceneError(f"{owner}: at must be names of probes, got {shown(at)}.")
-    return tuple(sorted(set(given)))
-
-
-def check_probes(owner: str, names: Sequence[str], scene: Scene) -> None:
-    """Refuse names of probes that the scene does not have."""
-    for name in names:
-        if name not in scene.probes:
-            raise SceneError(
-                f"{owner}: at names the probe '{name}'; the scene has "
-                f"{sorted(scene.probes) or 'none'}. Name one of these, or give it to the Scene."
-            )

@@ -42,7 +42,7 @@ from rigidfx.step.newton.newton import Newton, Solution
 from rigidfx.step.system.rigid_motion import free_to_move
 from rigidfx.step.system.system import StepResult, System, Work
 from rigidfx.step.watches.alternation import NEGLIGIBLE
-from rigidfx.step.watches.judge import Cuts, course, inverted, overload
+from rigidfx.step.watches.judge import Cuts, inverted, overload
 
 
 @dataclass(frozen=True)
@@ -339,7 +339,7 @@ class LoadPath:
     ) -> tuple[StepError | None, float]:
         """Why a load step is not taken, if it is not, and its largest increment [m]. Collective."""
         if not solution.converged:
-            why = f"Newton's method fails there ({solution.reason}: {course(solution)})"
+            why = f"Newton's method fails there ({solution.reason}: {solution.course})"
             return self._ended(t0, why, t0 + dt), np.inf
         step = f"{self._owner}: the load step from t = {t0:g} s"
         if (error := inverted(self.scene, self._inversion, step, "", t0 + dt)) is not None:

@@ -3,7 +3,7 @@
 Only methods of its kind are called: actions that resist, stiffen or store energy are found once,
 when effects begin or end. The stiffness of contacts may jump from one iterate to the next. It has
 entries at few unknowns, is known apart from the rest of the tangent, and a tangent that is kept can
-follow it (`rigidfx.step.newton.low_rank`).
+follow it (`rigidfx.step.newton.kept_tangent`).
 """
 
 from __future__ import annotations

@@ -28,6 +28,7 @@ from rigidfx.step.newton.chord import Chord, pays
 from rigidfx.step.newton.first_guess import Guess
 from rigidfx.step.newton.stopping_test import (
     CONSERVED,
+    MARGIN,
     MAX_ITERATIONS,
     RELATIVE_TOLERANCE,
     ChordTest,
@@ -74,6 +75,20 @@ class Solution:
     def iterations(self) -> int:
         """Newton iterations."""
         return max(len(self.residuals) - 1, 0) + self.given_up
+
+    @property
+    def course(self) -> str:
+        """How it failed, by its residuals."""
+        residuals = self.residuals
+        if not residuals or not np.isfinite(residuals).all():
+            return "a force is not finite"
+        if residuals[-1] <= MARGIN * self.rounding:
+            return (
+                f"all that is left is rounding: forces are known to {self.rounding:.1e} N at best, "
+                "as stiff parts are strained so little. A larger Δt, Rigid parts where they are "
+                "stiffest, or lengths of the order of a metre help"
+            )
+        return "residuals grow" if residuals[-1] > residuals[0] else "residuals no longer fall"
 
     def after(self, failed: Solution | None) -> Solution:
         """The same, with the cost of an earlier solve of the step, if there was one."""

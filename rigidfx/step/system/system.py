@@ -37,9 +37,13 @@ from rigidfx.step.equations.shape_damping import ShapeDamping
 from rigidfx.step.equations.supports import supports_of
 from rigidfx.step.newton.first_guess import predict
 from rigidfx.step.newton.newton import Newton, Solution
-from rigidfx.step.system.constraint_forces import Added, AddedForces, MeanConstraints
+from rigidfx.step.system.constraint_forces import (
+    Added,
+    AddedForces,
+    MeanConstraints,
+    ResolvedConstraints,
+)
 from rigidfx.step.system.held_bodies import HeldBodies
-from rigidfx.step.system.resolved_forces import ResolvedConstraints
 
 Links = tuple[JointReports, Mapping[str, SpringDamperReport]]
 OfSupports = tuple[dict[str, Array], dict[str, Array]]

@@ -23,25 +23,10 @@ from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.materials import StVenantKirchhoff
 from rigidfx.scene.scene import Scene
 from rigidfx.step.newton.newton import Solution
-from rigidfx.step.newton.stopping_test import MARGIN
 
 T = TypeVar("T")
 MAX_CUTS = 8  # a step is cut to at least 1/256 before it is given up
 INVERTED = ". There det F ≤ 0 at an integration point, or a stretch is above 10⁶."
-
-
-def course(solution: Solution) -> str:
-    """How Newton's method failed, by its residuals."""
-    residuals = solution.residuals
-    if not residuals or not np.isfinite(residuals).all():
-        return "a force is not finite"
-    if residuals[-1] <= MARGIN * solution.rounding:
-        return (
-            f"all that is left is rounding: forces are known to {solution.rounding:.1e} N at best, "
-            "as stiff parts are strained so little. A larger Δt, Rigid parts where they are "
-            "stiffest, or lengths of the order of a metre help"
-        )
-    return "residuals grow" if residuals[-1] > residuals[0] else "residuals no longer fall"
 
 
 def overload(scene: Scene, t: float) -> str:
@@ -104,7 +89,7 @@ def not_converged(scene: Scene, attempt: Attempt) -> StepError | None:
         near = " near that place"
     return StepError(
         f"The step from t = {attempt.t:.9g} s did not converge, not even with "
-        f"Δt = {attempt.dt:.3g} s ({solution.reason}: {course(solution)}; residuals "
+        f"Δt = {attempt.dt:.3g} s ({solution.reason}: {solution.course}; residuals "
         f"{', '.join(f'{r:.2e}' for r in solution.residuals[:6]) or 'not finite'} N).{place}",
         overload(scene, attempt.t + attempt.dt)
         or f"Try a smaller Δt, look at loads, motors, supports, contacts and stops{near}, or "
