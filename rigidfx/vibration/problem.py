@@ -2,14 +2,7 @@
 
 y are the free dofs and six numbers of each part named rigid, so that K = PᵀK P and M = PᵀM P have
 neither supports nor rigid parts in them. K is the tangent of statics there, with the stresses of
-the state and with springs. Joints hold G y = 0. Of as many independent rows as there are, each
-gives one unknown by the others:
-
-    y = Z q,    G Z = 0,    (ZᵀKZ) φ = λ (ZᵀMZ) φ,
-
-so that there are as many modes as unknowns less rows, and no stiffness stands for a joint. The
-given unknowns are the pivots of a QR of G, which keeps the entries of Z small. Locks are rows,
-springs of joints and of remote points a stiffness.
+the state and with springs. Joints leave y = Z q free: docs/theory/joints.md#solving.
 
 Forces in the state are a stiffness, too. K is the derivative of all that act, on nodes, on the
 places of joints and on bodies, where they turn along: with the energy V, the rows g and their

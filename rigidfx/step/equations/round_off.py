@@ -13,17 +13,11 @@ digits of its motion as the stiffnesses are apart. But rounding of stresses adds
 the part: the forces and moments on its six rigid motions, and the tangent's stiffness against them,
 are known well, so that one 6 × 6 system for each part says how far it is from where it belongs.
 
-Loss of energy and momenta by a residual: whether a step may end with it.
-
-A method that conserves energy and momenta loses exactly the work and resultants of its residual.
-The balances of a step that ends with a residual R are off by exactly
-
-    R·y,    Δt Σ R,    Δt Σ x½ × R,
-
-y the increments of nodes and bodies and x½ their places in the middle of the step. ‖R‖ tells little
-of that. In steps in which waves get far, nearly all of it is what is left of strains, or rounding
-in them: that acts on no part as a whole, and does little work. A residual a hundredth as large may
-turn a part that has next to no inertia against it, compared with its stiffness.
+The balances of a step that ends with a residual are off by its work and its resultants exactly:
+docs/theory/step.md#where-the-iteration-ends. ‖R‖ tells little of that. In steps in which waves get
+far, nearly all of it is what is left of strains, or rounding in them: that acts on no part as a
+whole, and does little work. A residual a hundredth as large may turn a part that has next to no
+inertia against it, compared with its stiffness.
 """
 
 from __future__ import annotations

@@ -1,20 +1,10 @@
 """Solve linear systems with joints by a solver for systems without joints.
 
-With Eᵀ from unknowns to ports, D and D₁ from ports to rows, H the curvature of the rows and R the
-compliance of springs of joints, the tangent of a step is
-
-    [A + E H Eᵀ    E Dᵀ]
-    [D₁ Eᵀ         R   ].
-
-Y = A⁻¹ E is found for each new tangent, and C = Eᵀ Y is the compliance at the ports. A does not
-couple parts that are connected by joints only, so ports of different parts share a solution, and Y
-has entries in the part of each port only. A part is a set of unknowns that are connected by entries
-of the matrix or by a port: A⁻¹ e is zero outside the part of e. The rest of a solution is a small
-system in the displacements of the ports, q, the forces on them, f, and the multipliers,
-
-    [I   C   0 ] [q]   [Eᵀ A⁻¹ r]
-    [H  -I   Dᵀ] [f] = [0       ],    z = A⁻¹ r - Y f.
-    [D₁  0   R ] [μ]   [s       ]
+docs/theory/joints.md#solving has the system with the displacements q of ports, the forces f on them
+and the multipliers μ. Y = A⁻¹ E is found for each new tangent, and C = Eᵀ Y is the compliance at
+the ports. A part is a set of unknowns that are connected by entries of the matrix or by a port:
+A⁻¹ e is zero outside the part of e. So ports of different parts share a solution, and Y has entries
+in the part of each port only.
 
 Incomplete factors contain no joints. With a kept tangent, ports, Y and C rotate with their nodes
 and bodies, and H, D and D₁ are those of the first iterate of a step. If each iteration has a new

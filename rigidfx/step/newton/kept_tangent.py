@@ -10,16 +10,8 @@ with the rotations R of nodes and bodies at the start of the step (`Frames`), an
 step in which A₀ was assembled. Newton's method then converges linearly, the faster the better the
 tangent fits. For a steadily turning body the fit is exact.
 
-Contacts are followed by a correction of low rank. A contact that opens or closes changes the
-tangent A by a matrix of low rank. With K the stiffness of contacts at the last iterate, K₀ that in
-A, and Q the rotation of the unknowns since A was assembled (`Frames`),
-
-    A' = A + Δ,    Δ = Qᵀ K Q - K₀ ≈ B Bᵀ Δ,
-    A'⁻¹ r = z - Y (I + W Y)⁻¹ W z,    z = A⁻¹ r,  Y = A⁻¹ B,  W = Bᵀ Δ
-
-(M. A. Woodbury, Inverting modified matrices, Princeton 1950). B is an orthonormal basis of what
-has changed since A was assembled: one column for each node that a plane without friction presses.
-A column takes one solve. It serves as long as A does, however often the contact changes there.
+Contacts are followed by a correction of low rank, and secants mend what the tangent lacks:
+docs/theory/step.md#kept-tangents.
 """
 
 from __future__ import annotations
@@ -158,7 +150,12 @@ class Secants:
 
 
 class LowRank:
-    """The correction of one kept tangent; `destroy` frees its vectors.
+    """Follows the stiffness of contacts by one kept tangent; `destroy` frees its vectors.
+
+    A contact that opens or closes changes the tangent by Δ = Qᵀ K Q - K₀ ≈ B Bᵀ Δ. K is the
+    stiffness of contacts at the last iterate, K₀ that in A, Q the rotation of the unknowns since A
+    was assembled. B has one column for each node that a plane without friction presses. A column
+    takes one solve. It serves as long as A does, however often the contact changes there.
 
     Attributes:
         columns: How many B has.
