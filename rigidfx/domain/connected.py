@@ -189,6 +189,21 @@ class ConnectedParts:
     lower: Array
     upper: Array
 
+    @property
+    def middle(self) -> Array:
+        """Middle of the box of each, shape (parts, 3) [m]."""
+        return 0.5 * (self.lower + self.upper)
+
+    @property
+    def size(self) -> Array:
+        """Diagonal of the box of each, shape (parts,) [m]."""
+        return np.asarray(np.linalg.norm(self.upper - self.lower, axis=1))
+
+    @property
+    def extent(self) -> float:
+        """Diagonal of the box of all [m]."""
+        return float(np.linalg.norm(self.upper.max(axis=0) - self.lower.min(axis=0)))
+
     def place(self, part: int) -> str:
         """Where a part is and how large, for messages."""
         middle = ", ".join(f"{x:.4g}" for x in (self.lower[part] + self.upper[part]) / 2)

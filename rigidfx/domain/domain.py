@@ -374,6 +374,14 @@ def replace_sets(domain: Domain, sets: Mapping[tuple[str, int], EntitySet]) -> D
     return new
 
 
+def box_of(comm: MPI.Intracomm, x: Array) -> tuple[Array, Array]:
+    """Ends of the box of some places of all ranks, shapes (3,) [m]. Collective."""
+    low, high = x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)
+    comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
+    comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+    return low, high
+
+
 def nodes_of(mesh: dmesh.Mesh, dim: int, entities: Indices) -> Indices:
     """Nodes of the geometry in the closure of entities, corners first, by rows. Collective."""
     mesh.topology.create_entities(dim)

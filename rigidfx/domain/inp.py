@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import path_of, positive, shown
+from rigidfx.base.inputs import path_of, positive, shown, truth
 from rigidfx.base.text_files import Decoder
 from rigidfx.domain.arrays import FileMesh, read_domain
 from rigidfx.domain.domain import Domain
@@ -58,8 +57,7 @@ def read_inp(
     """
     path = path_of("read_inp", "path", path)
     factor = positive("read_inp", "scale", scale)
-    if not isinstance(corners, (bool, np.bool_)):
-        raise SceneError(f"read_inp: corners must be True or False, got {shown(corners)}.")
+    truth("read_inp", "corners", corners)
     if not (encoding is None or isinstance(encoding, str)):
         raise SceneError(f"read_inp: encoding must be a text or None, got {shown(encoding)}.")
     owner = f"read_inp: '{path}'"

@@ -25,7 +25,7 @@ from rigidfx.base.inputs import numbers, path_of
 from rigidfx.base.text_files import write_text
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.coupling.dof_layout import nodes_of
-from rigidfx.domain.domain import Domain
+from rigidfx.domain.domain import Domain, box_of
 from rigidfx.effects import (
     Cylindrical,
     Joint,
@@ -258,11 +258,7 @@ def _json(content: dict[str, Any]) -> str:
 
 def _box(domain: Domain) -> Array:
     """Least and greatest coordinates of the mesh, shape (2, 3) [m]. Collective."""
-    x = domain.mesh.geometry.x
-    ends = np.array([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
-    domain.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MIN)
-    lower, upper = ends
-    return np.array([lower, -upper])
+    return np.array(box_of(domain.comm, domain.mesh.geometry.x))
 
 
 def _checked(content: dict[str, Any], total: int, box: Array) -> list[dict[str, Any]]:

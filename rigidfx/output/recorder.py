@@ -16,10 +16,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal
 
-import numpy as np
-
 from rigidfx.base.errors import OutputError, SceneError, StepError, agree, together
-from rigidfx.base.inputs import names, path_of, positive, shown, whole
+from rigidfx.base.inputs import names, path_of, positive, truth, whole
 from rigidfx.base.instants import at_latest
 from rigidfx.base.taken import check_same
 from rigidfx.output.fields import Fields, clouds_of
@@ -95,9 +93,8 @@ class Recorder:
         given["resume"] = resume
         check_same(scene.comm, "Recorder", given)
         for name in ("stress", "integration_points", "resume"):
-            value = given[name]
-            if not (isinstance(value, (bool, np.bool_)) or (name == "resume" and value is None)):
-                raise SceneError(f"Recorder: {name} must be True or False, got {shown(value)}.")
+            if given[name] is not None or name != "resume":
+                truth("Recorder", name, given[name])
         self._kinds = kinds_of(format)
         over = tuple(dict.fromkeys(names("Recorder", "peaks", peaks, "sets of the mesh")))
         if over and not stress:

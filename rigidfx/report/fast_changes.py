@@ -25,7 +25,6 @@ from math import pi
 from typing import ClassVar
 
 import numpy as np
-from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.remembered import Remembered, same
@@ -71,10 +70,8 @@ class AlternatingForces(Adviser):
         turns += [kind for kind in (False, True) for _ in of]
         self._units = np.where(turns, "N m", "N")
         self._looks = bool(flexible and self._names and not scene.named(ResolvedForces))
-        X = scene.start_places
-        ends = np.r_[X.max(axis=0, initial=-np.inf), -X.min(axis=0, initial=np.inf)]
-        scene.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
-        self._scales = np.where(turns, np.max(ends[:3] + ends[3:]), 1.0)  # of moments [m]
+        low, high = scene.box_of(scene.start_places)
+        self._scales = np.where(turns, np.max(high - low), 1.0)  # of moments [m]
         self._t = self._dt = self._inertia = 0.0  # largest Σ m|v| over a step [N]
         self._last: list[Array] = []  # forces of steps of one length
         self._goes_on = False  # whether steps of that length came before

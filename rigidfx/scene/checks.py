@@ -20,7 +20,7 @@ from rigidfx.base.inputs import numbers, shown
 from rigidfx.base.taken import read_only
 from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
-from rigidfx.domain.domain import Domain
+from rigidfx.domain.domain import Domain, box_of
 from rigidfx.effects import rigid_faces
 from rigidfx.mechanics.schemes import Scheme
 from rigidfx.scene.mesh_checks import warn_of_bending
@@ -284,14 +284,12 @@ def cells_of(mesh: dmesh.Mesh, points: Mapping[str, Array]) -> dict[str, tuple[i
         ends = mesh.comm.allgather((number, mesh.comm.rank, cell))
         first, rank, local = min(ends)
         if first == maxsize:
-            x = mesh.geometry.x
-            low = [mesh.comm.allreduce(float(v), op=MPI.MIN) for v in x.min(0, initial=np.inf)]
-            high = [mesh.comm.allreduce(float(v), op=MPI.MAX) for v in x.max(0, initial=-np.inf)]
+            low, high = (tuple(map(float, ends)) for ends in box_of(mesh.comm, mesh.geometry.x))
             distance, nearest = _nearest(mesh, X[k])
             raise SceneError(
                 f"Scene: the probe '{name}' at {tuple(map(float, X[k]))} m lies in no cell: it is "
                 f"{distance:.3g} m outside, and the nearest point of the mesh is {nearest} m. The "
-                f"mesh reaches from {tuple(low)} to {tuple(high)} m."
+                f"mesh reaches from {low} to {high} m."
             )
         found[name] = rank, local
     return found

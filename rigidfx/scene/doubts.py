@@ -161,8 +161,7 @@ def _round(scene: Any, where: str, owner: str) -> tuple[float, float]:
     """
     cells, nodes = triangles_of(scene, where, owner)
     X = scene.space.tabulate_dof_coordinates()
-    parts = scene.parts
-    centre = 0.5 * (parts.lower + parts.upper)[parts.of_cell[cells]]
+    centre = scene.parts.middle[scene.parts.of_cell[cells]]
     numbers = scene.space.dofmap.index_map.local_to_global(nodes.reshape(-1).astype(np.int32))
     mine = numbers.reshape(-1, 3), X[nodes], centre
     every = [np.concatenate(of) for of in zip(*scene.comm.allgather(mine), strict=True)]

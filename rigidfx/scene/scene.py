@@ -25,7 +25,7 @@ from rigidfx.base.inputs import positive, whole
 from rigidfx.base.taken import check_same, read_only
 from rigidfx.base.types import Array, Indices
 from rigidfx.domain.connected import ConnectedParts, connected_parts
-from rigidfx.domain.domain import Domain
+from rigidfx.domain.domain import Domain, box_of
 from rigidfx.effects.base import ANY_SET
 from rigidfx.effects.joints.joint import cut_by_symmetry
 from rigidfx.mechanics.element import Element
@@ -269,10 +269,7 @@ class Scene:
 
     def box_of(self, x: Array) -> tuple[Array, Array]:
         """Ends of the box of some places of all ranks, shapes (3,) [m]. Collective."""
-        low, high = x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)
-        self.comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
-        self.comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
-        return low, high
+        return box_of(self.comm, x)
 
     def sum(self, values: npt.ArrayLike) -> Any:
         """Sum of a number or an array over all ranks. Collective."""

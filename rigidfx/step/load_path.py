@@ -89,7 +89,7 @@ class Settling:
         """Measure the whole. Collective."""
         self._control = SettlingControl()
         self.effect = StaticForces(self._bind)
-        self._size = float(np.linalg.norm(np.ptp([*scene.parts.lower, *scene.parts.upper], axis=0)))
+        self._size = scene.parts.extent
         self._mass = float(scene.sum(scene.averaging_mass[: scene.owned_nodes].sum()))
         stiffness = max(material.stiffness for material, _ in scene.materials) * self._size
         self._least = float(np.cbrt(np.finfo(np.float64).eps)) ** 2 * stiffness / self._mass

@@ -300,10 +300,9 @@ class Problem:
         left = float(np.sqrt(scene.sum((r.array_r[: p.owned] ** 2).sum())))
         y.destroy()
         r.destroy()
-        extent = np.linalg.norm(scene.parts.upper.max(axis=0) - scene.parts.lower.min(axis=0))
         mass = float(scene.sum(inertial_masses(scene).sum()))
         efforts = 0.0 if linkage is None else float(np.abs(linkage.multipliers).sum())
-        self.of_loads = (float(size) + efforts) / (mass * float(extent))
+        self.of_loads = (float(size) + efforts) / (mass * scene.parts.extent)
         return left / size if size > 0 else 0.0
 
     @property
@@ -357,7 +356,7 @@ class Problem:
         of_body = np.empty_like(own)
         scene.comm.Allreduce(own, of_body, op=MPI.MIN)
         for k in range(parts.count):
-            of_nodes, of_bodies = self._moved(0.5 * (parts.lower + parts.upper)[k])
+            of_nodes, of_bodies = self._moved(parts.middle[k])
             of_nodes[of_row != k], of_bodies[of_body != k] = 0.0, 0.0
             for axis in range(6):
                 at_rows = of_nodes[:, :, axis].reshape(-1)

@@ -49,9 +49,7 @@ class Lost:
 
     def __init__(self, scene: Scene, prolongation: Prolongation) -> None:
         """Begin before the first step. Collective."""
-        self._p, parts = prolongation, scene.parts
-        corners = parts.upper.max(axis=0) - parts.lower.min(axis=0)
-        self._size = 0.5 * float(np.linalg.norm(corners))
+        self._p, self._size = prolongation, 0.5 * scene.parts.extent
         held = not prolongation.layout.ensemble.known.all()
         self.of_momenta = (
             prolongation.comm.allreduce(prolongation.prescribed.size) == 0 and not held
@@ -135,8 +133,7 @@ class StiffParts:
         self._at = np.flatnonzero(of_free >= 0)
         self._part = of_free[self._at]
         self._node, self._axis = node[self._at], axis[self._at]
-        self._middle = 0.5 * (parts.lower + parts.upper)
-        self._size = 0.5 * np.linalg.norm(parts.upper - parts.lower, axis=1)
+        self._middle, self._size = parts.middle, 0.5 * parts.size
 
     def left(self, A: PETSc.Mat, R: Array, u: Array) -> float:
         """Largest motion of an unknown by Σ b (b·A b)⁻¹ (b·R), b the rigid motions [m]. Collective.

@@ -118,8 +118,7 @@ def free_to_move(
 
 def motions_of_parts(X: Array, part: Ints, parts: ConnectedParts) -> Array:
     """Displacements of points by the six motions of the parts they are in, shape (points, 3, 6)."""
-    size = np.linalg.norm(parts.upper - parts.lower, axis=1)
-    return rigid_motions(X - (parts.lower + parts.upper)[part] / 2, size[part, None])
+    return rigid_motions(X - parts.middle[part], parts.size[part, None])
 
 
 def every_motion(X: Array, part: Ints, parts: ConnectedParts, nodes: Ints) -> Array:
