@@ -170,7 +170,7 @@ STRUCTURES = [
     structure("robot arm", arm, "tip", 0.018, 0.06 if short else 0.2, 5e-4, ("link", "head")),
     structure("drop test", drop, "top", 0.05, touch + 0.012, 1e-4, (None,), quiet=touch - 1e-3),
     structure("slider-crank", crank, "block", 6e-5, 0.01 if short else 0.04, 2e-4, parts),
-    structure("free-flying body", body, "end", 1.7, 6.0 if short else 30.0, 0.05, ("block",)),
+    structure("free-flying body", body, "end", 1.7, 4.0 if short else 30.0, 0.05, ("block",)),
 ]
 STRUCTURES = [s for s in STRUCTURES if s.name in chosen(options, [s.name for s in STRUCTURES])]
 # -

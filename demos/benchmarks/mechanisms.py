@@ -114,7 +114,7 @@ def pendulum(asked: Asked) -> list[Row]:
     solution = solve_ivp(motion, (0, 2), np.zeros(4), "DOP853", rtol=1e-12, atol=1e-12)
     a, b = solution.y[:2, -1]
     exact = np.array([np.cos(a) + np.cos(b), np.sin(a) + np.sin(b), 0.0])
-    steps = (0.004, 0.002) if asked.short else (0.002, 0.001)
+    steps = (0.008, 0.004) if asked.short else (0.002, 0.001)
     end = "lower", np.array([0.5, 0, 0])
     coarse, fine = (Followed(double_pendulum(), dt, 2.0, end) for dt in steps)
     off = [float(np.linalg.norm(run.end - exact)) for run in (coarse, fine)]

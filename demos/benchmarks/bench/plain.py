@@ -17,7 +17,12 @@ from rigidfx.base.compat import integration_facets
 
 LU_BELOW = 50_000  # unknowns; beyond, a factorisation takes gigabytes and most of a minute
 SOLVERS = {  # linear ones, by PETSc's options
-    "gmres+ilu": {"ksp_type": "gmres", "pc_type": "ilu", "ksp_rtol": "1e-8"},
+    "gmres+ilu": {
+        "ksp_type": "gmres",
+        "pc_type": "ilu",
+        "ksp_rtol": "1e-8",
+        "ksp_max_it": "1000",  # more cost more than a direct solver
+    },
     "lu": {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"},
 }
 Traction = Callable[[float], npt.ArrayLike]  # of time [s], three components [Pa]

@@ -89,7 +89,7 @@ def angle_of_crank(steps: int) -> float:
 
 def andrews(short: bool) -> Iterator[list[Found]]:
     """The angle of the crank, extrapolated."""
-    steps, allowed = ((100, 200), 1e-4) if short else ((300, 600), 1e-5)
+    steps, allowed = ((80, 160), 1e-4) if short else ((300, 600), 1e-5)
     coarse, fine = (angle_of_crank(n) for n in steps)
     title = "angle of the crank, extrapolated [rad]"
     yield [Found(title, CRANK, (4 * fine - coarse) / 3, allowed, kind="rigid")]

@@ -65,7 +65,7 @@ def chain(short: bool) -> Iterator[list[Found]]:
         angle, r = 2 * half * (x[0] - 0.5), radius + thick * (0.5 - x[2])
         return np.stack([r * np.sin(angle), 0.01 * x[1], -r * np.cos(angle)])
 
-    strip = block_of((20 if short else 100, 1, 2), place)
+    strip = block_of((16 if short else 100, 1, 2), place)
     low = radius * np.cos(half)
     for name, sign in (("left", -1), ("right", 1)):
         end = sign * radius * np.sin(half), -low
