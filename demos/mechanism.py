@@ -41,7 +41,7 @@ parser.add_argument("--size", type=positive, default=0.03, help="largest edge of
 parser.add_argument("--tol", type=positive, default=0.01, help="quiet below this rate [1/s]")
 parser.add_argument("--turns", type=positive, default=3.0, help="until the brake begins")
 parser.add_resume()
-options = parser.read(turns=0.75)
+options = parser.read(turns=0.65)
 # -
 
 # ## Parts, joints and the motor
@@ -96,7 +96,7 @@ scene = rf.Scene(
 # grow the shapes that their forces call for.
 
 # +
-DT, WINDOW = (5e-4 if options.short else 2e-4), 0.005  # s
+DT, WINDOW = (1e-3 if options.short else 2e-4), 0.005  # s
 t_end = BRAKE + (0.0 if options.short else RAMP + 0.01)  # s
 rule = rf.StrainRate(options.tol, WINDOW)
 stops = [0.043 + k * 2 * np.pi / SPEED for k in range(3)]  # s

@@ -91,9 +91,9 @@ def frame(damped_until: float, *rigid: rf.Rigid, domain: rf.Domain = MESH) -> rf
 
 # +
 SHARP = {"standard": 5e-5, "enhanced": 2.5e-5}[options.element]  # m^-1.5/s; the paper's is 5e-5
-T_END = 1.6 if options.short else 2.4  # s
+T_END = 1.5 if options.short else 2.4  # s
 UNDAMPED = 1.4 if options.short else 2.2  # s; where the run for the spectrum loses its damping
-FINE = 0.004 if options.short else 0.002  # s; Δt from there on
+FINE = 0.008 if options.short else 0.002  # s; Δt from there on
 SPECTRUM = 10.2  # s; where it ends
 CRITERION = {"window": 0.2, "since": 1.0, "measure": "paper", "min_cells": 26, "wake": "all"}
 tolerances = [0.0, *(options.tol or ([SHARP] if options.short else [SHARP, 1.8e-3, 2.5e-3]))]

@@ -25,6 +25,7 @@ BOX = BOX.with_cells("block", lambda x: x[0] >= 2 - 1e-9)
 HELD, DRAG = rf.Fixed("x0"), rf.MassDamping(1.0)
 SINE = rf.Traction("x1", (0, 0, 40.0), time=lambda t: np.sin(2 * np.pi * t / 3) * min(1, t / 3))
 BLOW = rf.Traction("y1", (0, 300.0, 0), time=lambda t: max(0.0, 1 - ((t - 2.6) / 0.2) ** 2))
+HIT = rf.Traction("y1", (0, 600.0, 0), time=lambda t: max(0.0, 1 - ((t - 1.6) / 0.2) ** 2))
 FLOOR = rf.Contact("z0", against=rf.Plane((0, 0, -0.2), (0, 0, 1)), friction=0.3, creep=1e-3)
 LOW = rf.Contact("z0", against=rf.Plane((0, 0, -1e-3), (0, 0, 1)), stiffness=1e4)
 QUIET = rf.StrainRate(0.003, 0.4)
@@ -93,10 +94,10 @@ SCENES = {
     "control": (partial(bar, HELD, SINE, BLOW), rf.StepControl(0.02, largest=0.05), 3.0, {}),
     "all wake": (
         partial(bar, HELD, SINE, BLOW, DRAG),
-        *(0.02, 3.0, {"rigidify": rf.StrainRate(0.003, 0.4, wake="all")}),
+        *(0.04, 3.0, {"rigidify": rf.StrainRate(0.003, 0.4, wake="all")}),
     ),
-    "grows": (partial(bar, HELD, SINE, BLOW, DRAG), 0.02, 3.2, {"rigidify": QUIET}),
-    "pressed": (partial(bar, HELD, SINE, BLOW, LOW, DRAG), 0.02, 3.2, {"rigidify": QUIET}),
+    "grows": (partial(bar, HELD, SINE, HIT, DRAG), 0.04, 3.2, {"rigidify": QUIET}),
+    "pressed": (partial(bar, HELD, SINE, BLOW, LOW, DRAG), 0.04, 3.2, {"rigidify": QUIET}),
     "budget": (
         partial(bar, HELD, SINE, BLOW, DRAG),
         *(0.05, 3.2, {"accuracy": rf.Accuracy(0.1, min_cells=2)}),

@@ -125,10 +125,6 @@ SCENES = {
     "guided edges": (lifted, 4.5, 0.01, 0.02),
     "springs in space": (between_springs, 4.5),
     "rollers": (partial(scene, rf.Fixed("x0", "x"), rf.Fixed("x0", "z"), PUSHED, SLOW), 3.0),
-    "base between two modes": (
-        partial(scene, BASE, rf.MassDamping(1.0), mass="consistent"),
-        7.0,
-    ),
     "a heavy head": (partial(named, "head", mass=1500.0), 6.0),
     "a rigid foot": (partial(named, "foot"), 6.0),
     "a wave": (struck, 0.7, 0.005, 0.01),
@@ -144,7 +140,6 @@ SCENES = {
 SHAKEN = (
     "a wave",
     "a support begins",
-    "base between two modes",
     "stretched",
     "viscosity ends",
     "hung",

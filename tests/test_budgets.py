@@ -321,7 +321,7 @@ def test_vibration_that_goes_from_part_to_part_is_not_frozen():
     reports = run(arms(), asked(0.05, ends), 20.0, dt=0.4)
     assert min(r.unknowns for r in reports) < reports[0].unknowns
     t, *found = motion(reports)
-    fine, *exact = motion(rf.simulate(arms(), 0.05, 20.0, progress=False))
+    fine, *exact = motion(rf.simulate(arms(), 0.08, 20.0, progress=False))
     size = max(np.abs(way).max() for way in exact)
     early = np.abs(exact[1][fine < 5.0]).max()
     assert np.abs(exact[1]).max() > 2 * early

@@ -294,7 +294,9 @@ def known(tmp_path_factory):
 
 @pytest.mark.parallel
 def test_known_problems_are_the_same_on_two_ranks(tmp_path, known):
-    on_ranks(KNOWN, 2, "--short", "--only", "NAFEMS 5T", "--out", tmp_path / "two", "--beside", known)
+    on_ranks(
+        KNOWN, 2, "--short", "--only", "NAFEMS 5T", "--out", tmp_path / "two", "--beside", known
+    )
 
 
 @pytest.mark.parallel

@@ -312,10 +312,11 @@ def _found():
     """What is the same on any number of ranks."""
     period = 1.6e-3
     of_stalk = rf.simulate(
-        on_a_stalk(period)[0], period / 20, 5 * period, rigidify=on_stalk(period)
+        on_a_stalk(period)[0], period / 20, 3 * period, rigidify=on_stalk(period)
     )
     of_blow = rf.simulate(struck(), 5e-4, 0.02, **asked(5e-4))
-    own = run(bar(THROWN, blow())), run(bar(HELD, blow(200.0))), list(of_stalk), list(of_blow)
+    scenes = bar(THROWN, blow()), bar(HELD, blow(200.0))
+    own = *(run(scene, t_end=0.08) for scene in scenes), list(of_stalk), list(of_blow)
     return [[*r.probes["tip"], float(r.unknowns)] for reports in own for r in reports[::6]]
 
 

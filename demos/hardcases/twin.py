@@ -68,7 +68,8 @@ def stiff_root(short: bool) -> Iterator[Run]:
     """The tip is off by no more than 2.4 tol over the peak rate, of its largest way."""
     for period, peak in list(PEAKS.items())[: 1 if short else None]:
         scene = partial(_on_a_root, period)
-        yield from beside_its_twin(f"{period:g} s", scene, 0.02, 2 * period, peak)
+        dt = 0.04 if short else 0.02  # s
+        yield from beside_its_twin(f"{period:g} s", scene, dt, 2 * period, peak)
 
 
 def _stand(period: float, mass: str) -> rf.Scene:
@@ -86,7 +87,8 @@ def _stand(period: float, mass: str) -> rf.Scene:
 def shaken_base(short: bool) -> Iterator[Run]:
     """The tip is off by no more than 2.4 tol over the peak rate, of its largest way."""
     for mass, peak in list(SHAKEN.items())[: 1 if short else None]:
-        yield from beside_its_twin(f"{mass} mass", partial(_stand, 1.0, mass), 0.02, 10.0, peak)
+        dt, t_end = (0.04, 8.0) if short else (0.02, 10.0)  # s
+        yield from beside_its_twin(f"{mass} mass", partial(_stand, 1.0, mass), dt, t_end, peak)
 
 
 def _struck(slow_from: float, blow_at: float) -> rf.Scene:
@@ -113,4 +115,4 @@ def slow_beside_fast(short: bool) -> Iterator[Run]:
         orders = {"slow first": (0.0, 3.0, 4.2)}
     for order, (slow_from, blow_at, t_end) in orders.items():
         scene = partial(_struck, slow_from, blow_at)
-        yield from beside_its_twin(order, scene, 0.01, t_end, STRUCK)
+        yield from beside_its_twin(order, scene, 0.02 if short else 0.01, t_end, STRUCK)
