@@ -117,14 +117,8 @@ def deflection(kind, face, order, cells, flip=False, R=TURNED, across=(0, 1, 0))
     [
         ("bar", "end", [(10, 2, 2), (20, 4, 4), (40, 4, 4)], 1e-3),
         ("bar", "sleeve", [(20, 2, 2), (20, 4, 4), (60, 8, 8)], 8e-3),
-        ("bar", "both", [(20, 2, 2), (20, 4, 4), (60, 8, 8)], 7e-3),
         ("tube", "end", [(10, 8, 1), (10, 12, 1), (40, 24, 2)], 1e-3),
-        pytest.param(
-            "tube", "sleeve", [(20, 12, 1), (20, 16, 1), (60, 24, 2)], 8e-3, marks=pytest.mark.slow
-        ),
-        pytest.param(
-            "tube", "both", [(20, 12, 1), (20, 16, 1), (60, 24, 2)], 8e-3, marks=pytest.mark.slow
-        ),
+        ("tube", "both", [(20, 12, 1), (20, 16, 1), (60, 24, 2)], 8e-3),
     ],
 )
 def test_a_joint_on_a_face_holds_a_bar_as_beam_theory_has_it(kind, face, cells, bulges):
@@ -138,35 +132,6 @@ def test_a_joint_on_a_face_holds_a_bar_as_beam_theory_has_it(kind, face, cells, 
     assert found == pytest.approx([1.0] * 3, abs=bulges)
     turned = deflection(kind, face, 2, cells[0], flip=True)
     assert turned == pytest.approx(found[0], rel=1e-6)
-
-
-def elastic(face, cells):
-    """Compliance of a bar of second order under the forces of a face, over that of beam theory.
-
-    They balance the push at its end, so that supports of three nodes bear next to nothing.
-    """
-    b, mean = THICK / 2, THICK**2 / 6
-    end, sleeve = THICK**2 * (face == "both"), 4 * THICK * SLEEVE
-    area, middle = end + sleeve, 0.5 * SLEEVE * sleeve / (end + sleeve)
-    J = sleeve * (SLEEVE**2 / 12 + (SLEEVE / 2 - middle) ** 2 + mean)
-    mu = (LENGTH - middle) * area / (J + end * (middle**2 + mean / 2))
-
-    def held(x, t):
-        return np.stack([mu * x[1], -1 - mu * (x[0] - middle), 0 * x[0]]) * (1e2 / area)
-
-    bar = rf.box((0, -b, -b), (LENGTH, b, b), cells).with_facets(
-        "sleeve",
-        lambda x: (x[0] < SLEEVE + 1e-9) & np.isclose(np.abs(x[1:]).max(axis=0), THICK / 2),
-    )
-    for name, place in ("a", (0, -b, -b)), ("b", (LENGTH, -b, -b)), ("c", (0, b, -b)):
-        bar = bar.with_vertices(name, lambda x, at=place: np.isclose(x.T, at).all(axis=1))
-    supports = rf.Fixed("a"), rf.Fixed("b", components="yz"), rf.Fixed("c", components="z")
-    loads = [rf.Traction(name, held) for name in ("x0", "sleeve")[face == "sleeve" :]]
-    push = rf.Traction("x1", (0, 1e2, 0), total=True)
-    scene = rf.Scene(bar, STEEL, [*loads, push, *supports], order=2)
-    *_, report = rf.static(scene, 1, verbose=False)
-    assert max(np.abs(force).max() for force in report.reactions.values()) < 1e-3
-    return 2 * report.strain / 1e4 / compliance("bar", None, face)
 
 
 def test_a_joint_on_a_sleeve_of_two_thicknesses_is_beam_theory(monkeypatch):

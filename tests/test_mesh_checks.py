@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 
-import dolfinx.mesh as dmesh
 import numpy as np
 import parallel
 import pytest
@@ -16,7 +15,6 @@ from histories import heard
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.domain.connected import connected_parts
 
 COMM = MPI.COMM_WORLD
 SOFT = rf.StVenantKirchhoff(rho=1.0, E=100.0, nu=0.3)
@@ -273,18 +271,6 @@ def test_parts_that_share_an_edge_or_a_corner(name):
     assert words in message
     assert "the part of 1 × 1 × 1 m around (0.5, 0.5, 0.5) m and" in message
     assert not hinged(corner, rf.Rigid("both"))
-
-
-def islands():
-    """Of a row of cells some that are looked at: how many parts they are, and which."""
-    mesh = rf.box((0, 0, 0), (7, 1, 1), (7, 1, 1)).mesh
-    count = mesh.topology.index_map(3).size_local + mesh.topology.index_map(3).num_ghosts
-    x = dmesh.compute_midpoints(mesh, 3, np.arange(count, dtype=np.int32))[:, 0]
-    among = np.isin(np.floor(x), [0, 1, 3, 6])
-    parts = connected_parts(mesh, 0, among)
-    own = slice(mesh.topology.index_map(3).size_local)
-    pairs = zip(np.floor(x[own]).tolist(), parts.of_cell[own].tolist(), strict=True)
-    return parts.count, sorted(pair for rank in COMM.allgather(list(pairs)) for pair in rank)
 
 
 def _script():

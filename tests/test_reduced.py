@@ -158,7 +158,7 @@ def test_a_step_is_of_second_order():
         scene = bar(rf.Reduced(shapes=1), PUSH, THROWN)
         return list(rf.simulate(scene, dt=dt, t_end=0.02))[-1].probes["tip"]
 
-    exact = place(3.125e-5)
+    exact = place(1e-4)
     coarse, fine = (np.linalg.norm(place(dt) - exact) for dt in (1e-3, 5e-4))
     assert 1.8 < np.log2(coarse / fine) < 2.2
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -30,11 +32,17 @@ def bar(*effects):
     return rf.Scene(domain, SOFT, [*blows, damping, *effects], probes={"end": (3, 0, 0)})
 
 
+@cache
+def flexible_end():
+    """Where the end of the flexible twin is at last."""
+    *_, twin = rf.simulate(bar(), DT, 0.25, progress=False)
+    return twin.probes["end"]
+
+
 @pytest.mark.filterwarnings("ignore:Scene. first-order cells lock")
 @pytest.mark.parametrize("criterion", CRITERIA)
 def test_a_named_part_stays_and_the_rest_is_found_and_wakes(criterion):
     """Cells beside it become bodies that bend or wake; it keeps its shapes, and energy is kept."""
-    *_, twin = rf.simulate(bar(), DT, 0.25, progress=False)
     largest, off, booked, found, shapes = 0.0, 0.0, None, [], 0
     for report in rf.simulate(
         bar(rf.Reduced("middle")), DT, 0.25, progress=False, **CRITERIA[criterion]
@@ -48,10 +56,7 @@ def test_a_named_part_stays_and_the_rest_is_found_and_wakes(criterion):
         booked = report.energy if booked is None else booked + done
         off, largest = max(off, abs(report.energy - booked)), max(largest, report.energy)
     assert off < 1e-11 * largest
-    assert (
-        np.abs(report.probes["end"] - twin.probes["end"]).max()
-        < 0.02 * np.abs(twin.probes["end"]).max()
-    )
+    assert np.abs(report.probes["end"] - flexible_end()).max() < 0.02 * np.abs(flexible_end()).max()
     if criterion != "accuracy":  # which gains nothing here
         assert max(found) > 0
     if criterion == "all":
