@@ -40,7 +40,7 @@ import rigidfx as rf
 from meshes.block_with_cantilever import block_with_cantilever
 from rigidfx.plot import Curve, Shapes, curves
 
-parser = Parser(__file__, "A free-flying body that becomes rigid.", "damped to rest in 65 s")
+parser = Parser(__file__, "A free-flying body that becomes rigid.", "damped to rest in 45 s")
 parser.add_argument("--compare", action="store_true", help="run the fully flexible body as well")
 parser.add_argument("--tol", type=positive, help="rigid below this rate [1/s]")
 parser.add_argument("--dt", type=positive, default=0.1, help="time step [s]")
@@ -48,7 +48,7 @@ parser.add_argument("--t-end", type=positive, default=520.0, help="end of the ru
 parser.add_argument("--mass", choices=["lumped", "consistent"], default="lumped")
 parser.add_argument("--element", choices=["standard", "enhanced"], default="standard")
 parser.add_resume()
-options = parser.read(tol=5e-3, dt=0.2, t_end=65.0)
+options = parser.read(tol=5e-3, dt=0.2, t_end=45.0)
 # -
 
 # ## The body
@@ -92,7 +92,7 @@ scene = rf.Scene(
 # +
 WINDOW = 5.0  # s; the observation period, longer than that of the slowest vibration
 MIN_CELLS = 60  # of a new body
-RELEASE = 60.0 if options.short else 500.0  # s
+RELEASE = 40.0 if options.short else 500.0  # s
 TOL = {"standard": 8e-5, "enhanced": 6e-5}[options.element]  # 1/s
 tol, dt, t_end = options.tol or TOL, options.dt, options.t_end  # 1/s, s, s
 if t_end <= FREE:

@@ -193,7 +193,7 @@ def test_estimates_hold_near_a_resonance():
     """A bar that swings once in eleven seconds is pulled each eleven; against its finer twin."""
     pull = rf.Traction("x1", (0, 0, 20.0), time=lambda t: np.sin(2 * np.pi * t / 11))
     scene = bar(rf.Fixed("x0"), pull, rf.MassDamping(0.1))
-    ledger = run(scene, asked(0.01, check=True), 24.0)[-1].ledger
+    ledger = run(scene, asked(0.01, check=True), 18.0)[-1].ledger
     assert ledger.sure == "estimate"
     assert 0 < ledger.rigidity.relative < 1e-3
     assert ledger.measured.relative < 0.01

@@ -106,12 +106,12 @@ def test_a_stiff_exponential_energy_conserves_in_short_steps(b, speed, dt, steps
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["StVenantKirchhoff", "NeoHooke"])
-def test_free_motion_to_50_s(name):
-    """12 % strain at Δt = 0.2 s, where Newmark and the midpoint rule break down earlier."""
+def test_free_motion_to_30_s(name):
+    """12 % strain at Δt = 0.2 s, from which Newmark and the midpoint rule break down in time."""
     scene = tumbling(MATERIALS[name], load=4.0)
-    free = since(list(rf.simulate(scene, 0.2, 50.0)), 5.0)
-    assert free[-1].t == 50.0
-    assert max(drifts(free).values()) <= DRIFT / 4  # they would be DRIFT in 200 s
+    free = since(list(rf.simulate(scene, 0.2, 30.0)), 5.0)
+    assert free[-1].t == 30.0
+    assert max(drifts(free).values()) <= 0.15 * DRIFT  # they would be DRIFT in 200 s
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])

@@ -71,7 +71,7 @@ def test_growth_keeps_energy_and_momenta(mass):
         assert np.abs(p - p[0]).max() < EXACT * np.abs(p).max()
 
 
-@pytest.mark.parametrize("more", [{}, {"mass": "consistent"}, {"mass": "consistent", "order": 2}])
+@pytest.mark.parametrize("more", [{}, {"mass": "consistent", "order": 2}])
 def test_products_of_fields_are_those_of_nodes(more, monkeypatch):
     """What a body withholds has no resultant, nothing along its shapes, and the size told."""
     seen, outside = [], Fields.outside
@@ -81,7 +81,7 @@ def test_products_of_fields_are_those_of_nodes(more, monkeypatch):
         return seen[-1][1]
 
     monkeypatch.setattr(Fields, "outside", kept)
-    run(scene := bar(blow(), rf.MassDamping(0.1), **more), t_end=0.5)
+    run(scene := bar(blow(), rf.MassDamping(0.1), **more), t_end=0.2)
     seen = [own for own in seen if own[0].data.deforms_by]
     for fields, force in seen[:: len(seen) // 5]:
         values, shapes = fields.at_nodes(force), fields.data.shapes
@@ -190,7 +190,7 @@ def test_a_run_that_begins_reduced_keeps_its_budget():
     assert imbalance(own) < 1e-10
     ledger = own[-1].ledger
     assert 0 < ledger.rigidity.relative < ledger.rigidity.part < budget
-    twin = list(rf.simulate(struck_gong(), dt / 8, 0.1))
+    twin = list(rf.simulate(struck_gong(), dt / 4, 0.1))
     between = [np.interp([r.t for r in own], [r.t for r in twin], u) for u in tips(twin).T]
     apart = tips(own) - np.transpose(between)
     here = np.array([r.t < 0.1 for r in own])
@@ -227,15 +227,6 @@ def test_a_resonance_of_a_stiff_part_is_found():
     released = [event for r in own for event in r.events if event.kind == "release"]
     assert released
     assert min(unknowns(own)) < 0.5 * twin[0].unknowns
-
-
-def test_without_it_nothing_of_it_is_made(monkeypatch):
-    def refuse(*_):
-        raise AssertionError
-
-    monkeypatch.setattr(rigidfx.switch.growth.Growth, "__init__", refuse)
-    for wake in ("all", "none"):
-        run(bar(HELD), t_end=2 * DT, rigidify=rule(TOL, wake=wake))
 
 
 def test_a_restart_goes_on_as_the_run(tmp_path):

@@ -304,10 +304,10 @@ def _script():
 
 @pytest.mark.parallel
 def test_ranks_say_the_same():
-    one, two, three = (parallel.run(__file__, n, timeout=300) for n in (1, 2, 3))
+    one, three = (parallel.run(__file__, n, timeout=300) for n in (1, 3))
     assert one["ratio"] == 3.0
     assert len(one["touching"]) == 1
-    assert one == two == three
+    assert one == three
 
 
 if __name__ == "__main__":

@@ -270,13 +270,12 @@ def test_friction_alone_holds_a_block_on_a_slope(rigid):
         scene = rf.Scene(block, SOFT, [grip, weight, *rigid], probes={"foot": (0.5, 0.5, 0.0)})
         return last(scene, 2), np.tan(slope)
 
-    for degrees in (5.0, 21.7):
-        found, tan = stands(degrees)
-        force = found.touches["floor"].force
-        np.testing.assert_allclose(-force[0] / force[2], tan, rtol=1e-9)
-        if rigid:
-            crept = creep * tan / np.sqrt(mu**2 - tan**2)
-            assert found.probes["foot"][0] == pytest.approx(crept, rel=0.02)
+    found, tan = stands(21.7)
+    force = found.touches["floor"].force
+    np.testing.assert_allclose(-force[0] / force[2], tan, rtol=1e-9)
+    if rigid:
+        crept = creep * tan / np.sqrt(mu**2 - tan**2)
+        assert found.probes["foot"][0] == pytest.approx(crept, rel=0.02)
     with pytest.raises(rf.StepError, match="slides off where friction does not bear its loads"):
         stands(22.0)
 

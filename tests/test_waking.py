@@ -90,13 +90,13 @@ def error(tips, twin):
 @cache
 def gentle():
     """The twin of the bar under the sine, and a tolerance of a hundredth of its peak rate."""
-    twin = run(on_a_block(), 8.0)
+    twin = run(on_a_block(), 6.0)
     return twin, 0.01 * twin[1].max()
 
 
 def test_a_block_stays_rigid_while_a_slow_load_acts():
     (tips, *_), tol = gentle()
-    found, _, rigid, events = run(on_a_block(), 8.0, local(tol))
+    found, _, rigid, events = run(on_a_block(), 6.0, local(tol))
     assert rigid.mean() >= 0.45  # of the half that could be
     assert error(found, tips) <= 3e-3
     assert events[0].kind == "freeze"
