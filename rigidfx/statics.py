@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from rigidfx import effects as fx
 from rigidfx.base.crowding import tell_of_crowding
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import is_function, numbers, positive, shown, whole
@@ -19,20 +20,6 @@ from rigidfx.base.log import heard, tell
 from rigidfx.base.taken import check_same
 from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
-from rigidfx.effects import (
-    Contact,
-    Effect,
-    InitialDisplacement,
-    Joint,
-    MeanFace,
-    Reduced,
-    Rigid,
-    RigidFace,
-    SpringDamper,
-    Table,
-    Windowed,
-    rigid_faces,
-)
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.report.account import Whereabouts
 from rigidfx.report.odd_motions import Stillness
@@ -162,7 +149,7 @@ def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float =
         StepError: As of `static`.
     """
     check_scene("compliance", scene)
-    rigid = bool(scene.named(Rigid) or rigid_faces(scene.effects))
+    rigid = bool(scene.named(fx.Rigid) or fx.rigid_faces(scene.effects))
     if not rigid or not scene.probes:
         lacking = "probe" if rigid else "Rigid or Reduced part and no RigidFace"
         raise SceneError(
@@ -170,7 +157,7 @@ def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float =
             "without the parts that are named so, and with mean faces in place of rigid ones."
         )
 
-    def displacements(effects: Iterable[Effect]) -> Mapping[str, Array]:
+    def displacements(effects: Iterable[fx.Effect]) -> Mapping[str, Array]:
         loaded = copy(scene)
         loaded.effects = tuple(effects)
         *_, last = static(loaded, steps, t_end=t_end, verbose=False)
@@ -178,7 +165,7 @@ def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float =
 
     acting = [e for e in scene.effects if not e.in_runs]
     soft = (_with_mean_faces(e, scene) for e in acting if not e.is_body)
-    kinds = {"reduced" if e.deforms else "rigid" for e in scene.named(Rigid)}
+    kinds = {"reduced" if e.deforms else "rigid" for e in scene.named(fx.Rigid)}
     parts = " and ".join(sorted(kinds, reverse=True)) or "rigid"
     found = Compliance(displacements(soft), displacements(acting), parts)
     if not any(u.any() for u in found.flexible.values()):
@@ -189,10 +176,10 @@ def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float =
     return found
 
 
-def _with_mean_faces(effect: Effect, scene: Scene) -> Effect:
+def _with_mean_faces(effect: fx.Effect, scene: Scene) -> fx.Effect:
     """An effect with mean faces in place of its rigid ones. Collective."""
     given = {own.name: getattr(effect, own.name) for own in fields(effect)}
-    mean = {name: MeanFace(v.where) for name, v in given.items() if isinstance(v, RigidFace)}
+    mean = {name: fx.MeanFace(v.where) for name, v in given.items() if isinstance(v, fx.RigidFace)}
     if not mean:
         return effect
     return replace(effect, **mean).placed(scene)
@@ -208,7 +195,7 @@ def _reports(
 ) -> Iterator[Report]:
     """Load step by load step."""
     state = State(scene)
-    if scene.named(InitialDisplacement):
+    if scene.named(fx.InitialDisplacement):
         state.place((scene.start_places - state.X).reshape(-1))
     forces = InternalForces(ramped, state.u, ())
     shaping = None if loose else _shaping(ramped, forces, ends)
@@ -264,7 +251,7 @@ def _tell_of_shapes(scene: Scene, state: State, shaping: Shaping | None) -> None
     """Warn of loads that shapes do not span, or log that reduced parts are flexible. Collective."""
     if shaping is not None:
         shaping.warn_of_unspanned(state)
-    elif reduced := scene.named(Reduced):
+    elif reduced := scene.named(fx.Reduced):
         names = ", ".join(f"'{part.name}'" for part in reduced)
         tell(
             scene.comm,
@@ -275,9 +262,9 @@ def _tell_of_shapes(scene: Scene, state: State, shaping: Shaping | None) -> None
 
 def _shaping(scene: Scene, forces: InternalForces, ends: Sequence[float]) -> Shaping | None:
     """Shapes of reduced parts; None without any, and with contacts, whose nodes are not known."""
-    if not scene.named(Reduced) or scene.named(Contact):
+    if not scene.named(fx.Reduced) or scene.named(fx.Contact):
         return None
-    acting = [e for e in scene.named(Windowed) if e.acts(0.5 * ends[0])]
+    acting = [e for e in scene.named(fx.Windowed) if e.acts(0.5 * ends[0])]
     return Shaping(scene, forces, acting, ends[-1], np.inf)
 
 
@@ -300,7 +287,7 @@ def _ends(steps: int | Sequence[float], t_end: float) -> list[float]:
     return [float(t) for t in times]
 
 
-def _ramped(effect: Any, t_end: float) -> Effect:
+def _ramped(effect: Any, t_end: float) -> fx.Effect:
     """A constant load, or force of a motor, as one that grows; any other effect as it is."""
     if effect.grows is None:
         return effect
@@ -308,7 +295,7 @@ def _ramped(effect: Any, t_end: float) -> Effect:
     start, end = effect.start, min(t_end, effect.until)
     if is_function(given) or is_function(getattr(effect, "value", None)) or not start < end:
         return effect
-    table = Table((start, end), (0.0, 1.0 if given is None else float(given)))
+    table = fx.Table((start, end), (0.0, 1.0 if given is None else float(given)))
     out = replace(effect, **{effect.grows: table})
     return out if effect.face is None else out.with_point(effect.remote)
 
@@ -324,13 +311,13 @@ def _check_held(scene: Scene, ends: Sequence[float]) -> bool:
     """
     loose, warned = False, False
     for begin, end in zip([0.0, *ends], ends, strict=False):
-        acting = [e for e in scene.named(Windowed) if e.acts(0.5 * (begin + end))]
+        acting = [e for e in scene.named(fx.Windowed) if e.acts(0.5 * (begin + end))]
         contacts = [e for e in acting if e.is_contact]
         held = PrescribedDofs(scene, supports_of(acting))
         if not (free := free_to_move(scene, held, acting=acting)):
             continue
         what = f"static: from t = {begin:g} s on supports, springs and joints leave a rigid motion "
-        if not contacts and not scene.named(Joint) and not scene.named(SpringDamper):
+        if not contacts and not scene.named(fx.Joint) and not scene.named(fx.SpringDamper):
             raise SceneError(
                 f"{what}free, of {free}, so there is no static equilibrium. Add supports, or a "
                 "weak Spring."

@@ -20,25 +20,13 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx import effects as fx
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import numbers, path_of
 from rigidfx.base.text_files import write_text
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.domain.domain import Domain, box_of
-from rigidfx.effects import (
-    Cylindrical,
-    Joint,
-    MeanFace,
-    Prismatic,
-    Reduced,
-    Revolute,
-    Rigid,
-    RigidFace,
-    Spherical,
-    Tied,
-    Universal,
-)
 from rigidfx.report.report import Report
 from rigidfx.report.start import check_report, check_scene
 from rigidfx.scene.scene import Scene
@@ -52,16 +40,17 @@ READ_ME = (
     "centre + orientation @ interface_offsets[i]. given: mass or inertia are not those of cells. "
     "joints have their places and axes at the start of the run."
 )
-KINDS: dict[str, type[Joint]] = {
-    kind.__name__: kind for kind in (Cylindrical, Prismatic, Revolute, Spherical, Tied, Universal)
+KINDS: dict[str, type[fx.Joint]] = {
+    kind.__name__: kind
+    for kind in (fx.Cylindrical, fx.Prismatic, fx.Revolute, fx.Spherical, fx.Tied, fx.Universal)
 }
-FACES: dict[str, Any] = {face.__name__: face for face in (MeanFace, RigidFace)}
+FACES: dict[str, Any] = {face.__name__: face for face in (fx.MeanFace, fx.RigidFace)}
 
 
 def joints_as_data(scene: Scene) -> list[dict[str, Any]]:
     """The joints of a scene for JSON: kind, sides, and places and axes at the start."""
     out = []
-    for joint in scene.named(Joint):
+    for joint in scene.named(fx.Joint):
         data: dict[str, Any] = {"kind": joint.kind, "name": joint.title}
         for item in (f.name for f in fields(joint) if f.name != "name"):
             value = getattr(joint, item)
@@ -72,7 +61,7 @@ def joints_as_data(scene: Scene) -> list[dict[str, Any]]:
     return out
 
 
-def read_joints(path: str | Path) -> tuple[Joint, ...]:
+def read_joints(path: str | Path) -> tuple[fx.Joint, ...]:
     """The joints of a file of `write_bodies`, as they were placed at the start.
 
     Sides are called as in the scene that wrote them: the mesh has to have their sets, and named
@@ -95,7 +84,7 @@ def read_joints(path: str | Path) -> tuple[Joint, ...]:
         ) from error
 
 
-def _joint(data: dict[str, Any]) -> Joint:
+def _joint(data: dict[str, Any]) -> fx.Joint:
     own = dict(data)
     kind = KINDS[own.pop("kind")]
     for side in ("a", "b"):
@@ -165,7 +154,7 @@ def write_bodies(path: str | Path, scene: Scene, report: Report) -> None:
     write_text(comm, path, _json(content))
 
 
-def read_bodies(path: str | Path, domain: Domain) -> tuple[Domain, tuple[Rigid, ...]]:
+def read_bodies(path: str | Path, domain: Domain) -> tuple[Domain, tuple[fx.Rigid, ...]]:
     """Bodies of a file as parts of the same mesh. Collective; every rank reads.
 
     Args:
@@ -206,7 +195,7 @@ def read_bodies(path: str | Path, domain: Domain) -> tuple[Domain, tuple[Rigid, 
     bodies = together(domain.comm, "read_bodies", read)
     numbers = np.asarray(domain.mesh.topology.original_cell_index)
     owned = domain.mesh.topology.index_map(3).size_local
-    effects: list[Rigid] = []
+    effects: list[fx.Rigid] = []
     taken: set[str] = set()
     for body in bodies:
         cells = np.flatnonzero(np.isin(numbers, body["cells"])).astype(np.int32)
@@ -220,7 +209,7 @@ def read_bodies(path: str | Path, domain: Domain) -> tuple[Domain, tuple[Rigid, 
                 f"were around {body['place']} m, here they are around {place.tolist()} m."
             )
         own = _own_mass(body) if body["given"] else {}
-        effects.append(Reduced(name) if body.get("shapes") else Rigid(name, **own))
+        effects.append(fx.Reduced(name) if body.get("shapes") else fx.Rigid(name, **own))
     return domain, tuple(effects)
 
 

@@ -16,17 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from rigidfx import effects as fx
 from rigidfx.base.errors import OutputError
 from rigidfx.base.inputs import path_of
 from rigidfx.base.types import Array
-from rigidfx.effects import (
-    Contact,
-    JointReport,
-    SpringDamper,
-    SpringDamperReport,
-    Touch,
-    efforts_of,
-)
 from rigidfx.flexible.stress import SYMMETRIC
 from rigidfx.report.peaks import Peak
 from rigidfx.report.probe_stress import StressAt
@@ -113,13 +106,13 @@ def history_row(
             row |= {f"{of}_{name}_{pair}": float(tensor[ij]) for pair, ij in PAIRS.items()}
     for name, peak in peaks.items():
         row |= {f"peak_{name}": peak.von_mises, **components(f"peak_{name}", peak.place)}
-    if contacts := scene.named(Contact):
+    if contacts := scene.named(fx.Contact):
         row["contact"] = report.contact
     for contact in contacts:
-        row |= _of_contact(report.touches.get(contact.title, Touch(contact.title)))
-    row |= _of_joints(efforts_of(scene), report.joints)
-    for spring in scene.named(SpringDamper):
-        own = report.spring_dampers.get(spring.title, SpringDamperReport(nan, nan, nan))
+        row |= _of_contact(report.touches.get(contact.title, fx.Touch(contact.title)))
+    row |= _of_joints(fx.efforts_of(scene), report.joints)
+    for spring in scene.named(fx.SpringDamper):
+        own = report.spring_dampers.get(spring.title, fx.SpringDamperReport(nan, nan, nan))
         row |= {f"spring_{spring.title}_{name}": value for name, value in vars(own).items()}
     for name, of in LEDGER.items():
         row[name] = nan if report.ledger is None else float(attrgetter(of)(report.ledger))
@@ -142,13 +135,13 @@ def _acceleration(report: Report, before: Written | None, probe: str) -> Array:
 
 
 def _of_joints(
-    joints: Mapping[str, Sequence[str]], told: Mapping[str, JointReport]
+    joints: Mapping[str, Sequence[str]], told: Mapping[str, fx.JointReport]
 ) -> dict[str, float]:
     """The columns of joints and their values, by their titles."""
     out: dict[str, float] = {}
     unknown = np.full(3, nan)
     for title, owners in joints.items():
-        joint = told.get(title, JointReport(unknown, unknown, unknown, gap=nan))
+        joint = told.get(title, fx.JointReport(unknown, unknown, unknown, gap=nan))
         for name in ("place", "force", "moment"):
             out |= components(f"joint_{title}_{name}", getattr(joint, name))
         for name in ("angle", "travel", "angle_rate", "travel_rate", "gap"):
@@ -172,7 +165,7 @@ def joint_columns(reports: Iterable[Report]) -> dict[str, Array]:
     return {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
 
 
-def _of_contact(touch: Touch) -> dict[str, float]:
+def _of_contact(touch: fx.Touch) -> dict[str, float]:
     """The columns of a contact and their values."""
     out = components(f"contact_{touch.name}_force", touch.force)
     out |= components(f"contact_{touch.name}_moment", touch.moment)

@@ -23,19 +23,9 @@ from rigidfx.flexible.nodal_stress import NodalStress, material_groups
 from rigidfx.flexible.stress import tensors, von_mises
 from rigidfx.output.field_reader import grid_of
 from rigidfx.output.paraview import Body
+from rigidfx.plot import renders
 from rigidfx.plot.arrows import add_arrows, arrows_of, largest_of
 from rigidfx.plot.curves import on_first_rank
-from rigidfx.plot.renders import (
-    FIELDS,
-    VIEW,
-    Look,
-    Photograph,
-    check_camera,
-    plain,
-    pyvista,
-    sheet,
-    surface_of,
-)
 from rigidfx.report.report import Report
 from rigidfx.report.start import check_report, check_scene
 from rigidfx.scene.scene import Scene
@@ -211,7 +201,7 @@ class Shapes:
         path: str | Path,
         *,
         columns: int = 4,
-        view: tuple[float, float, float] = VIEW,
+        view: tuple[float, float, float] = renders.VIEW,
         up: tuple[float, float, float] = (0.0, 0.0, 1.0),
         title: str = "",
         scale: Scale = 1.0,
@@ -232,7 +222,7 @@ class Shapes:
         """
         path = path_of("Shapes.draw", "path", path)
         whole("Shapes.draw", "columns", columns, least=1)
-        check_camera("Shapes.draw", view, up)
+        renders.check_camera("Shapes.draw", view, up)
         scale = check_scale("Shapes.draw", scale)
         if not self.count:
             raise SceneError("Shapes.draw: no shape has been added yet, at none of the times.")
@@ -244,10 +234,10 @@ class Shapes:
             factor = factor_of(scale, body.points, (s.displacement for s in kept))
             grid, photographs = grid_of(body), []
             for s in kept:
-                surface = surface_of(grid, s.displacement, self._colour, s.values, factor)
-                photographs.append(Photograph(s.t, surface, s.caption))
-            look = Look(view, up, body.cells.shape[1] in (4, 8), title, factor)
-            sheet(path, photographs, self._colour, look, columns)
+                surface = renders.surface_of(grid, s.displacement, self._colour, s.values, factor)
+                photographs.append(renders.Photograph(s.t, surface, s.caption))
+            look = renders.Look(view, up, body.cells.shape[1] in (4, 8), title, factor)
+            renders.sheet(path, photographs, self._colour, look, columns)
 
         on_first_rank(self._comm, draw, f"Shapes: '{path}'")
 
@@ -282,11 +272,11 @@ def show(report: Report, colour: Magnitude = "displacement", scale: float = 1.0)
     body, (moved, moving) = Body(space), report.shown()
     u = body.on_nodes(moved)
     values = _values(colour, report, body, u, moving)
-    plotter, (title, unit) = pyvista().Plotter(), FIELDS[colour]
+    plotter, (title, unit) = renders.pyvista().Plotter(), renders.FIELDS[colour]
     plotter.add_mesh(
-        surface_of(grid_of(body), u, colour, values, factor),
+        renders.surface_of(grid_of(body), u, colour, values, factor),
         scalars="colour",
-        scalar_bar_args={"title": f"{plain(title)} [{unit}]" if title else "rigid: 1"},
+        scalar_bar_args={"title": f"{renders.plain(title)} [{unit}]" if title else "rigid: 1"},
     )
     arrows = arrows_of(report) if factor == 1.0 else None
     if arrows is not None:

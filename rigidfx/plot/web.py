@@ -20,19 +20,9 @@ from mpi4py import MPI
 
 from rigidfx.base.inputs import path_of, whole
 from rigidfx.output.field_reader import RecordedFields, read_fields
+from rigidfx.plot import renders
 from rigidfx.plot.curves import on_first_rank, prefixed
 from rigidfx.plot.pictures import FRAMES, chosen_times
-from rigidfx.plot.renders import (
-    FIELDS,
-    LEVELS,
-    LOGARITHMIC,
-    OF_CELLS,
-    VIEW,
-    check_camera,
-    plain,
-    pyvista,
-    range_of,
-)
 from rigidfx.plot.shapes import Scale, check_scale, factor_of
 
 Array = npt.NDArray[Any]
@@ -42,7 +32,7 @@ def web(
     folder: str | Path,
     *,
     frames: int = FRAMES,
-    view: Sequence[float] = VIEW,
+    view: Sequence[float] = renders.VIEW,
     up: Sequence[float] = (0.0, 0.0, 1.0),
     scale: Scale = 1.0,
     title: str = "",
@@ -70,7 +60,7 @@ def web(
         SceneError: If frames, view, up or scale cannot be used.
         OutputError: If there are no fields of a run, or the file cannot be written.
     """
-    check_camera("web", view, up)
+    renders.check_camera("web", view, up)
     count, asked = whole("web", "frames", frames, least=1), check_scale("web", scale)
     place = path_of("web", "folder", folder)
     path = place / "motion.html"
@@ -99,7 +89,7 @@ def _content(run: RecordedFields, times: Array, scale: Scale) -> tuple[dict[str,
     """The description of a file, and its arrays packed in the order in which that names them."""
     nodes, triangles, lines, owners = _surface(run)
     cells, owners = np.unique(owners, return_inverse=True)
-    wanted = [n for n in FIELDS if n in (*run.on_nodes, *run.on_cells) and n != "rigid"]
+    wanted = [n for n in renders.FIELDS if n in (*run.on_nodes, *run.on_cells) and n != "rigid"]
     u: list[Array] = []
     values: dict[str, list[Array]] = {name: [] for name in ("level", *wanted)}
     for t in times:
@@ -107,7 +97,7 @@ def _content(run: RecordedFields, times: Array, scale: Scale) -> tuple[dict[str,
         u.append(found["displacement"][nodes])
         found["level"] = _levels(found, len(run.cells))
         for name, every in values.items():
-            array = found[name][cells if name in (*OF_CELLS, "level") else nodes]
+            array = found[name][cells if name in (*renders.OF_CELLS, "level") else nodes]
             every.append(array if array.ndim == 1 else np.linalg.norm(array, axis=1))
     X, motion = run.points[nodes], np.stack(u)
     step = float(np.abs(motion).max(initial=0.0)) / np.iinfo(np.int16).max or 1.0
@@ -145,7 +135,7 @@ def _surface(run: RecordedFields) -> tuple[Array, Array, Array, Array]:
     skin.SetNonlinearSubdivisionLevel(1)  # then all of its points are nodes
     skin.SetInputData(grid)
     skin.Update()
-    faces = pyvista().wrap(skin.GetOutput())
+    faces = renders.pyvista().wrap(skin.GetOutput())
     first_order = run.cells.shape[1] in (4, 8)
     edges = faces.extract_all_edges() if first_order else faces.extract_feature_edges()
     triangles = faces.triangulate()
@@ -158,7 +148,7 @@ def _surface(run: RecordedFields) -> tuple[Array, Array, Array, Array]:
 
 def _levels(found: dict[str, Array], cells: int) -> Array:
     """The level of each cell, a number of `LEVELS`."""
-    rigid = list(LEVELS).index("rigid")
+    rigid = list(renders.LEVELS).index("rigid")
     return np.asarray(
         found["level"] if "level" in found else rigid * found.get("rigid", np.zeros(cells))
     )
@@ -174,23 +164,25 @@ def _ball(x: Array) -> dict[str, Any]:
 
 def _field(name: str, values: Array) -> tuple[dict[str, Any], Array]:
     """The description of a field, and its values as shares of its scale of colours."""
-    of_cells = name in (*OF_CELLS, "level")
+    of_cells = name in (*renders.OF_CELLS, "level")
     if name == "level":
-        labels = {"title": "level", "labels": list(LEVELS), "colours": list(LEVELS.values())}
-        return {"name": name, "of_cells": of_cells} | labels, values / (len(LEVELS) - 1)
+        levels = renders.LEVELS
+        labels = {"title": "level", "labels": list(levels), "colours": list(levels.values())}
+        return {"name": name, "of_cells": of_cells} | labels, values / (len(levels) - 1)
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
 
-    (bottom, top), (title, unit) = range_of(field=name, colours=values), FIELDS[name]
+    bottom, top = renders.range_of(field=name, colours=values)
+    title, unit = renders.FIELDS[name]
     factor, unit = prefixed(unit, top)
     about: dict[str, Any] = {
         "name": name,
-        "title": plain(title),
+        "title": renders.plain(title),
         "unit": unit,
         "of_cells": of_cells,
     }
-    about |= {"bottom": bottom * factor, "top": top * factor, "log": name in LOGARITHMIC}
+    about |= {"bottom": bottom * factor, "top": top * factor, "log": name in renders.LOGARITHMIC}
     about["colours"] = [to_hex(c) for c in colormaps["viridis"].colors]
-    if name in LOGARITHMIC:
+    if name in renders.LOGARITHMIC:
         bottom, top, values = np.log(bottom), np.log(top), np.log(np.maximum(values, bottom))
     return about, np.clip((values - bottom) / (top - bottom), 0.0, 1.0)

@@ -19,23 +19,14 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from rigidfx import effects as fx
 from rigidfx.base.types import Array
-from rigidfx.effects import (
-    Contact,
-    KelvinVoigt,
-    MassDamping,
-    NumericalDamping,
-    Spring,
-    SpringDamper,
-    StiffnessDamping,
-    Windowed,
-)
 from rigidfx.effects.supports import Support
 from rigidfx.mechanics.materials import Isotropic
 from rigidfx.mechanics.schemes import rest_moduli
 from rigidfx.scene.scene import Scene
 
-DAMPING = KelvinVoigt, MassDamping, NumericalDamping, StiffnessDamping
+DAMPING = fx.KelvinVoigt, fx.MassDamping, fx.NumericalDamping, fx.StiffnessDamping
 SPREAD = 1e-6  # of nodes that are held, the second axis over the first, squared: they form no line
 
 
@@ -61,7 +52,7 @@ def holding(scene: Scene) -> list[Support]:
     return found
 
 
-def always(effect: Windowed) -> bool:
+def always(effect: fx.Windowed) -> bool:
     """Whether an effect acts from the start to the end."""
     return effect.since <= 0 and effect.until == inf
 
@@ -80,17 +71,17 @@ class Damped:
         self.drag = self.viscous = self.numerical = 0.0
         if not comes_back(scene):
             return
-        self.drag = float(sum(effect.mass_damping for effect in scene.named(MassDamping)))
-        self.numerical = float(sum(e.numerical_damping for e in scene.named(NumericalDamping)))
+        self.drag = float(sum(effect.mass_damping for effect in scene.named(fx.MassDamping)))
+        self.numerical = float(sum(e.numerical_damping for e in scene.named(fx.NumericalDamping)))
         beta: Array = np.zeros(scene.owned_cells(None, "").size)
-        for effect in scene.named(StiffnessDamping):
+        for effect in scene.named(fx.StiffnessDamping):
             beta[scene.owned_cells(effect.where, effect.kind)] += effect.beta
-        for effect in scene.named(KelvinVoigt):
+        for effect in scene.named(fx.KelvinVoigt):
             inside = scene.owned_cells(effect.where, effect.kind)
             for modulus, cells in _moduli(scene):
                 beta[np.intersect1d(cells, inside)] += float(effect.eta) / modulus
         self.viscous = float(scene.comm.allreduce(beta.min(initial=np.inf), op=MPI.MIN))
-        if scene.named(Spring) or scene.named(SpringDamper):
+        if scene.named(fx.Spring) or scene.named(fx.SpringDamper):
             self.viscous = self.numerical = 0.0
 
     def rates(self, frequencies: Array, dt: float) -> Array:
@@ -110,6 +101,6 @@ def _moduli(scene: Scene) -> Iterator[tuple[float, Any]]:
 def comes_back(scene: Scene) -> bool:
     """Whether a structure has but one place to come to rest in. Collective."""
     damping = [effect for kind in DAMPING for effect in scene.named(kind)]
-    if scene.named(Contact) or not all(map(always, damping)):
+    if scene.named(fx.Contact) or not all(map(always, damping)):
         return False
     return bool(holding(scene))

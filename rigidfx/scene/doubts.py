@@ -19,22 +19,10 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from rigidfx import effects as fx
 from rigidfx.base.inputs import numbers
 from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.base.warning import warn
-from rigidfx.effects import (
-    Contact,
-    DeadLoad,
-    Gravity,
-    NodalForce,
-    Pressure,
-    Resultant,
-    Rigid,
-    SpringDamper,
-    Support,
-    Table,
-    Windowed,
-)
 from rigidfx.effects.contacts.surface import area_vectors, triangles_of
 from rigidfx.effects.damping import warn_of_ratio
 from rigidfx.effects.supports import FLAT
@@ -51,7 +39,7 @@ INSTEAD = "They have to be in metres (scale=1e-3 where a mesh is read), with Pa,
 def warn_of_units(scene: Any) -> None:
     """Warn of masses, forces, dampers and gravity that hardly go together. Collective."""
     mass = scene.sum(inertial_masses(scene).sum())
-    earth = float(np.linalg.norm(numbers(Gravity().value)))
+    earth = float(np.linalg.norm(numbers(fx.Gravity().value)))
     most, least = _largest_force(scene), NOTHING * earth * mass
     if 0 < most < least:
         warn(
@@ -59,9 +47,9 @@ def warn_of_units(scene: Any) -> None:
             f"Scene: its forces of {most:.3g} N at most are next to nothing beside its weight, as "
             f"its mass is {mass:.3g} kg. Are lengths in millimetres? {INSTEAD}",
         )
-    elif mass > HEAVY and not (most > 0 or any(s.moves for s in scene.named(Support))):
+    elif mass > HEAVY and not (most > 0 or any(s.moves for s in scene.named(fx.Support))):
         warn(scene.comm, f"Scene: its mass is {mass:.3g} kg. Are lengths in millimetres? {INSTEAD}")
-    for spring in scene.named(SpringDamper):
+    for spring in scene.named(fx.SpringDamper):
         if spring.stiffness > 0 and not spring.pulls_only:  # a cable may stop what flies
             ratio = 0.5 * spring.damping / float(np.sqrt(spring.stiffness * mass))
             warn_of_ratio(scene.comm, f"{spring.owner} under all mass", ratio)
@@ -74,7 +62,7 @@ def warn_of_units(scene: Any) -> None:
             f"Scene: waves pass its softest material at {speed:.2g} m/s, faster than light. Moduli "
             "in Pa go with kg/m³, those in MPa with t/mm³.",
         )
-    for gravity in scene.named(Gravity):
+    for gravity in scene.named(fx.Gravity):
         g = np.inf if callable(gravity.value) else float(np.linalg.norm(gravity.value))
         if rho >= LIGHT and MILLI / 10 < g / earth < 10 * MILLI:
             warn(
@@ -96,7 +84,7 @@ def warn_of_short_steps(scene: Any, dt: float) -> None:
     Those in which waves are of interest pass a cell in a few steps.
     """
     mass = scene.sum(inertial_masses(scene).sum())
-    if MILLI * mass < HEAVY or _largest_force(scene) > 0 or scene.named(Contact):
+    if MILLI * mass < HEAVY or _largest_force(scene) > 0 or scene.named(fx.Contact):
         return
     speed = max(float(np.sqrt(m.stiffness / m.rho)) for m, _ in scene.materials)
     low, high = scene.box_of(scene.mesh.geometry.x)
@@ -112,14 +100,14 @@ def warn_of_short_steps(scene: Any, dt: float) -> None:
 
 def _largest_force(scene: Any) -> float:
     """That of loads on nodes and bodies [N]."""
-    kinds = NodalForce, Resultant
+    kinds = fx.NodalForce, fx.Resultant
     return max((_largest(effect) for kind in kinds for effect in scene.named(kind)), default=0.0)
 
 
 def _largest(effect: Any) -> float:
     """The largest force of a load [N]; inf if a function tells it."""
     force = effect.force if hasattr(effect, "force") else effect.value
-    if callable(force) or not isinstance(effect.time, Table | None):
+    if callable(force) or not isinstance(effect.time, fx.Table | None):
         return np.inf
     factor = 1.0 if effect.time is None else float(np.abs(effect.time.values).max())
     return factor * float(np.linalg.norm(force))
@@ -133,7 +121,7 @@ FINE = np.radians(3.0)  # half the angle between facets that is not worth a word
 
 def warn_of_facets(scene: Any) -> None:
     """Warn of round surfaces that obstacles with friction meet. Collective."""
-    for contact in (c for c in scene.named(Contact) if c.friction > 0):
+    for contact in (c for c in scene.named(fx.Contact) if c.friction > 0):
         against = contact.against
         inside = getattr(against, "inside", False)
         hollow = getattr(against, "radius", np.inf) if inside else np.inf
@@ -213,12 +201,12 @@ def _widths(a: Ints, b: Ints, angle: Array, along: Array, area: Array) -> Array:
     return np.asarray(areas[sides].min(axis=0) / common)
 
 
-LOADS: tuple[Any, ...] = (DeadLoad, Pressure)  # whose forces are on nodes of a set
+LOADS: tuple[Any, ...] = (fx.DeadLoad, fx.Pressure)  # whose forces are on nodes of a set
 
 
 def warn_of_idle(scene: Any, t_end: float) -> None:
     """Warn of loads that do nothing, by their time or as supports hold their nodes. Collective."""
-    for effect in scene.named(Windowed):
+    for effect in scene.named(fx.Windowed):
         if not effect.is_load or effect.is_support:
             continue
         first, last = effect.start, min(effect.until, t_end)
@@ -240,7 +228,7 @@ def warn_of_idle(scene: Any, t_end: float) -> None:
 def _is_zero(effect: Any, first: float, last: float) -> bool:
     """Whether the factor of a load is a table that is zero between two times [s]."""
     table = getattr(effect, "time", None)
-    if not isinstance(table, Table):
+    if not isinstance(table, fx.Table):
         return False
     return not any(table(t) for t in (first, last, *(t for t in table.times if first < t < last)))
 
@@ -252,7 +240,7 @@ def _held(scene: Any, load: Any, first: float, last: float) -> bool:
     for support, nodes in scene.supports:
         if support.since <= first and last <= support.until:
             held[np.ix_(nodes[nodes < n], support.axes)] = True
-    for rigid in scene.named(Rigid):  # a part that a support holds moves with it
+    for rigid in scene.named(fx.Rigid):  # a part that a support holds moves with it
         if rigid.deforms:
             continue
         nodes = scene.nodes(rigid.where, rigid.kind)
@@ -268,7 +256,7 @@ def _held(scene: Any, load: Any, first: float, last: float) -> bool:
 def _directions(scene: Any, load: Any, X: Array) -> Bools:
     """Components that a load has: those of its value, or the normal of an even face. Collective."""
     value = getattr(load, "value", None)
-    if isinstance(load, Pressure):
+    if isinstance(load, fx.Pressure):
         low, high = scene.box_of(X)
         extent = high - low
         flat = extent <= FLAT * extent.max()

@@ -32,19 +32,8 @@ from rigidfx.mechanics.element import Element
 from rigidfx.mechanics.enhanced import AssumedStrains
 from rigidfx.mechanics.materials import Material
 from rigidfx.mechanics.schemes import Scheme, scheme_of
+from rigidfx.scene import checks
 from rigidfx.scene.cells import assign, element_of
-from rigidfx.scene.checks import (
-    cells_of,
-    check_discretisation,
-    check_masses,
-    check_rigid,
-    check_supports,
-    check_together,
-    effects_of,
-    in_order,
-    points,
-    warn_of_locking,
-)
 from rigidfx.scene.doubts import warn_of_facets, warn_of_units
 from rigidfx.scene.mesh_checks import warn_of_mesh
 from rigidfx.scene.pieces import divide, warn_of_pieces
@@ -110,16 +99,20 @@ class Scene:
         Raises:
             SceneError: If anything in it is unknown, impossible or in conflict.
         """
-        self.domain, self.effects = domain, effects_of(domain, effects)
+        self.domain, self.effects = domain, checks.effects_of(domain, effects)
         self.given = {"order": order, "mass": mass, "scheme": scheme, "element": element}
-        own = {"material": in_order(material), "probes": in_order(probes), "effects": self.effects}
+        own = {
+            "material": checks.in_order(material),
+            "probes": checks.in_order(probes),
+            "effects": self.effects,
+        }
         self.given |= own | {"names": sorted(domain.sets)}
         check_same(domain.comm, "Scene", self.given)
         self.order, self.mass, self.scheme = order, mass, scheme_of(scheme)
-        self.probes = MappingProxyType(points(domain.comm, probes or {}))
-        self.probe_cells = cells_of(domain.mesh, self.probes)
-        check_discretisation(self)
-        check_together(self.effects, self.scheme)
+        self.probes = MappingProxyType(checks.points(domain.comm, probes or {}))
+        self.probe_cells = checks.cells_of(domain.mesh, self.probes)
+        checks.check_discretisation(self)
+        checks.check_together(self.effects, self.scheme)
         self._assign(material, element)
         self._weigh()
         self._check_effects()
@@ -131,7 +124,7 @@ class Scene:
         self.element: Element = element_of(self, element)
         sets = tuple(material) if isinstance(material, Mapping) else ("",)
         self.material_sets: tuple[str, ...] = self.comm.bcast(sets)
-        warn_of_locking(self)
+        checks.warn_of_locking(self)
 
     def _weigh(self) -> None:
         """Set nodes up, and their masses. Collective."""
@@ -142,7 +135,7 @@ class Scene:
         own = self.cell_weights(self.density(), self.owned_cells(None, "Scene"))
         self.nodal_mass = read_only(own + self.point_masses)
         self.averaging_mass = read_only(np.abs(own) + self.point_masses)
-        check_masses(self)
+        checks.check_masses(self)
 
     def _check_effects(self) -> None:
         """Look the effects up on the mesh, supports first. Collective."""
@@ -152,10 +145,10 @@ class Scene:
         joints, held = cut_by_symmetry(self, held)
         self.effects += joints
         self.supports = tuple((s, read_only(nodes)) for s, nodes in held)
-        check_supports(self)
+        checks.check_supports(self)
         for effect in self.effects:
             effect.check(self)
-        check_rigid(self)
+        checks.check_rigid(self)
         warn_of_pieces(self.domain, self.effects)
         warn_of_mesh(self.domain, self.effects, self.order)
         warn_of_facets(self)

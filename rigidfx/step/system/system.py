@@ -13,17 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from rigidfx import effects as fx
 from rigidfx.base.errors import together
 from rigidfx.base.types import Array, Indices
 from rigidfx.coupling.dealt_rows import Dealing
-from rigidfx.effects import (
-    Effect,
-    JointReports,
-    ResolvedForces,
-    SpringDamperReport,
-    Touch,
-    Windowed,
-)
 from rigidfx.effects.nodes import ForcesOfNodes
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.kernels import integral
@@ -45,7 +38,7 @@ from rigidfx.step.system.constraint_forces import (
 )
 from rigidfx.step.system.held_bodies import HeldBodies
 
-Links = tuple[JointReports, Mapping[str, SpringDamperReport]]
+Links = tuple[fx.JointReports, Mapping[str, fx.SpringDamperReport]]
 OfSupports = tuple[dict[str, Array], dict[str, Array]]
 
 
@@ -72,9 +65,9 @@ class Work:
     reactions: Mapping[str, Array]
     reaction_moments: Mapping[str, Array]
     alternating_impulse: Array
-    touches: Mapping[str, Touch]
-    joints: JointReports
-    spring_dampers: Mapping[str, SpringDamperReport]
+    touches: Mapping[str, fx.Touch]
+    joints: fx.JointReports
+    spring_dampers: Mapping[str, fx.SpringDamperReport]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,8 +101,8 @@ class System(Equations):
         scene: Scene,
         forces: InternalForces,
         state: State,
-        effects: Sequence[Effect],
-        acting: Sequence[Windowed],
+        effects: Sequence[fx.Effect],
+        acting: Sequence[fx.Windowed],
         division: Division,
         *,
         dealing: Dealing | None = None,
@@ -140,12 +133,12 @@ class System(Equations):
         # Takes the alternating part out of forces of constraints.
         self._mean: AddedForces | None = None
         joined = self.linkage is not None
-        if steps and (self.prescribed.active or joined) and scene.named(ResolvedForces):
+        if steps and (self.prescribed.active or joined) and scene.named(fx.ResolvedForces):
             self._mean = ResolvedConstraints(self, scene)
         elif steps and (self.prescribed.moves or joined):
             self._mean = MeanConstraints(self)
 
-    def follow(self, acting: Sequence[Windowed]) -> bool:
+    def follow(self, acting: Sequence[fx.Windowed]) -> bool:
         """Let dead loads begin and end; False if other effects do, which takes a new system."""
         if _lasting(acting) != _lasting(self.acting):
             return False
@@ -221,7 +214,7 @@ class System(Equations):
 
     def told(self, added: Added | None = None) -> Links:
         """Forces and motions of joints, and of springs between two points, by their titles."""
-        return (JointReports(), {}) if self.linkage is None else self.linkage.told(added)
+        return (fx.JointReports(), {}) if self.linkage is None else self.linkage.told(added)
 
     def taken(self, *local: float) -> tuple[list[float], dict[str, float]]:
         """Sums of numbers over ranks, and the energy that each kind of damping takes [J]."""
@@ -310,6 +303,6 @@ class System(Equations):
         super().destroy()
 
 
-def _lasting(acting: Sequence[Windowed]) -> list[int]:
+def _lasting(acting: Sequence[fx.Windowed]) -> list[int]:
     """Identities of those effects that are more than dead loads."""
     return [id(effect) for effect in acting if not effect.is_dead]
