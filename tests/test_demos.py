@@ -30,7 +30,7 @@ BENCHMARKS = sorted({*(ROOT / "demos" / "benchmarks").glob("*.py")} - {KNOWN})
 SOME = {
     "waking": ("--only", "eight cells"),
     "budgets": ("--only", "push", "--budgets", "0.05"),
-    "impact": ("--only", "wall"),
+    "impact": ("--only", "friction"),
     "mechanisms": ("--only", "pendulum"),
     "reduced": ("--only", "spin", "--levels", "flexible", "reduced"),
     "solver_ablation": ("--rules", "secants"),

@@ -161,31 +161,6 @@ def test_what_a_part_on_another_surface_carries():
     assert sizes[0] < 0.01 * sizes[1]
 
 
-@pytest.mark.filterwarnings("ignore:StrainRate. forces would:rigidfx.RigidfxWarning")
-@pytest.mark.parametrize("bears", [rf.Spring("x1", 3000.0), FLOOR], ids=["spring", "floor"])
-def test_what_is_asked_for_often_is_what_is_asked_for_once(monkeypatch, bears):
-    """Equations and factors of the whole serve all asks; contacts open and close on the way."""
-    effects = rf.Gravity((0, 0, -0.5), time=lambda t: np.sin(2 * np.pi * t / 7)), CLAMP, bears
-    rule = rf.StrainRate(rf.Relative(0.02), 5 * DT, never=("root", "rest"))
-    made, own = [], rigidfx.withheld.recovery.Whole
-
-    def counted(*given):
-        made.append(own(*given))
-        return made[-1]
-
-    monkeypatch.setattr(rigidfx.withheld.recovery, "Whole", counted)
-    found = []
-    for often in (True, False):
-        scene = bar(*effects, DRAG, HELD, root=SOFT)
-        stress, made[:] = CauchyStress(scene), []
-        for report in rf.simulate(scene, DT, 6.0, rigidify=rule, progress=False):
-            if report.step and (often or report.t > 6.0 - DT / 2):
-                carried, recovered = rf.recovered_stress(report, stress)
-        assert len(made) == 1
-        found.append(carried[recovered])
-    assert found[0] == pytest.approx(found[1], abs=1e-4 * np.abs(found[1]).max())
-
-
 def test_a_run_that_an_error_has_ended_may_be_asked_what_held_parts_carry():
     """Of what was solved last its equations know nothing any more: nothing is recovered."""
 

@@ -14,9 +14,7 @@ import pytest
 from histories import between
 
 import rigidfx as rf
-from rigidfx.base.errors import StepError
 from rigidfx.flexible.nodal_stress import NodalStress
-from rigidfx.step.stepper import Stepper
 from rigidfx.switch.growth import OUTGROWN
 
 DT, WINDOW = 0.02, 20  # s, steps
@@ -219,29 +217,6 @@ def test_momenta_and_energy_are_kept_at_each_release(mass):
             found += [np.abs(errors) / largest] if event.kind == "release" else []
     assert len(found) >= 1
     assert np.max(found) <= 1e-12
-
-
-@chatter
-def test_a_wake_in_steps_that_are_cut(monkeypatch):
-    """Each step of the blow is objected to until it is half as long."""
-    judged = Stepper.objection
-
-    def objection(self, attempt):
-        if 1.0 - 1e-9 <= attempt.t < 1.1 and attempt.dt > 0.6 * DT:
-            return StepError("as told.", "")
-        return judged(self, attempt)
-
-    scene = on_a_block(STRIKES["traction"])
-    tips, rates, *_ = run(scene, 1.4)
-    tol = 0.05 * rates.max()
-    monkeypatch.setattr(Stepper, "objection", objection)
-    found, _, rigid, events = run(scene, 1.4, local(tol))
-    assert len(found) >= len(tips) + 5
-    assert any(1.0 - 1e-9 <= e.t <= 1.1 for e in events if e.woken.size)
-    assert rigid.any(axis=1)[round(0.8 / DT)]
-    assert np.abs(found[-1] - tips[-1]).max() <= 0.8 * 3 * 0.05 * np.abs(tips).max()
-    for event in events:
-        assert abs(event.energy_lost) <= 1e-10
 
 
 POINTS = {"stalk": (1, 0.5, 1), "root": (4.2, 0.5, 1), "block": (5, 0.5, 1)}
