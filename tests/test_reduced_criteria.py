@@ -59,7 +59,6 @@ def test_a_named_part_stays_and_the_rest_is_found_and_wakes(criterion):
     assert np.abs(report.probes["end"] - flexible_end()).max() < 0.02 * np.abs(flexible_end()).max()
     if criterion != "accuracy":  # which gains nothing here
         assert max(found) > 0
-    if criterion == "all":
         first = found.index(max(found))
         assert shapes > 0 if criterion == "local" else min(found[first:]) == 0
 
