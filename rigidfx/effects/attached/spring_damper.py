@@ -1,9 +1,7 @@
-"""Springs, dampers and cables between two points.
+"""Springs, dampers and cables between two points: docs/theory/joints.md#springs-between-two-points.
 
-With r the vector from the first end to the second and L = |r|, the forces on the ends in a step
-from r₀ to r₁ are N n̄ and -N n̄, n̄ = (r₀ + r₁)/(L₀ + L₁), with N by the law of `Elastic` along L. As
-n̄ · Δr = L₁ - L₀ exactly, N takes exactly the energy of the law. As n̄ is parallel to the vector
-half-way, the forces have no moment. In statics n = r₁/L₁.
+The force N is by the law of `Elastic` along the distance L, with exactly the energy of the law. In
+statics its direction is r₁/L₁, r₁ from the first end to the second one.
 """
 
 from __future__ import annotations

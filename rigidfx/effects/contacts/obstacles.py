@@ -1,13 +1,9 @@
 """Obstacles, which do not deform, at rest or moving along a path, and contact with them.
 
 The gap of a point is taken in a variable that is at most quadratic in its position relative to the
-obstacle, so that its increment in a step is an exact product m·Δy. With the penalty's secant [U]
-and Coulomb friction the resistance of a point is
-
-    [U] m + μ N Δg_T/√(|Δg_T|² + (ε Δt)²),    N = -[U] |m|,    Δg_T = (I - n nᵀ) Δy,  n = m/|m|.
-
-Newton's method on the root diverges where a node begins to stick. With t = Δg_T/√ as an additional
-unknown, kept from iterate to iterate with |t| ≤ 1, it converges (docs/theory/contact.md).
+obstacle, so that its increment in a step is an exact product m·Δy. docs/theory/contact.md has m of
+each obstacle, the secant [U] of the penalty, and friction. Its t = Δg_T/√(|Δg_T|² + (ε Δt)²) is an
+additional unknown, kept from iterate to iterate with |t| ≤ 1.
 """
 
 from __future__ import annotations

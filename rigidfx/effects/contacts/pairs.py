@@ -1,13 +1,10 @@
 """Contact between two surfaces that deform: nodes of one against triangles of the other.
 
-In a step a node meets one triangle, with the weights N and the normal n of its projection at the
-midpoint; docs/theory/contact.md has the gap ḡ, which is summed up while a node is pressed. By the
-rotation of the normal in a step ḡ drifts from the distance, by second order in Δt. The derivative
-neglects the changes of n and N: Newton's method takes one or two more iterations for that.
-
-A surface may meet itself: then a node meets only facets that face it, and not those near and behind
-it in the reference, which are the other side of a thin wall. A mesh that overlaps itself is refused
-for that: a point inside a cell is in no other cell of a sound mesh.
+docs/theory/contact.md has the gap ḡ, which is summed up while a node is pressed. By the rotation of
+the normal in a step ḡ drifts from the distance, by second order in Δt. The derivative neglects the
+changes of n and N: Newton's method takes one or two more iterations for that. A mesh that overlaps
+itself is refused where a surface may meet itself: a point inside a cell is in no other cell of a
+sound mesh.
 
 All ranks know both surfaces, by numbers that are the same everywhere: a contact couples nodes of
 any two ranks, and surfaces are small beside their parts. Which triangle a node may meet is found by

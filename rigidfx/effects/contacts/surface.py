@@ -1,12 +1,7 @@
 """The surface that a contact acts on, its stiffnesses, and the penalty U(g) = ½ k g₋² of a gap g.
 
-Contact acts at nodes. Their areas are ∫ Nᵢ dA, but for second-order triangles, whose corners would
-have none and go through anything: those are taken for the four flat triangles that their six nodes
-make. By default the stiffness is that of a layer of the cells behind, `LAYERS` (λ + 2μ)/h for an
-area, h being their thickness there.
-
-A force -[U] in a variable whose increment is exact, with the secant [U] = (U₁ - U₀)/(g₁ - g₀),
-removes exactly the gain of U from the motion, for any step (docs/theory/contact.md).
+Contact acts at nodes, by areas and secants of docs/theory/contact.md. By default the stiffness is
+that of a layer of the cells behind, `LAYERS` (λ + 2μ)/h for an area, h being their thickness there.
 """
 
 from __future__ import annotations

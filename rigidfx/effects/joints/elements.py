@@ -1,15 +1,10 @@
 """Actions along free coordinates of a joint: motors, springs with dampers, and stops.
 
-Springs, stops and cables have a law along a coordinate q. With P(q) the way beyond an end, below
-zero beyond the lower one, it stores ½ k P² and exerts
-
-    -f,    f = ½ k (P₀ + P₁) (P₁ - P₀)/(q₁ - q₀) + c (P₁ - P₀)/Δt
-
-in a step from q₀ to q₁: its work is exactly the energy that it gives, less c (P₁ - P₀)(q₁ - q₀)/Δt,
-which its damper takes (O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449). Where both ends are one place,
-P is the way from there: a spring. With two ends, or one, q is free between them: a stop or a cable,
-which only pushes back. Where the damper would make f pull, on the way back, f is zero. Then the
-damper takes all of the energy ½ k (P₀² - P₁²) that the spring gives, which is never below zero.
+docs/theory/joints.md#coordinates has the law of springs, stops and cables along a coordinate q. P(q)
+is the way beyond an end, below zero beyond the lower one. Where both ends are one place, P is the
+way from there: a spring. With two ends, or one, q is free between them: a stop or a cable, which
+only pushes back. Where the damper would make the force pull, on the way back, the force is zero,
+and the damper takes all of the energy that the spring gives, which is never below zero.
 """
 
 from __future__ import annotations

@@ -1,19 +1,11 @@
 """Vectors of joints, remote points and springs: places and directions by averages of nodes.
 
 A side is a set of nodes with weights w, Σ w = 1, and places X at the start. Its affine mean gives
-a point and a direction as Σ c x with constant c: exactly, while the part is rigid. A mean face
-shears: its directions turn with the rotation R that makes Σ w |x - x̄ - R (X - X̄)|² least, as those
-of a distributing coupling (RBE3). They depend on x̄ and on H_k = Σ w (X - X̄)·a_k x / s². The axes
-r_k = R a_k are those for which
-
-    c_j = r_i · H_k - r_k · H_i = 0,    (j, i, k) cyclic,                                       (1)
-
-and in a step the axes turn by the Cayley vector θ of
-
-    N θ = -c(r½, ΔH),    N θ = c(r½, θ × H½) for all θ,                                         (2)
-
-exactly: docs/theory/joints.md, also for nodes that one body holds. So vectors gain J̄ ΔB exactly,
-B the averages, and forces on vectors act on the averages by J̄ᵀ.
+a point and a direction as Σ c x with constant c. A mean face shears: its directions turn with the
+rotation that fits its nodes best, as those of a distributing coupling (RBE3). They depend on x̄ and
+on H_k, by the axes r_k of docs/theory/joints.md#sides, which turn in a step by the Cayley vector θ
+of N θ = -c(r½, ΔH). So vectors gain J̄ ΔB exactly, B the averages, and forces on vectors act on the
+averages by J̄ᵀ.
 """
 
 from __future__ import annotations
@@ -306,7 +298,7 @@ def motion_at(scene: Any, vector: Vector, x: Array, v: Array) -> tuple[Array, Ar
 
 
 def turn_map(r: Array, H: Array) -> Array:
-    """θ by δH, -N⁻¹ c(r, ·) of (2), by axes r and H_k in rows, shape (..., 3, 3, 3)."""
+    """θ by δH, -N⁻¹ c(r, ·), by axes r and H_k in rows, shape (..., 3, 3, 3)."""
     c = np.moveaxis(skew(r.swapaxes(-1, -2)), -3, -1)
     N = np.einsum("...jka,...kab->...jb", c, skew(H))
     return -np.linalg.solve(N, c.reshape(*N.shape[:-1], 9)).reshape(c.shape)
