@@ -1,10 +1,10 @@
 """Actions along free coordinates of a joint: motors, springs with dampers, and stops.
 
-docs/theory/joints.md#coordinates has the law of springs, stops and cables along a coordinate q. P(q)
-is the way beyond an end, below zero beyond the lower one. Where both ends are one place, P is the
-way from there: a spring. With two ends, or one, q is free between them: a stop or a cable, which
-only pushes back. Where the damper would make the force pull, on the way back, the force is zero,
-and the damper takes all of the energy that the spring gives, which is never below zero.
+docs/theory/joints.md#coordinates has the law of springs, stops and cables along a coordinate q.
+P(q) is the way beyond an end, below zero beyond the lower one. Where both ends are one place, P is
+the way from there: a spring. With two ends, or one, q is free between them: a stop or a cable,
+which only pushes back. Where the damper would make the force pull, on the way back, the force is
+zero, and the damper takes all of the energy that the spring gives, which is never below zero.
 """
 
 from __future__ import annotations
