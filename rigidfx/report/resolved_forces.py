@@ -4,28 +4,11 @@ Forces of contacts are averaged over the shortest time that a mesh resolves. A c
 step is its impulse over Δt, which is exact. In short steps it is a force between nodes: those of a
 flat face that hits a floor ring on the penalty by their own mass, with twice the force ρ c v A of
 the body at any size of cells. Its mean over a few crossings of the layer of cells behind, weighted
-by a triangle, converges to that of the body with smaller cells.
+by a triangle, converges to that of the body with smaller cells:
+docs/theory/contact.md#times-of-a-blow.
 
-Forces λ of constraints lose the part that alternates from step to step, by fourth differences.
-Cells vibrate faster than Δt resolves, and these forces with them, for ever. In steps of one length
-
-    λ* = λ - δ⁴λ/16,    δ⁴λₙ = λₙ₋₂ - 4 λₙ₋₁ + 6 λₙ - 4 λₙ₊₁ + λₙ₊₂,
-
-has nothing of an alternating force and no lag. A vibration that moves on by θ in a step keeps 1 -
-sin⁴(θ/2): 0.99 at ten steps a period. Beside the ends of a series λ* = λ + δ²λ/4, and the outermost
-steps go on from there in a straight line. λ* is taken where δ⁴λ changes its sign in two of three
-steps, as it does at three steps a period and less, so that a single jump of a smooth force stays as
-it is. Weights of earlier steps alone, such as (3, 2, -1)/4, make a jump larger by a quarter.
-
-Nodes are s apart across the layer, whose waves have the speed c = √((λ + 2μ)/ρ). A wave crosses it
-in s/c. Forces that vary within few crossings are those of a lattice of nodes and not of the body: a
-lattice of masses and springs that hits a rigid wall has 1.47 ρ c v at first (∫ J₀), and nodes ring
-on a stiff penalty up to more than 2 ρ c v. `resolved_time` is `CROSSINGS` of them.
-
-The layer, of mass ρ s, leaves its stiffness (λ + 2μ)/s and the penalty's k in series after half a
-period, π (s/c) √(1 + (λ + 2μ)/(k s)). A part that is named rigid has its whole mass on the
-stiffness of all its nodes in the surface, in series with the layer of the other surface.
-`own_time` is the shortest of them.
+Forces λ of constraints lose the part that alternates from step to step, by fourth differences:
+docs/theory/joints.md#forces-that-do-not-alternate.
 """
 
 from __future__ import annotations

@@ -1,21 +1,8 @@
 """Meshes that can be computed with, and give what nobody wanted: warnings when a scene is made.
 
-Which parts of a mesh are too slender for first-order cells as long as theirs?
-
-First-order cells cannot bend: a straight edge turns bending into shear. Bending hexahedra of length
-ℓ in something of thickness t takes 1 + ½ (ℓ/t)² times the energy (ν = 0), however many of them are
-across; tetrahedra are worse still (docs/notes/elements.md). The rule, for each connected part
-(through facets) of volume V, surface A, diagonal D of its box and mean length ℓ of its cells:
-
-* It is slender if D is more than 15 times 2V/A. A plate is as thick as 2V/A, a bar as 4V/A, a cube
-  as 6V/A: a square bar counts from some 7 times its thickness on, a square plate from 9.
-* Its cells are long if ℓ > 0.7 t, which costs a fifth of the deflection. Its thickness t is that of
-  the cuboid with the same V, A and D, whose edges solve x³ - √(D² + A) x² + ½A x - V = 0.
-* A cell is as long as its longest edge. Edges of a hexahedron that cross a single layer, from one
-  boundary facet to the opposite one, do not count: across a layer nothing bends.
-
-A block with a thin appendix is not found; a frame of thin bars is, and counts as thinner by up to a
-half.
+First-order cells cannot bend: a straight edge turns bending into shear. A connected part is too
+slender for cells as long as its own if its diagonal is `SLENDER` times 2V/A, of its volume and
+surface, and its cells are longer than `LONG` times its thickness: docs/notes/elements.md.
 """
 
 from __future__ import annotations
