@@ -14,22 +14,12 @@ The rate of a path is that of the parabola through its values at start, middle a
 ṡ₀ is that at the end of the step before, so that a kink between two steps counts in the later one.
 
 `ResolvedForces` asks for forces without vibration that Δt does not resolve. Such vibrations change
-their sign in each step and stay for ever, and λ with them, by some 2 m v/Δt. With the tangent A = 2
-M/Δt² + K/2 of the step, the rows G of joints and supports and the velocity e = G v - ṡ across them,
-
-    A w  + Gᵀ μ  = K v/2,      G w  = e,
-    A w' + Gᵀ μ' = 2 M w/Δt²,  G w' = 0,
-
-the velocities v - (w - w') fulfil the rows. A vibration of angular frequency ω keeps 1 - s² of its
-amplitude, s = (ωΔt/2)²/(1 + (ωΔt/2)²): 0.99 at ten steps a period, 0.997 at thirteen, 8/(ωΔt)² far
-beyond. A step between such velocities has the multipliers
-
-    λ* = λ + (Δt/2) (μ'₁ - μ'₀).
-
-The case K = 0 is that above, and no other step is needed as there. K (v₁ - v₀) is the change of the
-cells' forces by v₁ at the end and -v₀ at the start, in which a rigid rotation strains nothing.
-Dampers of ratio ζ add an error of 2 ζ² ωΔt of inertial forces. Stiffnesses of contacts and of
-springs are in A only.
+their sign in each step and stay for ever, and λ with them, by some 2 m v/Δt. Forces without them
+follow from the tangent A of the step, in place of M:
+docs/theory/joints.md#forces-that-do-not-alternate. No other step is needed. K (v₁ - v₀) is the
+change of the cells' forces by v₁ at the end and -v₀ at the start, in which a rigid rotation strains
+nothing. Dampers of ratio ζ add an error of 2 ζ² ωΔt of inertial forces. Stiffnesses of contacts and
+of springs are in A only.
 """
 
 from __future__ import annotations
