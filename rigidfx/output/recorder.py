@@ -16,7 +16,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal
 
-from rigidfx.base.errors import OutputError, SceneError, StepError, agree, together
+from rigidfx.base.errors import OutputError, SceneError, StepError, on_rank_0, together
 from rigidfx.base.inputs import names, path_of, positive, truth, whole
 from rigidfx.base.instants import at_latest
 from rigidfx.base.taken import check_same
@@ -304,16 +304,10 @@ class Recorder:
 
     def _on_first_rank(self, action: Callable[[], None]) -> None:
         """Write on rank 0, and raise its errors on all ranks. Collective."""
-        problem = None
-        if self._comm.rank == 0:
-            try:
-                action()
-            except (OSError, UnicodeError) as error:
-                problem = self._problem(error)
-        agree(self._comm, problem, OutputError)
+        on_rank_0(self._comm, action, self._problem)
 
-    def _problem(self, error: OSError | UnicodeError) -> str:
-        if isinstance(error, UnicodeError):
+    def _problem(self, error: Exception) -> str:
+        if not isinstance(error, OSError):
             return f"Recorder: no folder can be called {str(self.folder)!a}: {error}."
         if isinstance(error, BlockingIOError):
             return (

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rigidfx.base.errors import OutputError, SceneError, agree
+from rigidfx.base.errors import SceneError, on_rank_0
 from rigidfx.base.inputs import path_of, whole
 from rigidfx.base.taken import check_same, seal
 from rigidfx.base.types import TINY, Array, Ints
@@ -105,19 +105,19 @@ class Modes:
             OutputError: If it cannot be written.
         """
         into: Path = self.scene.comm.bcast(path_of("Modes.write", "folder", folder))
-        path, problem, (body, fields) = into / "modes.pvd", None, self._scaled()
-        if self.scene.comm.rank == 0:
-            try:
-                into.mkdir(parents=True, exist_ok=True)
-                series = Series(path, body)
-                for f, field in zip(self.frequencies, fields, strict=True):
-                    series.write(float(f), {"displacement": field}, {})
-            except OSError as error:
-                problem = (
-                    f"Modes.write: cannot write to the folder '{into}' "
-                    f"({error.strerror or error}). Name a folder that you may write to."
-                )
-        agree(self.scene.comm, problem, OutputError)
+        path, (body, fields) = into / "modes.pvd", self._scaled()
+
+        def write() -> None:
+            into.mkdir(parents=True, exist_ok=True)
+            series = Series(path, body)
+            for f, field in zip(self.frequencies, fields, strict=True):
+                series.write(float(f), {"displacement": field}, {})
+
+        def problem(error: Exception) -> str:
+            why, remedy = getattr(error, "strerror", error), "Name a folder that you may write to."
+            return f"Modes.write: cannot write to the folder '{into}' ({why or error}). {remedy}"
+
+        on_rank_0(self.scene.comm, write, problem)
         return path
 
     def draw(
