@@ -205,7 +205,8 @@ class Equations:
             self.constraints = Constraints(linkage, self.structure.bodies, p, anchored)
         of = self._forces_of_cells(acting)
         self._cells = CellForces(p, of.residual, forces)
-        self._tangent = CondensedMatrix(p, of.interior, of.interface)
+        self._forms = of.interior, of.interface
+        self._tangent = self.new_tangent()
         self.rounding = Rounding(scene, forces, of.undeformed, self._tangent, p, self.actions)
 
     def _forces_of_cells(self, acting: Sequence[Windowed]) -> BoundForces:
@@ -371,9 +372,16 @@ class Equations:
         self.body_rows = increments.balance(self._moments, loads.torques)
         return self.body_rows
 
-    def tangent(self) -> None:
-        """Assemble and condense the tangent at the last iterate. Collective."""
-        K = self._tangent
+    def new_tangent(self) -> CondensedMatrix:
+        """Another matrix for `tangent`, which the caller destroys. Collective."""
+        return CondensedMatrix(self.prolongation, *self._forms)
+
+    def tangent(self, other: CondensedMatrix | None = None) -> None:
+        """Assemble and condense the tangent at the last iterate, in another matrix if given.
+
+        Collective.
+        """
+        K = self._tangent if other is None else other
         K.assemble()
         if self.inertial:
             self.mass.add_to(K, 2 / self.dt**2, self.prolongation)

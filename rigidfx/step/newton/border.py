@@ -140,13 +140,13 @@ class Border:
             solve(self._r, self._z)
             return np.asarray(self._z.array_r)
 
-        self._Y = compact(self._parted().responses(response, ksp))
+        A = self._equations.tangent_matrix if ksp is None else ksp.getOperators()[0]
+        self._Y = compact(self._parted(A).responses(response, ksp))
         self._C = self._compliance(self._Y)
         self._turned = self._factors = None
 
-    def _parted(self) -> Shared:
+    def _parted(self, A: PETSc.Mat) -> Shared:
         """Ports that share solves, found anew where the tangent's pattern has grown. Collective."""
-        A = self._equations.tangent_matrix
         entries = entries_of(A)
         if self._shared is None or entries != self._entries:
             self._shared, self._entries = parted(A, self._E), entries

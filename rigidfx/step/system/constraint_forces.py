@@ -46,7 +46,6 @@ from rigidfx.step.equations.equations import Equations
 from rigidfx.step.equations.supports import ReducedMass
 from rigidfx.step.linear.linear_solver import configure
 from rigidfx.step.newton.border import BorderedFactors, parted
-from rigidfx.step.newton.factors import entries_of
 
 # Finds additions to multipliers of joints [N], and forces of these on vectors, shape (vectors, 3).
 Added = Callable[[], tuple[Array, Array]]
@@ -206,40 +205,22 @@ class PresentTangent:
     def __init__(self, equations: Equations) -> None:
         """Create the solver. Collective."""
         self._equations, p = equations, equations.prolongation
-        self._factors = BorderedFactors(equations)
+        self._factors, self._tangent = BorderedFactors(equations), equations.new_tangent()
         configure(self._factors.inner, True, p.size, len(p.layout.bodies) > 0)
-        self._A: PETSc.Mat | None = None
 
     def renew(self) -> None:
-        """Renew the tangent at the last iterate; other solvers keep theirs. Collective."""
-        matrix = self._equations.tangent_matrix
-        others = matrix.copy() if matrix.assembled else None
-        entries = entries_of(matrix)
-        self._equations.tangent()
-        grown = entries_of(matrix) != entries
-        if self._A is None or grown:
-            self._free()
-            self._A = matrix.copy()
-        else:
-            matrix.copy(self._A, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        self._factors.renew(self._A)
-        if others is not None:
-            if not grown:
-                others.copy(matrix, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-            others.destroy()
+        """Renew the tangent at the last iterate. Collective."""
+        self._equations.tangent(self._tangent)
+        self._factors.renew(self._tangent.matrix)
 
     def solve(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Response to forces. Collective."""
         self._factors.apply(None, r, z)
 
-    def _free(self) -> None:
-        if self._A is not None:
-            self._A.destroy()
-
     def destroy(self) -> None:
         """Free the solver. Collective."""
         self._factors.destroy()
-        self._free()
+        self._tangent.destroy()
 
 
 class ResolvedConstraints(AddedForces):
