@@ -160,7 +160,8 @@ def structure(name, scene, at, of, t_end, dt, reduced, quiet=0.0) -> Structure:
         "parts reduced by name": [Setting(k * dt, reduced=True) for k in halved],
         "asked for": [Setting(4 * dt, budget=budget) for budget in budgets],
     }
-    reference, parts = Setting(halved[-1] * dt / 4), tuple(map(rf.Reduced, reduced))
+    reference = Setting(halved[-1] * dt / (2 if options.short else 4))
+    parts = tuple(map(rf.Reduced, reduced))
     return Structure(name, scene, at, of, t_end, quiet, reference, ways, parts)
 
 

@@ -92,11 +92,11 @@ scene = rf.Scene(
 
 # +
 DT = 0.001  # s
-t_end = 0.09 if options.short else 0.26  # s
+t_end = 0.08 if options.short else 0.26  # s
 window = 0.02 if options.short else 0.04  # s; longer than a swing
 tol = options.tol  # 1/s
 criterion = rf.StrainRate(tol, window, wake="all", min_cells=20, since=TRAVEL)
-times = [0.02, 0.04, 0.06, 0.09]  # s
+times = [0.02, 0.04, 0.06, 0.08]  # s
 if not options.short:
     times = [0.02, 0.05, 0.09, 0.13, 0.16, 0.19, 0.225, 0.25]
 shapes = Shapes(scene, times, colour="rigid")

@@ -29,7 +29,7 @@ MATERIALS = {  # E = 10⁴ Pa, ν = 0.3 at small strain, ρ0 = 10 kg/m³
     "neo-hooke": rf.NeoHooke(E=1e4, nu=0.3, rho=10.0),
     "mooney-rivlin": rf.MooneyRivlin(c10=1e4 / 6.5, c01=1e4 / 26, kappa=1e4 / 1.2, rho=10.0),
 }
-parser = Parser(__file__, "Tumbling L: conservation by three schemes.", "25 s, one Δt compared")
+parser = Parser(__file__, "Tumbling L: conservation by three schemes.", "20 s, one Δt compared")
 parser.add_argument("--dt", type=positive, default=0.1, help="time step [s]")
 parser.add_argument("--t-end", type=positive, default=200.0, help="end of all runs [s] (200)")
 parser.add_argument("--refine", type=int, default=1, help="cells per metre in the main run")
@@ -38,7 +38,7 @@ parser.add_argument("--order", type=int, choices=[1, 2], default=1)
 parser.add_argument("--mass", choices=["lumped", "consistent"], default="lumped")
 parser.add_argument("--material", choices=list(MATERIALS), default="svk")
 parser.add_resume()
-options = parser.read(t_end=25.0)
+options = parser.read(t_end=20.0)
 # -
 
 # ## The body and its load
