@@ -276,8 +276,9 @@ def test_friction_alone_holds_a_block_on_a_slope(rigid):
     if rigid:
         crept = creep * tan / np.sqrt(mu**2 - tan**2)
         assert found.probes["foot"][0] == pytest.approx(crept, rel=0.02)
-    with pytest.raises(rf.StepError, match="slides off where friction does not bear its loads"):
-        stands(22.0)
+    else:
+        with pytest.raises(rf.StepError, match="slides off where friction does not bear its loads"):
+            stands(22.0)
 
 
 def on_ranks():
