@@ -114,10 +114,7 @@ SCENES = {
         partial(scene, HELD, PUSHED, rf.NumericalDamping(0.1), rf.MassDamping(0.3)),
         6.0,
     ),
-    "held by springs": (
-        partial(scene, rf.Spring("x0", 3e5, damping=300.0), PUSHED, SLOW),
-        6.0,
-    ),
+    "held by springs": (partial(scene, rf.Spring("x0", 3e5, damping=300.0), PUSHED, SLOW), 6.0),
     "a support begins": (
         partial(scene, BASE, rf.Fixed("x1", since=3.81), SLOW, mass="consistent"),
         4.8,
@@ -137,13 +134,7 @@ SCENES = {
     ),
 }
 # Where supports shake, and waves run, bodies withhold more.
-SHAKEN = (
-    "a wave",
-    "a support begins",
-    "stretched",
-    "viscosity ends",
-    "hung",
-)
+SHAKEN = "a wave", "a support begins", "stretched", "viscosity ends", "hung"
 
 
 class Beside:
