@@ -207,7 +207,7 @@ CEILINGS = {
     "withheld": 6,
     "report": 27,
     "scene": 30,
-    "shapes": 21,
+    "shapes": 27,
     "step": 12,
     "step/equations": 4,
     "step/length": 32,
@@ -215,7 +215,7 @@ CEILINGS = {
     "step/newton": 41,
     "step/system": 1,
     "step/watches": 23,
-    "switch": 17,
+    "switch": 13,
     "vibration": 11,
 }
 

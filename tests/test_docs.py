@@ -117,7 +117,7 @@ WARNINGS = {
     "effects/loads/dead_load.py": ["a force per volume"],
     "scene/checks.py": ["first-order cells lock"],
     "switch/shaping.py": 2 * ["a reduced part bends far"],
-    "switch/bends.py": ["a reduced part bends far"],
+    "shapes/bends.py": ["a reduced part bends far"],
     "scene/doubts.py": [
         *6 * ["an unlikely mass"],
         *2 * ["a load does nothing"],

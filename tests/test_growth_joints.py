@@ -16,9 +16,9 @@ from test_growth import HELD, bar
 from test_reduced_joints import FAR, HINGE, bars
 
 import rigidfx as rf
-import rigidfx.switch.bends
+import rigidfx.shapes.bends
 from rigidfx.mechanics.rigid_body import Body
-from rigidfx.switch.bends import SpinLimits
+from rigidfx.shapes.bends import SpinLimits
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
 
@@ -88,7 +88,7 @@ def test_they_move_as_their_flexible_twin(case):
 
 def test_a_body_that_spins_too_fast_between_joints_wakes(monkeypatch, caplog):
     """As far as its shapes do not know the stresses of that spin from when it was frozen."""
-    monkeypatch.setattr(rigidfx.switch.bends, "LACKING", 1e-6)
+    monkeypatch.setattr(rigidfx.shapes.bends, "LACKING", 1e-6)
     caplog.set_level("INFO", logger="rigidfx")
     turn = rf.Motor("hinge", speed=lambda t: 2.0 * np.clip((t - 0.04) / 0.02, 0, 1) ** 2)
     own, energy, open_by = run(bars(HINGE, turn, **FREE), 2e-3, 32, 5e-5)

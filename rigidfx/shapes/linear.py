@@ -1,8 +1,6 @@
-"""Small motions of a whole structure about its start: static ones, those of a step, and modes.
+"""Small motions of a whole structure about its start: static ones, swings, and modes.
 
-    K⁺f ,    (2 M/Δt² + K/2)⁻¹ f ,    K φ = ω² M φ with ωΔt < 1
-
-The second is the increment that a force which begins brings in a step of the midpoint rule.
+K⁺f ,    (Ω²M + K)⁻¹ f ,    K φ = ω² M φ with ωΔt < 1
 """
 
 from __future__ import annotations
@@ -39,7 +37,7 @@ class Linear:
         self._K = stiffness.matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
         self._M = mass.reduced(p, bodies.mass_blocks)
         mass.destroy()
-        self._step: tuple[float, PETSc.KSP] | None = None
+        self._swing: tuple[float, PETSc.KSP] | None = None
 
     def modes(self, dt: float) -> tuple[Array, float]:
         """Modes that steps of Δt resolve, and the lowest ω left out [1/s]: see `resolved`.
@@ -51,23 +49,22 @@ class Linear:
         y, _, cut = resolved(self._K, self._M, motions, p.unknowns, dt)
         return stiffness.at_nodes(y), cut
 
-    def step(self, F: Array, dt: float) -> Array:
-        """Displacements by forces that begin with a step. Collective."""
-        if self._step is None or not np.isclose(self._step[0], dt, rtol=1e-6):
+    def swing(self, F: Array, omega: float) -> Array:
+        """(Ω²M + K)⁻¹ F: half of what modes at Ω [1/s] do under F at rest. Collective."""
+        if self._swing is None or not np.isclose(self._swing[0], omega, rtol=1e-6):
             self._drop()
             A = self._K.copy()
-            A.scale(0.5)
-            A.axpy(2 / dt**2, self._M, DIFFERENT)
-            self._step = dt, solver_of(A)
+            A.axpy(omega**2, self._M, DIFFERENT)
+            self._swing = omega, solver_of(A)
         stiffness, vector = self.responses.stiffness, self.responses.stiffness.prolongation.unknowns
         every = stiffness.on_unknowns(F)
-        solved = by_columns(self._step[1].solve, every, np.empty_like(every), (vector, vector))
+        solved = by_columns(self._swing[1].solve, every, np.empty_like(every), (vector, vector))
         return stiffness.at_nodes(solved)
 
     def _drop(self) -> None:
-        if self._step is not None:
-            self._step[1].destroy()
-            self._step = None
+        if self._swing is not None:
+            self._swing[1].destroy()
+            self._swing = None
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

@@ -32,6 +32,16 @@ from rigidfx.flexible.kernels import integral
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.mechanics.rigid_motions import best_motion
+from rigidfx.shapes.bends import (
+    BOUND,
+    FARTHEST,
+    Drift,
+    Looks,
+    SpinLimits,
+    at_cells,
+    most_bent,
+    off_by,
+)
 from rigidfx.shapes.excess import About, Excess
 from rigidfx.shapes.found import Found
 from rigidfx.shapes.linear import Linear
@@ -40,7 +50,6 @@ from rigidfx.shapes.pressing import Pressing
 from rigidfx.shapes.responses import Responses
 from rigidfx.step.equations.actions import Actions, apart
 from rigidfx.step.stepper import Stepper
-from rigidfx.switch.bends import BOUND, Looks, SpinLimits, at_cells, most_bent, off_by
 from rigidfx.switch.inventory import about_start
 from rigidfx.withheld.body_forces import BodyForces
 from rigidfx.withheld.fields import Fields, Force
@@ -106,6 +115,7 @@ class FoundBodies:
     remembered: ClassVar[Remembered] = same("bends", "nu", "_modes", "_cut") | {
         "known": Each(Known),
         "_looks": PART,
+        "_drift": PART,
         "_pressing": PART,
         "_start": ON_DOFS,
         "_vectors": ON_NODES,
@@ -115,7 +125,7 @@ class FoundBodies:
         """None is found: the present state is the start; dt is the nominal Δt [s]."""
         self._stepper, self._forces, self._dt, self._scene = stepper, forces, dt, stepper.scene
         self.known: dict[int, Known] = {}
-        self.bends, self._looks = 0.0, Looks()
+        self.bends, self._looks, self._drift = 0.0, Looks(), Drift()
         self.nu: dict[str, float] = {}
         self._start: Array = stepper.state.u.x.array[: 3 * self._scene.owned_nodes].copy()
         self._linear: Linear | None = None
@@ -305,32 +315,40 @@ class FoundBodies:
                 tell(self._scene.comm, f"{body.data.name} spins too fast for its shapes: {words}")
         return Looked(woken=woken, reason="they spin too fast for their shapes") if fast else None
 
-    def bent(self, bodies: Bodies, allowed: float) -> Looked | None:
+    def bent(self, bodies: Bodies, allowed: float, free: bool) -> Looked | None:
         """Cells in which the energy is not that of second order; None if none are. Collective.
 
-        Displacements may err by what is allowed [m]. The motion of a body that cells join to
-        supports errs as a whole, that of others as they bend.
+        Displacements may err by what is allowed [m], or by a part of themselves if they are free:
+        bounded by nothing, or not yet. The motion of a body that cells join to supports errs as a
+        whole, that of others as they bend.
         """
         for body in bodies:
-            data = body.data
-            if not (self.grows(data) and self._looks.due(body, bool(np.isfinite(allowed)))):
+            data, drift = body.data, self._drift.of(body.data.number)
+            due = self._looks.due(body, not free) or (drift > allowed and not free)
+            if not (due and self.grows(data)):
                 continue
             _, about = self._of(data)
             found = Excess(about, body)
             errs = self.moved(body) if about.on_supports else about.beside.apart(found.d @ about.Q)
-            size = float(np.abs(errs).max(initial=0.0))
-            size = off_by(found.nu) * self._scene.comm.allreduce(size, op=MPI.MAX)
+            far = self._scene.comm.allreduce(float(np.abs(errs).max(initial=0.0)), op=MPI.MAX)
+            size = off_by(found.nu) * far + drift
             self._looks.looked(body, far=False)
+            self._drift.looked(body, found.nu, far)
             self.nu[data.name] = found.nu
-            if found.nu <= BOUND and size <= allowed:
+            small = free and found.nu <= BOUND
+            if small or (found.nu <= FARTHEST and size <= allowed):
                 self.bends = max(self.bends, size)
                 continue
             words = "bends by more than its shapes follow"
             tell(self._scene.comm, f"{data.name} {words}: ν = {found.nu:.3g}")
-            woken, most = np.zeros(self._cells, dtype=bool), most_bent(self._scene, data, found)
-            woken[most if self._scene.sum(most.size) > 0 else data.cells] = True
+            woken, cells = np.zeros(self._cells, dtype=bool), most_bent(self._scene, data, found)
+            woken[cells if self._scene.sum(cells.size) > 0 else data.cells] = True
             return Looked(woken=woken, reason="they bend by more than their shapes follow")
         return None
+
+    def advance(self, bodies: Bodies, dt: float) -> None:
+        """Add how far bodies drift off in a step of dt [s] that ended so."""
+        self.bends = max(self.bends, self._drift.advance(bodies, dt))
 
     # Where they leave their shapes ----------------------------------------------------------------
 
@@ -389,6 +407,7 @@ class FoundBodies:
     def _forget(self, number: int) -> None:
         """Forget how a body that is no more has bent and spun."""
         self._looks.forget(number)
+        self._drift.forget(number)
         self._limits.forget(number)
 
     def destroy(self) -> None:

@@ -30,10 +30,10 @@ from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.decide.limits import Limits, part_of
 from rigidfx.flexible.strain_rate import CellStrains, Indicator
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.shapes.bends import SHARE, at_cells
 from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt, Watch
-from rigidfx.switch.bends import SHARE, at_cells
 from rigidfx.switch.found_bodies import FoundBodies, Looked
 from rigidfx.switch.resonance import Resonance
 from rigidfx.withheld.body_forces import BodyForces
@@ -95,8 +95,8 @@ class Growth(Watch):
         found = self.found.pressed(self._stepper.state.bodies, pressing, attempt.dt, wakes)
         if found is None and now is not None:
             bodies, free = attempt.increments.end, now.rates is not None or now.begins
-            allowed = np.inf if free else self._allowed(now)
-            found = self.found.spun(bodies) or self.found.bent(bodies, allowed)
+            allowed = 0.0 if now.rates is not None else self._allowed(now)
+            found = self.found.spun(bodies) or self.found.bent(bodies, allowed, free)
         if found is not None:
             return found
         own = [each for each in self._forces.borne.values() if self.found.grows(each[0].data)]
@@ -107,25 +107,26 @@ class Growth(Watch):
         quiet = known and size * self._ratio * grown < GATE
         if limits is None or not size > 0:
             return Looked()
-        if (woken := self._resonant(attempt.dt, limits)) is not None:
+        if (woken := self._resonant(limits)) is not None:
             return Looked(woken=woken, reason="motions that their shapes lack may be in resonance")
         if quiet:
             return Looked()
         return self._judged(attempt.dt, self.found.at_start(self._withheld), size, limits())
 
-    def _resonant(self, dt: float, limits: Callable[[], Limits]) -> Bools | None:
+    def _resonant(self, limits: Callable[[], Limits]) -> Bools | None:
         """Cells of bodies that lack a mode which may be in resonance. Collective."""
-        known = [(fields, self._resonance.momenta(fields)) for fields, _ in self._lacks_modes()]
-        momenta = [(fields, s) for fields, s in known if s is not None]
-        size = size_of(self._scene, momenta) / dt if momenta else 0.0
+        known = [(fields, self._resonance.lasting(fields)) for fields, _ in self._lacks_modes()]
+        lasting = [(fields, *own) for fields, own in known if own is not None]
+        size = size_of(self._scene, [(fields, force) for fields, _, force in lasting])
         if not size * min(self._ratio, self._swing) > GATE * WAKES:
             return None
-        G = self.found.at_start([(fields, fields.outside(s)) for fields, s in momenta])
-        cells = np.concatenate([fields.data.cells for fields, _ in momenta])
-        lowest = min(self.found.known[fields.data.number].lacking for fields, _ in momenta)
-        moved: Array = self.found.linear().step(np.asarray(G[:, :, None] / dt), dt)[:, :, 0]
-        amplitude = np.asarray(moved * (2 / dt / lowest))
-        rates = self._part(amplitude, np.full(self._cells, lowest), cells, limits())
+        swings, frequency = np.zeros((self._scene.owned_nodes, 3)), np.zeros(self._cells)
+        for fields, omega, force in lasting:
+            F = self.found.at_start([(fields, fields.outside(force))])
+            swings += self.found.linear().swing(F[:, :, None], omega)[:, :, 0]
+            frequency[fields.data.cells] = omega
+        cells = np.concatenate([fields.data.cells for fields, *_ in lasting])
+        rates = self._part(swings, frequency, cells, limits())
         most = self._scene.comm.allreduce(float(rates.max(initial=0.0)), op=MPI.MAX)
         self._swing = most / size
         if not most > WAKES:
@@ -241,6 +242,7 @@ class Growth(Watch):
         """See `Watch`."""
         lacking = {number: own.lacking for number, own in self.found.known.items()}
         self._resonance.advance(self._lacks_modes(), lacking, attempt.dt)
+        self.found.advance(attempt.increments.end, attempt.dt)
         self._added = {}
         self._since += 1
 

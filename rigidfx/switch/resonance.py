@@ -4,15 +4,18 @@ The static response to a force is right up to the lowest frequency ω that a bod
 force ρ⊥ above that may be in resonance with a mode that is not known. In the worst case all that is
 withheld is in tune with it, and has gained by now the momenta s of one oscillator at each node,
 
-    ṡ = ρ⊥ - Ω² p ,  ṗ = s ,    cos ΩΔt = Σ d₁·(d₀ + d₂) / (2 Σ d₁·d₁) ,
+    ṡ = -Ω w ,  ẇ = Ω s - ρ̇⊥/Ω ,    cos ΩΔt = Σ d₁·(d₀ + d₂) / (2 Σ d₁·d₁) ,
 
-with Ω by three changes d of ρ⊥ from step to step.
+with w how far it is off its balance, times its mass and Ω, and with Ω by three changes d of ρ⊥ from
+step to step, in steps of one length. Modes at Ω then have the amplitude (Ω²M + K)⁻¹ 2 Ω s, others
+less. A force that changes slowly builds up nothing, nor does a new estimate of Ω.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import isclose
 from typing import Any, ClassVar
 
 import numpy as np
@@ -33,32 +36,36 @@ class Tuned:
     Attributes:
         origin: The body's; if it loses cells it is another one.
         momenta: s [kg m/s].
-        impulse: p [kg m].
+        off: w [kg m/s].
         last: ρ⊥ of the last step [N].
         change: Its change in that step.
         before: That in the step before.
         square, product: Sums of products of changes.
-        steps: How many there were.
+        steps: How many there were in steps of one length ...
+        dt: ... which this is [s].
+        frequency: Ω, 0 while unknown [1/s].
     """
 
     origin: Array
     momenta: Force
-    impulse: Force
+    off: Force
     last: Force
     change: Force
     before: Force
     square: float
     product: float
     steps: int
+    dt: float
+    frequency: float
 
     @classmethod
     def begun(cls, origin: Array, none: Force) -> Tuned:
         """Nothing has built up."""
-        return cls(origin, none, none, none, none, none, 0.0, 0.0, 0)
+        return cls(origin, none, none, none, none, none, 0.0, 0.0, 0, 0.0, 0.0)
 
     def followed(self, fields: Fields) -> Tuned:
         """The same with the fields that the body has now. Collective."""
-        names = ("momenta", "impulse", "last", "change", "before")
+        names = ("momenta", "off", "last", "change", "before")
         forces: dict[str, Any] = {name: fields.followed(getattr(self, name)) for name in names}
         return replace(self, **forces)
 
@@ -70,9 +77,7 @@ class Resonance:
     """Momenta that withheld forces may have built up in modes which bodies lack."""
 
     remembered: ClassVar[Remembered] = {
-        "_of": Each(
-            Tuned, momenta=_FORCE, impulse=_FORCE, last=_FORCE, change=_FORCE, before=_FORCE
-        )
+        "_of": Each(Tuned, momenta=_FORCE, off=_FORCE, last=_FORCE, change=_FORCE, before=_FORCE)
     }
 
     def __init__(self, scene: Scene, every: int, periods: float) -> None:
@@ -84,10 +89,12 @@ class Resonance:
         self._scene, self._every, self._periods = scene, every, periods
         self._of: dict[int, Tuned] = {}  # by number
 
-    def momenta(self, fields: Fields) -> Force | None:
-        """s of a body; None before its first step. Collective."""
+    def lasting(self, fields: Fields) -> tuple[float, Force] | None:
+        """Ω [1/s], and the forces 2 Ω s on a body; None while Ω is not known. Collective."""
         known = self._known(fields)
-        return None if known is None else fields.followed(known.momenta)
+        if known is None or not known.frequency > 0:
+            return None
+        return known.frequency, 2 * known.frequency * fields.followed(known.momenta)
 
     def _known(self, fields: Fields) -> Tuned | None:
         known = self._of.get(fields.data.number)
@@ -111,33 +118,34 @@ class Resonance:
             pairs += [(fields, change + own.before, own.change)]
         products = dots(self._scene, pairs).reshape(-1, 2)
         for (number, force, own, change), new in zip(known, products, strict=True):
-            sums = np.array([own.square, own.product]) * (1 - 1 / self._every)
-            square, product = sums + new * (own.steps > 2)
-            out[number] = replace(
-                self._built_up(own, force, square, product, lacking[number], dt),
+            even = isclose(dt, own.dt)
+            kept = np.array([own.square, own.product]) * (1 - 1 / self._every) * even
+            square, product = kept + new * (even and own.steps > 2)
+            omega = own.frequency
+            if square > 0:
+                angle = float(np.arccos(np.clip(product / square, -1.0, 1.0)))
+                omega = max(angle, LEAST) / dt
+            momenta, off = self._built_up(own, float(omega > lacking[number]) * change, omega, dt)
+            out[number] = Tuned(
+                own.origin,
+                momenta,
+                off,
                 last=force,
                 change=change,
                 before=own.change,
                 square=float(square),
                 product=float(product),
-                steps=own.steps + 1,
+                steps=1 + own.steps * int(even),
+                dt=dt,
+                frequency=omega,
             )
         self._of = out
 
-    def _built_up(
-        self, own: Tuned, force: Force, square: float, product: float, lacking: float, dt: float
-    ) -> Tuned:
-        """Momenta of a body after a step with its force."""
-        if not square > 0:
-            return own
-        angle = float(np.arccos(np.clip(product / square, -1.0, 1.0)))  # Ω Δt
-        angle = max(angle, LEAST)
-        p, s = own.impulse, own.momenta
-        middle = (dt / angle) ** 2 * (angle > lacking * dt) * force
-        c, sine = np.cos(angle), np.sin(angle)
-        left = np.exp(-angle / 2 / np.pi / self._periods)
-        return replace(
-            own,
-            impulse=left * (middle + c * (p - middle) + sine * dt / angle * s),
-            momenta=left * (c * s - sine * angle / dt * (p - middle)),
-        )
+    def _built_up(self, own: Tuned, change: Force, omega: float, dt: float) -> tuple[Force, Force]:
+        """s and w of a body after a step in which its force has changed at its start."""
+        if not omega > 0:
+            return own.momenta, own.off
+        s, w = own.momenta, own.off - (1 / omega) * change
+        c, sine = np.cos(omega * dt), np.sin(omega * dt)
+        left = np.exp(-omega * dt / 2 / np.pi / self._periods)
+        return left * (c * s - sine * w), left * (c * w + sine * s)

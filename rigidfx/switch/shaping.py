@@ -25,6 +25,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body, RigidBody
 from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.scene import Scene
+from rigidfx.shapes.bends import Spent
 from rigidfx.shapes.excess import About
 from rigidfx.shapes.faces import of_faces
 from rigidfx.shapes.motion import pulled
@@ -37,7 +38,6 @@ from rigidfx.shapes.ritz import RESOLVED, shapes_of
 from rigidfx.state import State
 from rigidfx.step.equations.division import Hold
 from rigidfx.step.system.held_bodies import guided
-from rigidfx.switch.bends import Spent
 from rigidfx.switch.inventory import about_start
 
 # Square of a spin over that of the lowest frequency, above which spin stiffens: frequencies are

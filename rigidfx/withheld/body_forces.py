@@ -79,6 +79,7 @@ class Withheld:
         known = scene, parts.rows, self._u0.x.array, forces.surface, self._acting
         self._actions = apart(*known, self._mass)
         self._d, self._f = (parts.rows.vector() for _ in range(2))
+        self._products: dict[int, tuple[Array, Array]] = {}  # of bodies: loads, and h by them
         self._dead: Array | None = None  # the last ones that do not follow the bodies, and
         self._asked: tuple[float, float] | None = None  # the step that they are of
         touched = any(own.size for own, _ in self._attached)
@@ -119,13 +120,15 @@ class Withheld:
         gained = np.asarray((end.pose_rate[self._of] - start.pose_rate[self._of]) / dt)
         W, shorter, Vt = np.linalg.svd(increments.R_av[self._of])
         R, means = W @ Vt, Vt.mT * shorter[:, None] @ Vt
-        resisted = self._resisted(increments, gained, t, dt)
+        self._follow(increments)
+        loads = self._loads_of(t, dt, self._stepper.system.acting)
+        resisted, on_nodes = self._resisted(gained, dt), loads.reshape(-1, 3)
         half, known, products = 0.5 * (start.q + end.q)[self._of], [], []
         for k, (fields, at) in enumerate(zip(self.fields, self._parts.at, strict=True)):
             if fields is not None:
-                beside = -resisted[at] @ R[k]
-                known.append((k, fields, beside))
-                products.append(fields.products(beside))
+                beside = -resisted[at] @ R[k]  # at few nodes
+                products.append(fields.products(beside) + self._of_loads(k, loads) @ R[k])
+                known.append((k, fields, beside + on_nodes[at] @ R[k]))
         total = self._stepper.scene.sum(np.concatenate([np.empty((0, 3)), *products]))
         out, first = {}, 0
         for k, fields, beside in known:
@@ -135,19 +138,32 @@ class Withheld:
             out[fields.data.number] = fields, fields.force(*own, beside, h)
         return out
 
-    def _resisted(self, increments: Increments, gained: Array, t: float, dt: float) -> Array:
-        """What bodies resist by more than their fields in a step, in space, (nodes, 3) [N]."""
+    def _of_loads(self, k: int, loads: Array) -> Array:
+        """This rank's part of h of a body by loads, in space; it stays while these do."""
+        fields, known = self.fields[k], self._products.get(k)
+        assert fields is not None
+        if known is None or known[0] is not loads:
+            own = fields.products(loads.reshape(-1, 3)[self._parts.at[k]])
+            self._products[k] = known = loads, own
+        return known[1]
+
+    def _follow(self, increments: Increments) -> None:
+        """Bring the nodes to where bodies move them, for loads and actions that follow."""
+        if self._loads is None and self._actions.dead:
+            return
+        numbers = np.concatenate([increments.start.pose, increments.displacement], axis=2)
+        x, moved = np.split(self._parts.linear(numbers[self._of]), 2, axis=1)
+        self._place(self._u0, x)
+        if self._loads is not None:
+            self._place(self._u1, x + moved)
+        self._d.array[:] = moved.reshape(-1)
+
+    def _resisted(self, gained: Array, dt: float) -> Array:
+        """What bodies resist by more than their fields and loads in a step, (nodes, 3) [N]."""
         system, parts, f = self._stepper.system, self._parts, self._f
-        if self._loads is not None or not self._actions.dead:
-            numbers = np.concatenate([increments.start.pose, increments.displacement], axis=2)
-            x, moved = np.split(parts.linear(numbers[self._of]), 2, axis=1)
-            self._place(self._u0, x)
-            if self._loads is not None:
-                self._place(self._u1, x + moved)
-            self._d.array[:] = moved.reshape(-1)
         # The residual of the nodes if they were flexible, but for what their own cells do. They
         # move as a body does: what they do is linear in their places in it.
-        f.array[:] = -self._loads_of(t, dt, system.acting)
+        f.set(0.0)
         if self._mass.at_points:
             f.array[:] += self._mass.of_points(parts.linear(gained).reshape(-1))
         if not self._actions.dead:

@@ -28,6 +28,7 @@ from rigidfx.base.types import Array, Indices
 from rigidfx.base.warning import warn
 from rigidfx.coupling.dof_layout import AtNodes
 from rigidfx.effects import Joint
+from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.scene import Scene
@@ -36,6 +37,9 @@ from rigidfx.shapes.part import LACKING
 from rigidfx.state import State
 
 BOUND = 0.003  # of ν, above which cells wake, and a run warns: amplitudes err by 0.9 %
+# The same where displacements are bounded, by 3 ν of the bend: as far as 3 ν has been compared.
+FARTHEST = 0.03
+DRIFT = 3.5  # see below
 # Factors of ½ q·Ωq or q·Dq after which ν is looked at again: near its bound, and far below it.
 NEAR = 2.0
 FAR = NEAR * NEAR * NEAR
@@ -51,6 +55,50 @@ def off_by(ratio: float) -> float:
     the square of it over that of the lowest frequency.
     """
     return 3 * ratio
+
+
+class Drift:
+    """How far bodies that bend have drifted off, as their frequencies err: by `DRIFT` ∫ ν |ḋ| dt.
+
+    A vibration of amplitude A errs by a quarter of 3 ν of its frequency, which is 4.7 ν A a period,
+    with ν at A. ν goes with q·Dq; so the integral is 4/3 ν A a period.
+    """
+
+    remembered: ClassVar[Remembered] = same("_of")
+
+    def __init__(self) -> None:
+        """Nothing has bent."""
+        # Of each body, by number: 3½ ν |d| over (q·Dq)^1½, and its drift [m].
+        self._of: dict[int, tuple[float, float]] = {}
+
+    def of(self, number: int) -> float:
+        """The drift of a body [m]."""
+        return self._of.get(number, (0.0, 0.0))[1]
+
+    def looked(self, body: Body, nu: float, size: float) -> None:
+        """ν of a body was found, where it has moved so far [m]."""
+        assert body.data.shapes is not None
+        _, square = _sizes(body.data.shapes, body.motion.q)
+        self._of[body.data.number] = (
+            DRIFT * nu * size / (square * float(np.sqrt(square))),
+            self.of(body.data.number),
+        )
+
+    def advance(self, bodies: Bodies, dt: float) -> float:
+        """Follow bodies in a step that ended so; the largest drift [m]."""
+        for body in bodies:
+            number, shapes = body.data.number, body.data.shapes
+            if number in self._of and shapes is not None:
+                slope, drift = self._of[number]
+                (_, square), (_, rate) = (
+                    _sizes(shapes, x) for x in (body.motion.q, body.motion.q_rate)
+                )
+                self._of[number] = slope, drift + slope * square * float(np.sqrt(rate)) * dt
+        return max((drift for _, drift in self._of.values()), default=0.0)
+
+    def forget(self, number: int) -> None:
+        """Forget a body that is no more."""
+        self._of.pop(number, None)
 
 
 class SpinLimits:
