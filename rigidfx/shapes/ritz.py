@@ -33,6 +33,7 @@ def ritz(
     resolved: float = 0.0,
     most: int = MOST,
     clean: bool = False,
+    known: Array | None = None,
 ) -> tuple[Array, int]:
     """Ritz vectors of forces: first the responses to all, then those to these' inertia. Collective.
 
@@ -43,9 +44,13 @@ def ritz(
     Each load has patterns, the most important first, shape (owned nodes, 3, k) [N], and the number
     of responses in a row; there are no followers from `most` vectors on. Vectors Y with YᵀMY = 1,
     shape (owned nodes, 3, n) [1/√kg], dependent ones left out, and the number of those that are
-    called for: a few that are not resolved follow, which may fill a block.
+    called for: a few that are not resolved follow, which may fill a block. Vectors that are known
+    have no part in them: rounding along slow ones would take over.
     """
     basis, late = Basis(responses.scene.owned_nodes, responses.scene.sum), []
+    if known is not None:
+        _add(responses, basis, known)
+    first, most = len(basis), most + len(basis)
     next_loads, slow = [F for F, _ in loads], np.zeros(len(loads))
     rounding = np.full(len(loads), EPS if clean else 0.0)
     for level in range(max(depth for _, depth in loads)):
@@ -59,8 +64,8 @@ def ritz(
             if level:
                 squares, T = slowest(responses.scene.comm, responses.dot(F, Y))  # 1/ω²
                 slow[k] = max(slow[k], squares[0])
-                known = rounding[k] * slow[k] <= CLEAN * squares
-                squares = squares[known & (squares > resolved**2) if level > 1 else known]
+                pure = rounding[k] * slow[k] <= CLEAN * squares
+                squares = squares[pure & (squares > resolved**2) if level > 1 else pure]
                 some = whole_groups(squares, most - before)
                 rounding[k] *= slow[k] / squares[some - 1] if some else 1.0
                 Y = Y @ T
@@ -71,7 +76,7 @@ def ritz(
     count = len(basis)
     for Y in late:
         _add(responses, basis, Y[:, :, : max(count + BLOCK - len(basis), 0)])
-    return basis.vectors, count
+    return basis.vectors[:, :, first:], count - first
 
 
 def _add(responses: Responses, basis: Basis, Y: Array) -> None:

@@ -110,6 +110,7 @@ class FoundBodies:
         known: What is known of each body, by its number.
         bends: Largest displacement by which shapes err as bodies bend, so far [m].
         nu: ν of each body when it was looked at, by its name.
+        vectors: Modes of the whole, and further shapes, shape (owned nodes, 3, n).
     """
 
     remembered: ClassVar[Remembered] = same("bends", "nu", "_modes", "_cut") | {
@@ -118,7 +119,7 @@ class FoundBodies:
         "_drift": PART,
         "_pressing": PART,
         "_start": ON_DOFS,
-        "_vectors": ON_NODES,
+        "vectors": ON_NODES,
     }
 
     def __init__(self, stepper: Stepper, forces: BodyForces, dt: float) -> None:
@@ -131,7 +132,7 @@ class FoundBodies:
         self._linear: Linear | None = None
         self._expanded: dict[int, tuple[RigidBody, Found, About]] = {}  # by number
         self._modes, self._cut = 0, np.inf  # modes of the whole, and the lowest ω that these lack
-        self._vectors: Array = np.zeros((self._scene.owned_nodes, 3, 0))  # modes, and further ones
+        self.vectors: Array = np.zeros((self._scene.owned_nodes, 3, 0))
         self._limits = SpinLimits(self._scene)
         self._pressing = Pressing(self._scene)
         self._cells = self._scene.mesh.topology.index_map(3).size_local  # owned ones
@@ -143,9 +144,9 @@ class FoundBodies:
             acting = stepper.system.acting
             responses = about_start(scene, stepper.forces, self._start, acting)
             self._linear = Linear(responses)
-            if not self._vectors.shape[2]:
-                self._vectors, self._cut = self._linear.modes(self._forces.dt or self._dt)
-                self._modes = self._vectors.shape[2]
+            if not self.vectors.shape[2]:
+                self.vectors, self._cut = self._linear.modes(self._forces.dt or self._dt)
+                self._modes = self.vectors.shape[2]
                 tell(scene.comm, f"bodies begin with {self._modes} modes of the whole")
         return self._linear
 
@@ -185,7 +186,7 @@ class FoundBodies:
         if not self.grows(data):
             return body
         self.linear()  # finds the modes of the whole
-        found, vectors = self._within(data, self._vectors)
+        found, vectors = self._within(data, self.vectors)
         self._forget(data.number)
         self._pressing.forget()
         self.nu.pop(data.name, None)
@@ -275,7 +276,7 @@ class FoundBodies:
 
     def keep(self, vector: Array) -> None:
         """Give a shape, (owned nodes, 3, 1), to bodies that will be found."""
-        self._vectors = np.concatenate([self._vectors, vector], axis=2)
+        self.vectors = np.concatenate([self.vectors, vector], axis=2)
 
     def moved(self, body: Body) -> Array:
         """Displacement of a body's nodes from the start, shape (nodes, 3) [m]."""

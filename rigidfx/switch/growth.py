@@ -229,7 +229,7 @@ class Growth(Watch):
         """The static response to forces, and its followers where e is bounded. Collective."""
         resolved, depth = dt / RESOLVED, DEPTH if limits.rates is None else 1
         known = self.found.responses, (F[:, :, None], depth)
-        vectors, count = ritz(*known, resolved=resolved, clean=True)
+        vectors, count = ritz(*known, resolved=resolved, clean=True, known=self.found.vectors)
         return vectors[:, :, :count]
 
     # What is left --------------------------------------------------------------------------------
