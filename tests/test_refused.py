@@ -576,7 +576,7 @@ _told(lambda y: np.full(len(y) or 1, nan)) :: gap of the Told must give finite n
 _told(lambda y: 1 + y[:, 2]) :: approach of the Told must give finite numbers of shape (
   # Steps, criteria and stresses
 _control(2.0) :: tol must be
-_control(1e-320) :: tol must be 1e-12 or more
+_control(1e-320) :: and 1e-12 or more
 _control(smallest=1.0) :: needs smallest ≤ largest
 _control(at=[(0, 0, 0)]) :: at must be names of probes
 _control(at={"tip": 2.0}) :: at must be names of probes, got {'tip': 2.0}
