@@ -51,7 +51,7 @@ class Linear:
 
     def swing(self, F: Array, omega: float) -> Array:
         """(Ω²M + K)⁻¹ F: half of what modes at Ω [1/s] do under F at rest. Collective."""
-        if self._swing is None or not np.isclose(self._swing[0], omega, rtol=1e-6):
+        if self._swing is None or self._swing[0] != omega:
             self._drop()
             A = self._K.copy()
             A.axpy(omega**2, self._M, DIFFERENT)

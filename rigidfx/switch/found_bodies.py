@@ -35,6 +35,7 @@ from rigidfx.mechanics.rigid_motions import best_motion
 from rigidfx.shapes.bends import (
     BOUND,
     FARTHEST,
+    NEAR,
     Drift,
     Looks,
     SpinLimits,
@@ -333,11 +334,14 @@ class FoundBodies:
             errs = self.moved(body) if about.on_supports else about.beside.apart(found.d @ about.Q)
             far = self._scene.comm.allreduce(float(np.abs(errs).max(initial=0.0)), op=MPI.MAX)
             size = off_by(found.nu) * far + drift
-            self._looks.looked(body, far=False)
+            grown = NEAR
+            if size > 0 and not free:  # 3 ν |d| goes with |d|³
+                grown = min(NEAR, max(allowed / size, 1.0) ** (2 / 3))
+            self._looks.looked(body, grown)
             self._drift.looked(body, found.nu, far)
             self.nu[data.name] = found.nu
-            small = free and found.nu <= BOUND
-            if small or (found.nu <= FARTHEST and size <= allowed):
+            small = found.nu <= BOUND and (free or size <= allowed)
+            if small or (found.nu <= FARTHEST and size <= allowed and not about.on_supports):
                 self.bends = max(self.bends, size)
                 continue
             words = "bends by more than its shapes follow"
