@@ -61,8 +61,9 @@ def off_by(ratio: float) -> float:
 class Drift:
     """How far bodies that bend have drifted off, as their frequencies err: by `DRIFT` ∫ ν |ḋ| dt.
 
-    A vibration of amplitude A errs by a quarter of 3 ν of its frequency, which is 4.7 ν A a period,
-    with ν at A. ν goes with q·Dq; so the integral is 4/3 ν A a period.
+    The frequency of a vibration of amplitude A errs by ¾ ν, with ν at A: it is off by 4.7 ν A more
+    in each period. ν goes with q·Dq, so that the integral is 4/3 ν A a period. In tension ν stays
+    as A falls, and the drift is larger than this.
     """
 
     remembered: ClassVar[Remembered] = same("_of")
