@@ -1,7 +1,5 @@
 """How a run is prepared, up to its first step."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial

@@ -6,8 +6,6 @@ Steps end on the grid k Δt and on every breakpoint the scene declares; a step t
 shows up as several reports on the way to its end.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import replace

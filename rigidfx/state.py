@@ -4,8 +4,6 @@ This module alone writes them: a step by `advance`, a switch by `group`, `take_o
 `move`, a support that begins by `kick`, a static preload by `place`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Set
 from itertools import count
 from typing import Any, ClassVar, NamedTuple

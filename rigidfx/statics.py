@@ -1,7 +1,5 @@
 """Statics: a path of equilibria under growing loads, as a generator of reports."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, fields, replace

@@ -8,8 +8,6 @@ no more than "CompileError: command ... failed", on rank 0, and DOLFINx on the o
 has not been compiled; the compiler's own messages go to standard error.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib.util
 import os

@@ -1,7 +1,5 @@
 """The only place that names a DOLFINx version; resolved once, at import. Supported: 0.9 to 0.11."""
 
-from __future__ import annotations
-
 import sys
 from copy import copy
 from typing import Any

@@ -1,7 +1,5 @@
 """The largest value so far, and its past values."""
 
-from __future__ import annotations
-
 from bisect import bisect_left, bisect_right
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """Ranks that share cores: each that waits for another takes the time of those that work."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Collection, Sequence
 

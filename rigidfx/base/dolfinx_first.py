@@ -4,8 +4,6 @@ DOLFINx of the wheel `dolfinx-solver-real` can be imported once its module `dolf
 loaded the MPI library that all its parts share. DOLFINx from elsewhere needs no such thing.
 """
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 
 NEEDED = "dolfinx", "petsc4py", "mpi4py"

@@ -1,7 +1,5 @@
 """The lock of an open file: one process at a time has it, and it ends with the process."""
 
-from __future__ import annotations
-
 import fcntl
 
 

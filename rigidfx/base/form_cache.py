@@ -13,8 +13,6 @@ FFCx finds an expression by a name that contains UFL's running numbers of variab
 for each scene, which would compile its own. So variables are numbered from zero here.
 """
 
-from __future__ import annotations
-
 import fcntl
 import logging
 import re

@@ -1,7 +1,5 @@
 """Values as a notebook shows them: tables of HTML."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from html import escape
 

@@ -4,8 +4,6 @@ A check takes the owner of a value and its name, for the message, and the value.
 value in one form, or raises a `SceneError` that names all three.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Mapping, Set
 from math import isfinite, isnan

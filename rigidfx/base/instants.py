@@ -4,8 +4,6 @@ Ends of steps are sums, breakpoints and due times are numbers that users write: 
 rounding, and far closer than steps follow each other.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -5,8 +5,6 @@ wants to hear it gives that logger a handler, or has a run (`verbose`); a record
 file.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import sys

@@ -6,8 +6,6 @@ Sums and products of both kinds are written alike; what is to be of one kind pas
 `csr_array`.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 from typing import TypeAlias
 

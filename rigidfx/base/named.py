@@ -1,7 +1,5 @@
 """Values by name: a wrong name raises a KeyError that lists the right ones."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import TypeVar
 

@@ -1,7 +1,5 @@
 """Bars that show how far a run is, or a picture."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterable
 from typing import TypeVar, cast

@@ -9,8 +9,6 @@ scene and from named values: forms, factors, first guesses. Values on cells and 
 their numbers in the mesh, which do not depend on ranks. Other values are those of rank 0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple

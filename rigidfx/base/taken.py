@@ -11,8 +11,6 @@ ranks would take different decisions and then wait for each other for ever: `che
 before anything depends on it. A run that goes on from a checkpoint is compared in the same way.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set

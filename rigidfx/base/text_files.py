@@ -1,7 +1,5 @@
 """Small text files, written by rank 0; and the letters of files that others have written."""
 
-from __future__ import annotations
-
 import codecs
 from dataclasses import dataclass
 from pathlib import Path

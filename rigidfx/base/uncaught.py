@@ -7,8 +7,6 @@ of that rank. The others then wait in a collective call for a rank that is gone.
 PETSc's own end waits there for all ranks.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 import traceback

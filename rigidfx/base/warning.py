@@ -6,8 +6,6 @@ FFCx, when it is imported, hands all of Python's warnings over to `logging`, whi
 nobody has given it a handler: no script and no notebook would ever show one.
 """
 
-from __future__ import annotations
-
 import logging
 import sys
 import warnings

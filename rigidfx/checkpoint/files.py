@@ -12,8 +12,6 @@ checkpoints of a former one aside, as former-000012.rfx, so that nothing goes on
 mistake; they are removed when it has left one of its own.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

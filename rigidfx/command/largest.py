@@ -1,7 +1,5 @@
 """The largest displacement, stress and reactions of a run, and its energy that damping takes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

@@ -9,8 +9,6 @@ command has an option, this stands in their place; a closing sentence names the 
 Python.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import sys

@@ -1,7 +1,5 @@
 """Options of the command `rigidfx`, which all ranks read; without a file those of an example."""
 
-from __future__ import annotations
-
 import argparse
 import re
 import sys

@@ -1,7 +1,5 @@
 """Forces of the flexible cells at the rows of their nodes, wherever copies of the cells are."""
 
-from __future__ import annotations
-
 import numpy as np
 from dolfinx import fem, la
 

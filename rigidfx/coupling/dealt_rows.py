@@ -5,8 +5,6 @@ where the copies of the flexible cells are: assembly and linear systems, which a
 step, are divided as these.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from dolfinx import la
 

@@ -6,8 +6,6 @@ flexible cells pull at it, the body moves it. The other nodes of a body are of n
 they have no rows, and cost nothing.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

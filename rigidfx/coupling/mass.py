@@ -8,8 +8,6 @@ and take part where all of these nodes do. A reduced tangent gets nothing of the
 they are a stiffness at ports, see `rigidfx.effects.attached.point_mass`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import ufl
 from dolfinx.fem import petsc as fem_petsc

@@ -10,8 +10,6 @@ compliance C = B Bᵀ of the ports, rows are independent as the columns of (D B)
 pivots.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 from scipy.linalg import qr

@@ -22,8 +22,6 @@ MatPtAP, see `condensed_tangent`; a matrix that is condensed once per layout, su
 matrix, by a MatPtAP with P itself.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

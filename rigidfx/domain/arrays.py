@@ -1,7 +1,5 @@
 """How domains are made: of boxes, of arrays, and of the meshes that readers of files find."""
 
-from __future__ import annotations
-
 import hashlib
 import operator
 from collections.abc import Callable, Sequence

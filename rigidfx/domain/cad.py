@@ -11,8 +11,6 @@ their pieces and parts by "/": "Shapes/machine/3/M8/20". The part's name is the 
 for names that have a "/" themselves; these are in the file.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path

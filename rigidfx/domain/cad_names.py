@@ -1,7 +1,5 @@
 """The volumes and surfaces of a CAD file, a table of them, and which ones each name stands for."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -11,8 +11,6 @@ then round its top; nodes on edges and in faces almost each in a way of its own.
 makes sound cells.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache

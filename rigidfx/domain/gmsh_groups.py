@@ -4,8 +4,6 @@ A name stands for the cells, or for the corners of the facets, edges and points,
 entities of its group, and a face or a volume may be in several groups.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

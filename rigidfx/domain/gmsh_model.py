@@ -9,8 +9,6 @@ UNV files are looked at before gmsh reads them, whose reader ends Python over so
 an element that the file has not: gmsh itself writes groups of points so.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Read input files of Abaqus and CalculiX: their sets and surfaces become names of a domain."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from mpi4py import MPI

@@ -1,7 +1,5 @@
 """Cells of one kind, and named rows of cells, facets and nodes, of an input file."""
 
-from __future__ import annotations
-
 import reprlib
 from collections.abc import Iterator
 from pathlib import Path

@@ -9,8 +9,6 @@ names do not tell capitals of ASCII from small letters, and the lines of another
 `*INCLUDE`, be they cards or data.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field

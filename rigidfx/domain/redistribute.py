@@ -8,8 +8,6 @@ graph partitioner, and its pieces go to the ranks that have most of their neighb
 As with `from_arrays`, one rank has the whole mesh for a moment.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Contact of a named surface: other things stay outside of it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, ClassVar

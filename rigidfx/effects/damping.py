@@ -17,8 +17,6 @@ In a frame that turns with ω about c, statics have the load
 It follows the deformed place x = X + u, so that its stiffness is -M S.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass

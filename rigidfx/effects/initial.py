@@ -4,8 +4,6 @@ Effects that say where they act mean the body where it lies at the start: at X p
 displacements given here, and after a static preload.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence, Set
 from dataclasses import dataclass, field
 from itertools import combinations

@@ -1,7 +1,5 @@
 """Parts that are one body from the beginning: rigid, or deforming by a few shapes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar

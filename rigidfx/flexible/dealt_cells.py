@@ -5,8 +5,6 @@ may be one rank's. Copies of these are a mesh of their own, divided equally: the
 are bound to it, and coefficients have copies there, too, cell by cell. All else stays where it is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

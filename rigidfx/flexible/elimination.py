@@ -10,8 +10,6 @@ Nothing is stored: λ, μ and the direction of the thickness come with the coeff
 computed from the cell's corners.
 """
 
-from __future__ import annotations
-
 import weakref
 from collections.abc import Sequence
 from copy import copy

@@ -6,8 +6,6 @@ their time windows are open: for each combination that the run will see there is
 the forms, compiled at the start.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass

@@ -8,8 +8,6 @@ is therefore checked before it is accepted, at the points where stresses are eva
 costs 0.7 % and 0.5 % of a step (hexahedra, 4·10³ and 27·10³ unknowns).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import dolfinx.mesh as dmesh

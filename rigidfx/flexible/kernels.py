@@ -12,8 +12,6 @@ Cells whose materials share an energy function share a compiled kernel. A parame
 value within a class is a constant of the kernel, one that varies is a cell-wise coefficient.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import shlex

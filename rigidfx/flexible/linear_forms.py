@@ -10,8 +10,6 @@ Internal forces and follower loads on facets at the end of a load step are
 without viscous stresses and numerical damping.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

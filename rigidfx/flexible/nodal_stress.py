@@ -24,8 +24,6 @@ At a re-entrant corner, at the edge of a clamp with ν > 0 and under a force on 
 stress is infinite: what is shown there grows as cells shrink, and is no number to sign.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 from typing import Any
 

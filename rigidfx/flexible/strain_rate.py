@@ -4,8 +4,6 @@ Both measures come from ∫ ΔE:ΔE dV0 per cell, E the Green-Lagrange strain, b
 the internal forces. Rigid motion changes neither E nor, therefore, either measure.
 """
 
-from __future__ import annotations
-
 from typing import Literal, Protocol
 
 import numpy as np

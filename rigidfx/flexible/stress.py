@@ -24,8 +24,6 @@ The stress is the elastic one at an instant, that of the stored energy W. It hol
 damping, and it is not the mean over a step by which the energy-momentum method balances forces.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Forces of a unit pressure on the facets of rigid bodies, in their present shape."""
 
-from __future__ import annotations
-
 import numpy as np
 import ufl
 from dolfinx import fem, la

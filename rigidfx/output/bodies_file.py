@@ -6,8 +6,6 @@ the nodes at which flexible cells are attached to it; and joints as the scene ha
 that a support clamps are not in it.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Sequence

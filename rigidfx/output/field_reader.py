@@ -1,7 +1,5 @@
 """The fields of a recorder's run as arrays of NumPy, and as meshes of pyvista."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 import zlib
 from abc import ABC, abstractmethod

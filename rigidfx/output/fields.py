@@ -3,8 +3,6 @@
 docs/columns.md lists them. Where materials meet, the series has a node for each of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -3,8 +3,6 @@
 docs/columns.md lists the columns.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Iterable, Mapping, Sequence

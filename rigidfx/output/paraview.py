@@ -8,8 +8,6 @@ DOLFINx's own writers do less: VTKFile puts numbers in plain text, shows ghost c
 the .pvd at the end only; VTXWriter of DOLFINx 0.9 cannot join point and cell data.
 """
 
-from __future__ import annotations
-
 import os
 import zlib
 from collections.abc import Mapping

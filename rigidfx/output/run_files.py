@@ -8,8 +8,6 @@ ends.
 docs/columns.md lists the columns of events.csv and bodies.csv.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import logging

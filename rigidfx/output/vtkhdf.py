@@ -7,8 +7,6 @@ symmetric ones. Rank 0 alone writes. The file of a run that was killed opens wit
 https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format tells the format.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from io import DEFAULT_BUFFER_SIZE
 from pathlib import Path

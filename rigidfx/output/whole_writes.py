@@ -6,8 +6,6 @@ replace old ones it writes those at the file's beginning first, where formats sa
 then all others from the end on: tables of contents are written after their entries.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import signal

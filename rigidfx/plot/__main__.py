@@ -1,7 +1,5 @@
 """The standard pictures of a run: python3 -m rigidfx.plot FOLDER."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

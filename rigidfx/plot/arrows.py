@@ -4,8 +4,6 @@ The longest arrow of each kind has the same length in all pictures of a sheet or
 others are in proportion to it. Arrows are drawn over the body, which would hide most of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -4,8 +4,6 @@ Every function here is called on all ranks; rank 0 draws, and its errors are rai
 matplotlib is imported where it is used, not with the package.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import floor, isfinite, log10

@@ -1,7 +1,5 @@
 """Panels of curves from the columns of a history: probes, supports, joints and their elements."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path

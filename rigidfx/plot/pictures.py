@@ -1,7 +1,5 @@
 """The standard pictures of a run, from the files in its folder, also while the run goes on."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

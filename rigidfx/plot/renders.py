@@ -9,8 +9,6 @@ A film is an animated GIF. Its heading and scale of colours are drawn once; into
 photographs, in the number of pixels that there is for them, and their times.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass

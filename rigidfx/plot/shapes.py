@@ -5,8 +5,6 @@ pyvista and matplotlib are imported where they are used, not with the package.
 `show` draws the body of a report in a window or a notebook.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from math import floor, log10

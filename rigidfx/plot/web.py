@@ -4,8 +4,6 @@ The file contains the surface of the body, displacements and fields at some time
 WebGL (`web.html`) that needs nothing else. Numbers are integers of 16 bits, packed by zlib.
 """
 
-from __future__ import annotations
-
 import base64
 import html
 import json

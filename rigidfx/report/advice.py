@@ -3,8 +3,6 @@
 docs/messages.py writes it into docs/messages.md. `Adviser`s compute the numbers.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

@@ -17,8 +17,6 @@ with c v and falls. The impulse between two steps over the change of the joint's
 is m, as far as nothing else acts.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from decimal import ROUND_FLOOR, Context
 from math import inf, pi, sqrt

@@ -5,8 +5,6 @@ it has lost more than that: the rounding of parts that are stiff beyond measure,
 so loose that what is left of the residual does work. Nothing else in a report would tell.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

@@ -1,7 +1,5 @@
 """Events: freezes and releases, accounted for to the joule."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Literal
 

@@ -19,8 +19,6 @@ three steps a period and less. One event in between leaves no trace in the media
 motion that Δt resolves is that of `rigidfx.report.resolved_forces`.
 """
 
-from __future__ import annotations
-
 from math import pi
 from typing import ClassVar
 

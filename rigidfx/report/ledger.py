@@ -15,8 +15,6 @@ freeze. Parts that supports hold still have no rigid motion: all of their kineti
 deformation.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import isnan, nan
 from typing import Any, ClassVar, Literal

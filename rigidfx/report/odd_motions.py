@@ -25,8 +25,6 @@ least ½ (α/ω + β ω), α M + β K being below all damping (`scene/damped.py`
 steps is taken, in runs that last for its period.
 """
 
-from __future__ import annotations
-
 from math import inf, pi, sqrt
 from typing import ClassVar
 

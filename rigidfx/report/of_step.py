@@ -1,7 +1,5 @@
 """Reports are made: of a step, after the switches around it, and with its ledger."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

@@ -5,8 +5,6 @@ Stress is that at nodes, extrapolated and averaged within each material
 cells only those of the set's own materials count.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -7,8 +7,6 @@ integration points. So only the cells that share a node with the probe's own are
 of rigid parts are recovered where one of these cells is rigid, and only there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property

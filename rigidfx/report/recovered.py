@@ -6,8 +6,6 @@ of cells, at nodes, at probes and at integration points. Each is evaluated from 
 rigid cells and another in flexible ones, as they share nodes; a node takes the mean of both.
 """
 
-from __future__ import annotations
-
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown
 from rigidfx.base.types import Array, Bools

@@ -1,7 +1,5 @@
 """The report of a step and of its bodies, and the base of those who read reports of a run."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property

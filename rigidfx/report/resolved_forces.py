@@ -11,8 +11,6 @@ Forces λ of constraints lose the part that alternates from step to step, by fou
 docs/theory/joints.md#forces-that-do-not-alternate.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any, ClassVar
 

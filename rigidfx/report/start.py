@@ -1,7 +1,5 @@
 """The state of a report as the start of a run, if the report is of this scene and its last step."""
 
-from __future__ import annotations
-
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Writers of a run's reports into files, and the ends of these files at a checkpoint."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from pathlib import Path

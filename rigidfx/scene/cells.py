@@ -4,8 +4,6 @@ The stored energy of a user is checked: a scalar that depends on C, finite and s
 Hexahedra of assumed strains are thin through the facets of a surface, and on behind it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 

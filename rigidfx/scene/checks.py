@@ -1,7 +1,5 @@
 """Checks of a scene while it is made: discretisation, masses, supports, probes, contradictions."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence, Set
 from itertools import combinations

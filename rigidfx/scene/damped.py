@@ -10,8 +10,6 @@ Both are zero where a structure may come to rest elsewhere, as errors of its pla
 back if it is of one part, is held by supports, touches nothing, and is damped for the whole run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from math import inf
 from typing import Any

@@ -11,8 +11,6 @@ surface is round where facets, of triangles in one plane, meet at a small convex
 radius, width over θ, is not small beside the distance from the middle of the part, as of a fillet.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

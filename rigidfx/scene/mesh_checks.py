@@ -5,8 +5,6 @@ slender for cells as long as its own if its diagonal is `SLENDER` times 2V/A, of
 surface, and its cells are longer than `LONG` times its thickness: docs/notes/elements.md.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

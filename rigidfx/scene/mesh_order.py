@@ -5,8 +5,6 @@ the nodes of cell 0, of cell 1, and so on, without those that were there before:
 nodes alike on any ranks.
 """
 
-from __future__ import annotations
-
 import hashlib
 
 import numpy as np

@@ -3,8 +3,6 @@
 A name may hold several pieces, such as eight nuts. They are one body, or one each.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

@@ -3,8 +3,6 @@
 Connected parts act on each other by joints that link them and by contacts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

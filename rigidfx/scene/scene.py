@@ -3,8 +3,6 @@
 Faults known without a run are raised as a scene is made, the rest before the first step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from types import MappingProxyType

@@ -1,7 +1,5 @@
 """A scene in words: its effects, and which of them act when."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from math import inf, isfinite

@@ -1,7 +1,5 @@
 """Where steps end: on a grid of nominal steps and on every breakpoint, or as an error lets them."""
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field

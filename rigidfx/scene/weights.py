@@ -1,7 +1,5 @@
 """Share of each node in an integral over cells or facets: masses, areas, forces of a load."""
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import numpy as np

@@ -13,8 +13,6 @@ k the change of a gap's rate over this rate; or after 2τ if they turn before. T
 contact that has been open for some steps: where something rattles or rests, steps do not change.
 """
 
-from __future__ import annotations
-
 from math import inf, sqrt
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """One time step: state in, result out. A step that is objected to is cut and tried again."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import ClassVar

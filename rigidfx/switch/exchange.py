@@ -24,8 +24,6 @@ so that the release gives all back. The strain energy of its cells is not U(q), 
 order: the difference is taken from these velocities, as far as they have it, or given to them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence, Set
 from dataclasses import replace
 from typing import NamedTuple

@@ -4,8 +4,6 @@ With a lumped mass such a body has the masses of its nodes. With a consistent on
 masses; the mass of the cells beside it stays theirs, and its six unknowns move it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -13,8 +13,6 @@ go by the part of δ with which the energy is that of the expansion, as stresses
 frozen do work along δ that no load has done.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple

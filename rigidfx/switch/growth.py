@@ -16,8 +16,6 @@ shape: that is the motion to come where a load begins. While a motion begins fro
 once in a step and no cell wakes. And e has its followers; with strain rates these follow waves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import ClassVar
 

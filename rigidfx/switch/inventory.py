@@ -3,8 +3,6 @@
 It says which cells are flexible, which form bodies and which go with a support.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any

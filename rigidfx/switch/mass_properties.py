@@ -9,8 +9,6 @@ inertia come out too large, threefold about the axis of a bar one cell across, b
 block of n cells across (the paper, Section 6.1). `excess_of_lumping` tells by how much.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import basix

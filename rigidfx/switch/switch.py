@@ -3,8 +3,6 @@
 Decision → exchange of momenta and energy → inventory of bodies → stepper bound anew → Event
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from functools import partial

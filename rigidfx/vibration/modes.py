@@ -7,8 +7,6 @@ frequency among them, is the mass that no support holds (R. W. Clough and J. Pen
 Structures, 3rd ed., Section 26-4).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import pi
 from pathlib import Path

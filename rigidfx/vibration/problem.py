@@ -17,8 +17,6 @@ whose derivative is the stiffness -M S (L. Meirovitch, Computational Methods in 
 1980, Section 2.6). Coriolis forces are left out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial

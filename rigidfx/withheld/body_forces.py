@@ -10,8 +10,6 @@ for a rotating shape, with K Φ q½ of bodies that have shapes. R̄ is the rotat
 step: by the mean of both, which is shorter, f⁰ would be 1 - cos(ωΔt/2) too large.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import ClassVar
 

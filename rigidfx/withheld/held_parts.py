@@ -6,8 +6,6 @@ and stiffness does: as on a body, but for the nodes that supports hold in truth.
 between these and the forces on the rest of it; no rigid motion of it is left.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from rigidfx.base.types import Array, Bools, Indices

@@ -1,7 +1,5 @@
 """The cells and nodes of some bodies, in the shape that they are frozen in."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ the forces (stresses of a bar whose tip went 4 % of its length were 4 % off, by 
 whole structure is solved with it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -7,8 +7,6 @@ g(u + e) - g(u) = ρ: at each iterate a step begins there, whose forces without 
 those of that state. The derivative of forces halfway is half the stiffness.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from copy import deepcopy
 

@@ -1,7 +1,5 @@
 """Masses without size."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 

@@ -1,7 +1,5 @@
 """Springs and dashpots between nodes and the ground."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal

@@ -6,8 +6,6 @@ each obstacle, the secant [U] of the penalty, and friction. Its t = Δg_T/√(|�
 additional unknown, kept from iterate to iterate with |t| ≤ 1.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial

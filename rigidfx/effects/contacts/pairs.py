@@ -11,8 +11,6 @@ any two ranks, and surfaces are small beside their parts. Which triangle a node 
 SciPy's cKDTree over their centres.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

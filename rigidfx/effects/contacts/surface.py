@@ -4,8 +4,6 @@ Contact acts at nodes, by areas and secants of docs/theory/contact.md. By defaul
 that of a layer of the cells behind, `LAYERS` (λ + 2μ)/h for an area, h being their thickness there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps

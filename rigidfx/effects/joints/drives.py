@@ -11,8 +11,6 @@ with κ = 2 m/Δt² of the mass that the joint moves, in statics its stiffness. 
 stiffness of nodes. In statics forces are those at the end of a load step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -7,8 +7,6 @@ which only pushes back. Where the damper would make the force pull, on the way b
 zero, and the damper takes all of the energy that the spring gives, which is never below zero.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import inf, isfinite, pi

@@ -12,8 +12,6 @@ difference of two angles has the rounding of the angles, which the division by |
 a machine is nearly at rest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import pi

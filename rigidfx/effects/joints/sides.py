@@ -6,8 +6,6 @@ cylinder are perpendicular to its axis: there Σ A n nᵀ vanishes. Those of a s
 x - c: the vertices of a hole between two rings lie on a sphere too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

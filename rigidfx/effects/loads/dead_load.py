@@ -5,8 +5,6 @@ only evaluates q at its midpoint. A load that depends on the place, q(X, t), is 
 nodes it acts on, and has its sums over the nodes of bodies anew in each step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial

@@ -7,8 +7,6 @@ forces at its nodes. A step therefore needs no facets of frozen cells, and momen
 as if it had them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """Force and torque on a rigid body as such, or at a point of a face."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, ClassVar

@@ -6,8 +6,6 @@ entries at few unknowns, is known apart from the rest of the tangent, and a tang
 follow it (`rigidfx.step.newton.kept_tangent`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any

@@ -12,8 +12,6 @@ residuals forces. The tangent of R stays the one that is condensed without joint
 `rigidfx.step.newton.border`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Which cells are flexible, which form bodies and which go with a support."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Read-only numbers of a state: energies and momenta, already summed over ranks."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -10,8 +10,6 @@ all in newtons; the prolongation d(y) carries supports and bodies, see `prolonga
 joints come last in both, see `constraints`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal

@@ -20,8 +20,6 @@ whole, and does little work. A residual a hundredth as large may turn a part tha
 inertia against it, compared with its stiffness.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from dolfinx import fem
 from mpi4py import MPI

@@ -8,8 +8,6 @@ A viscous stress of cells gives a body the forces C Δq/Δt, C = Φᵀ C_cells �
 so that each kind of damping is one of them less half of the shapes' own stiffness.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -11,8 +11,6 @@ On one rank CHOLMOD factors a definite K + σM, where it is installed, and MUMPS
 LAPACK finds all pairs of small systems at once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

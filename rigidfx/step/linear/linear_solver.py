@@ -9,8 +9,6 @@ Defaults are set through PETSc's interface before its options are read, so that 
 the project's prefix overrides them: -rigidfx_ksp_type, -rigidfx_pc_type, -rigidfx_snes_monitor.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

@@ -14,8 +14,6 @@ PETSc marks each option that is looked up. petsc4py 3.22 does not pass the marks
 library, which it has loaded, is asked.
 """
 
-from __future__ import annotations
-
 import ctypes
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -63,7 +61,7 @@ def asked(names: Iterable[str]) -> set[str]:
 
 
 @cache
-def _options_used() -> ctypes._NamedFuncPointer | None:
+def _options_used() -> Any:
     """PETSc's function that tells; None if there is none."""
     try:
         return ctypes.CDLL(PETSc.__file__).PetscOptionsUsed
@@ -71,7 +69,7 @@ def _options_used() -> ctypes._NamedFuncPointer | None:
         return None
 
 
-def _is_marked(used: ctypes._NamedFuncPointer, name: str) -> bool:
+def _is_marked(used: Any, name: str) -> bool:
     answer = ctypes.c_int(0)  # room for an enumeration, and for the one byte of newer PETSc's
     failed = used(None, name.encode(), ctypes.byref(answer))
     return bool(failed or answer.value)

@@ -7,8 +7,6 @@ iterations to a hundredth, each of a third of a solve with full factors, or less
 with a kept tangent removes the error of a solve, as it does the tangent's own error.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

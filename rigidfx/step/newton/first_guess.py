@@ -7,8 +7,6 @@ vector θ / (1 + √(1 + ¼θ²))), continues along a straight line if it is slo
 vibrates faster than steps resolve: both guesses are tried, and the smaller residual decides.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import sqrt
 

@@ -14,8 +14,6 @@ Contacts are followed by a correction of low rank, and secants mend what the tan
 docs/theory/step.md#kept-tangents.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from dolfinx import la
 from mpi4py import MPI

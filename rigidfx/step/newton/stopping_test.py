@@ -6,8 +6,6 @@ strains, whose size is estimated. Then a residual that falls slowly and is close
 stall. A residual that grows is a stall only if it is itself rounding.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -12,8 +12,6 @@ where A P is known, so that its product costs a fifth of one with A. PETSc's PCM
 the same with another product with A.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

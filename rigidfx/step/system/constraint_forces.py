@@ -22,8 +22,6 @@ nothing. Dampers of ratio ζ add an error of 2 ζ² ωΔt of inertial forces. St
 of springs are in A only.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 

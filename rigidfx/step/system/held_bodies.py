@@ -5,8 +5,6 @@ responses to unit motions of their nodes, so that q of these is how the nodes mo
 the rows of q are the forces of the guides.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 

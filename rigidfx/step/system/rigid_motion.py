@@ -7,8 +7,6 @@ B y = 0; the eigenvalues of BᵀB tell whether y = 0 is the only solution, and i
 free.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any

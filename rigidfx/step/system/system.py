@@ -4,8 +4,6 @@ It is made when the division changes and destroyed when the next one takes over;
 nothing else.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial

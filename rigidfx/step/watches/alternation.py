@@ -9,8 +9,6 @@ Where a period is shorter than 1.6 Δt, r is below -0.6, and the deflection unde
 at once is twice the static one, then nothing, then twice, for ever. All balances hold.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

@@ -10,8 +10,6 @@ standard cells and of 0.70 with enhanced ones, whose modes are the first to go (
 of `demos/benchmarks/known_answers.py`). Energy is conserved all the same.
 """
 
-from __future__ import annotations
-
 from typing import Any, ClassVar
 
 import basix

@@ -3,8 +3,6 @@
 An attempt that is not accepted leaves no trace, but for the factors that a solver has made.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count

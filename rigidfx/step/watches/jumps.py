@@ -10,8 +10,6 @@ leaves them while they press it, the step works against all of the jump: an ener
 step does not change, and that nobody may have meant.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import ClassVar
