@@ -1,14 +1,10 @@
 """Read CAD (STEP, IGES, BREP): find volumes and surfaces, name them, mesh them.
 
-CAD files know no physical names. The volumes and surfaces of a file are listed with their numbers,
-labels, places and shapes; names are then given by number, by label, or by a condition on these.
-
-OpenCASCADE reads a file in UTF-8, in silence, and only if it is whole. A STEP file that was cut
-short names entities that are not there, and OpenCASCADE ends Python over some of them.
-
-Labels of volumes and surfaces are the names of their parts. gmsh joins the names of assemblies,
-their pieces and parts by "/": "Shapes/machine/3/M8/20". The part's name is the last of them, but
-for names that have a "/" themselves; these are in the file.
+Names are given by number, by label, or by a condition on places and shapes. OpenCASCADE reads a
+file in UTF-8, in silence, and ends Python over some STEP files that were cut short. Labels are the
+names of parts: gmsh joins the names of assemblies, their pieces and parts by "/", as in
+"Shapes/machine/3/M8/20". The part's name is the last of them, but for names that have a "/"
+themselves; these are in the file.
 """
 
 import re

@@ -1,14 +1,9 @@
 """Checks of cells: the order of their nodes, and that none is flat or turned inside out.
 
-DOLFINx integrates with |det J|, so an inverted cell goes unnoticed and adds volume instead of
-taking it away. Two tests find one whatever the order of its vertices: det J must keep one sign at
-all integration points of a cell, and the cells on the two sides of a facet must lie on different
-sides. Another sign at a corner alone falsifies no integral, and is told.
-
-Places also tell in which order the nodes of given cells are. Programs number the nodes of a cell in
-different ways: DOLFINx the corners of a hexahedron by x, y, z, most others round its bottom and
-then round its top; nodes on edges and in faces almost each in a way of its own. One order only
-makes sound cells.
+DOLFINx integrates with |det J|, so an inverted cell adds volume instead of taking it away. Whatever
+the order of its vertices, det J must keep one sign at all integration points of a cell, and cells
+on the two sides of a facet must lie on different sides. Programs number the nodes of a cell in
+different ways; one order only makes sound cells.
 """
 
 from collections.abc import Callable, Iterator

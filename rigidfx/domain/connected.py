@@ -1,14 +1,10 @@
 """Parts of a mesh: connected through facets, or through vertices alone as hinges, or touching.
 
-Each rank finds the parts of the entities it knows; an entity that two ranks share ties a part of
-one to a part of the other. Parts are numbered by the least of their cells' numbers in the mesh
-file, so that the partition of the mesh cannot be seen in the result. Parts that share nodes and no
-facet turn about these nodes like a door.
-
-Other parts share no nodes and touch or overlap nonetheless. Of two cells that meet, an edge of one
-passes through the other, or lies in it, or grazes it. So the edges on the surface of each part are
-cut with the cells of others: with the planes of their facets, of which those of hexahedra need not
-be flat and stand for planes parallel to both diagonals.
+Parts are numbered by the least of their cells' numbers in the mesh file, so that the partition of
+the mesh cannot be seen in the result. Others share no nodes and touch or overlap nonetheless: of
+two cells that meet, an edge of one passes through the other, lies in it, or grazes it. So the edges
+on the surface of each part are cut with the planes of facets of others' cells; those of hexahedra
+stand for planes parallel to both diagonals.
 """
 
 from __future__ import annotations

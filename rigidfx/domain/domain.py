@@ -1,18 +1,14 @@
 """A mesh with its named parts.
 
-Everything a scene refers to is found by *name*: a name stands for a set of cells, facets, edges or
-vertices. A domain never changes; `with_cells`, `with_facets`, `with_edges` and `with_vertices`
-return a new one that knows one name more.
+A name stands for a set of cells, facets, edges or vertices; a scene refers to names. A domain never
+changes; `with_cells`, `with_facets`, `with_edges` and `with_vertices` return a new one that knows
+one name more.
 
-A mesh never goes while an exception is under way. As a mesh goes, mpi4py is called for its
-communicator. In `simulate(Scene(box(...), material), t_end=1)` the scene is dropped while a
-TypeError is on its way; mpi4py would take that error for its own and keep a lock (4.0), for which
-the process waits at its end, for ever. Function spaces, forms and all else that is made on a mesh
-hold it as well, and may be the last to do so.
-
-So a reference to each mesh is kept here, and meshes that nothing else refers to any more are let go
-when the next domain is made or dropped, or at the process's end. A finaliser is as good a time as
-any other: in it Python sets exceptions aside.
+A mesh never goes while an exception is under way: mpi4py 4.0, called for its communicator then,
+takes that error for its own and keeps a lock, for which the process waits at its end. Function
+spaces and forms on a mesh may be the last to hold it. So meshes are kept here, and those that
+nothing else refers to go when the next domain is made or dropped, or at the process's end. A
+finaliser is as good a time: in it Python sets exceptions aside.
 """
 
 from __future__ import annotations

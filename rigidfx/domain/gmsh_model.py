@@ -1,12 +1,9 @@
 """Read gmsh's files: physical groups become the names of a domain.
 
-In mesh files of version 2 each cell and facet has the number of its physical group and one of its
-elementary entity, and gmsh takes a group for all entities in which one of its cells lies.
-Converters that know groups only, such as meshio, give all the same entity: all groups would hold
-everything then. Each group is made an entity of its own in such a file.
-
-UNV files are looked at before gmsh reads them, whose reader ends Python over some. A group may name
-an element that the file has not: gmsh itself writes groups of points so.
+In mesh files of version 2 gmsh takes a group for all entities in which one of its cells lies.
+Converters such as meshio give all cells the same entity: each group is made an entity of its own.
+UNV files are looked at before gmsh reads them, as its reader ends Python where a group names an
+element that the file has not; gmsh itself writes groups of points so.
 """
 
 import os

@@ -1,14 +1,10 @@
 """Read gmsh's scripts: geometry with physical names, meshed when it is read.
 
-A script's constants, `DefineConstant[ length = 2.0 ];`, are parameters that the reader may set.
-
-Curved cells that gmsh has turned inside out are mended. gmsh puts the nodes of second-order cells
-that lie on the geometry where it is, and leaves those inside on straight edges. Where a surface
-turns much within a cell, det J changes its sign there. Let s be the place of a node in the straight
-cell, and d = x - s. First, nodes on edges inside follow those on surfaces: ∇·∇d = 0 around such
-cells. If cells are left with det J below LEAST of the straight cell's, their nodes go towards s,
-x ← s + t d, with t halved until none is. The straight cell has det J of one sign if it is a
-tetrahedron. gmsh's own optimisers are no way: they throw C++ exceptions that nobody can catch.
+Second-order cells that gmsh has turned inside out are mended, as its own optimisers throw C++
+exceptions that nobody can catch. Let s be the place of a node in the straight cell, and d = x - s.
+First, nodes on edges inside follow those on surfaces: ∇·∇d = 0 around such cells. If cells are left
+with det J below LEAST of the straight cell's, their nodes go towards s, x ← s + t d, with t halved
+until none is.
 """
 
 from __future__ import annotations

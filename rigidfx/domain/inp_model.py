@@ -1,12 +1,9 @@
 """The mesh in an Abaqus or CalculiX input file: nodes, elements, sets, surfaces.
 
-A flat file has one place for all of them. A file with parts has those of each part, once for each
-of its instances, where that is placed; sets of the assembly name the instance whose numbers they
-have.
-
-A card is `*KEYWORD, PARAMETER=VALUE, FLAG` and the lines of data below it. `**` begins a comment,
-names do not tell capitals of ASCII from small letters, and the lines of another file stand in for
-`*INCLUDE`, be they cards or data.
+A file with parts has those of each part, once for each of its instances, where that is placed; sets
+of the assembly name the instance whose numbers they have. A card is `*KEYWORD, PARAMETER=VALUE` and
+the lines of data below it. `**` begins a comment, names do not tell capitals of ASCII from small
+letters, and the lines of another file stand in for `*INCLUDE`, be they cards or data.
 """
 
 import re

@@ -1,20 +1,7 @@
 """Damping: viscous stresses, ξ of the scheme and drags; centrifugal forces of statics.
 
-Forces proportional to mass are drags, and centrifugal forces in a frame that turns.
-Each is a resistance s M x, with x of the nodes and, of bodies, matrices X as their poses: a body
-has s Σ m a aᵀ X. A drag on velocities takes x = Δu.
-
-A drag on the increments of a load step makes statics of loose parts regular. The force
--s M (x - x*) draws nodes and bodies to places x* near an equilibrium. Where these follow the
-solution it vanishes, and with x* = x the equilibrium is that without it: a proximal point method
-(R. T. Rockafellar, SIAM J. Control Optim. 14 (1976) 877). Each solve is an implicit Euler step of
-length s^(-1/2) from rest, so that it leads to stable equilibria.
-
-In a frame that turns with ω about c, statics have the load
-
-    f = -M ω × (ω × (x - c)) = M S (x - c),   S = |ω|² I - ω ωᵀ.
-
-It follows the deformed place x = X + u, so that its stiffness is -M S.
+Forces proportional to mass are a resistance s M x, with x of the nodes and, of bodies, matrices X
+as their poses: a body has s Σ m a aᵀ X. A drag on velocities takes x = Δu.
 """
 
 from collections.abc import Callable
@@ -338,7 +325,13 @@ class StaticForces(Effect):
 
 
 class StepDrag(MassForces):
-    """The drag on increments, s M (x - x*) as a resistance; its `rate` is s [1/s²]."""
+    """The drag on increments, s M (x - x*) as a resistance; its `rate` is s [1/s²].
+
+    It makes statics of loose parts regular. Where places x* near an equilibrium follow the solution
+    it vanishes: a proximal point method (R. T. Rockafellar, SIAM J. Control Optim. 14 (1976) 877).
+    Each solve is an implicit Euler step of length s^(-1/2) from rest, and leads to stable
+    equilibria.
+    """
 
     kind = "StepDrag"
 
@@ -360,7 +353,7 @@ class StepDrag(MassForces):
 
 
 class Centrifugal(MassForces):
-    """-M S (x - c) as a resistance."""
+    """-M S (x - c) as a resistance, S = |ω|² I - ω ωᵀ: the load -M ω × (ω × (x - c)) of statics."""
 
     kind = "Preload"
 

@@ -4,16 +4,6 @@ A node of a body has constant body-fixed coordinates a, shape (n,), and moves by
 matrix D of the body, shape (n, 3). Forces on nodes enter the body by their moments Σ a fᵀ, and a
 stiffness of nodes by the derivative of these moments. Actions add what this rank's nodes have;
 what all ranks know counts on the first one (`Structure.once`).
-
-`Nodes` are some nodes of this rank: flexible, held by a support, or in a body. `LinearNodes` stand
-for nodes whose forces are linear in their displacements: those of a body then have at most n + 3
-representatives, however many they are. `SharedNodes` are known on all ranks, for forces between
-places that any rank may have.
-
-Linear forces of a body's nodes need the sums Σ w c cᵀ of c = [a, u₀] only, with the body-fixed
-coordinates a and the displacements u₀ at a reference pose. With QR of √w c these are Σ r rᵀ over
-the rows r = [s, e] of R: representatives that have the coordinates s, the displacements e and the
-weight 1. Forces, stiffness and energies come out as those of all nodes.
 """
 
 from __future__ import annotations
@@ -256,7 +246,12 @@ class Nodes:
 
 
 class LinearNodes(Nodes):
-    """Nodes with weights, 1 of a representative, for forces that are linear in displacements."""
+    """Nodes with weights, 1 of a representative, for forces that are linear in displacements.
+
+    Those of a body's nodes need the sums Σ w c cᵀ of c = [a, u₀] only, u₀ at a reference pose. With
+    QR of √w c these are Σ r rᵀ over the rows r = [s, e] of R: n + 3 representatives at most, of
+    coordinates s, displacements e and weight 1. Forces, stiffness and energies are those of all.
+    """
 
     def __init__(
         self, structure: Structure, nodes: npt.NDArray[Any], weights: Array, rest: Array

@@ -1,9 +1,8 @@
 """The bodies found in a run as a multibody model: a file to read, and to start another run from.
 
-The paper remarks that interim results show which simple multibody system a structure is. The file
-is JSON: for each body its mass, inertia and pose, its cells by their numbers in the mesh file, and
-the nodes at which flexible cells are attached to it; and joints as the scene has placed them. Parts
-that a support clamps are not in it.
+The file is JSON: for each body its mass, inertia and pose, its cells by their numbers in the mesh
+file, and the nodes at which flexible cells are attached to it; and joints as the scene has placed
+them. Parts that a support clamps are not in it.
 """
 
 import json

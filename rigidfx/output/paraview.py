@@ -1,11 +1,9 @@
 """ParaView series: point and cell data of the whole body, the same files from any number of ranks.
 
 A series is a .pvd that lists one .vtu per time. Rank 0 writes the whole body: cells in the order of
-the mesh file, each node once, no ghosts. The .pvd is whole after each time and names finished files
-only, so it can be opened while a run goes on and after one that was killed.
-
-DOLFINx's own writers do less: VTKFile puts numbers in plain text, shows ghost cells and completes
-the .pvd at the end only; VTXWriter of DOLFINx 0.9 cannot join point and cell data.
+the mesh file, each node once, no ghosts. The .pvd names finished files only, so it can be opened
+while a run goes on. DOLFINx's VTKFile shows ghost cells and completes the .pvd at the end only;
+VTXWriter of DOLFINx 0.9 cannot join point and cell data.
 """
 
 import os

@@ -1,9 +1,8 @@
 """One file with all times of the fields: VTKHDF, which ParaView, VTK from 9.3 on and h5py read.
 
-Points and cells are there once, the values of each time behind those of the time before; whole
-numbers that have not changed since are not there again. Displacements are in double precision, all
-else is in single precision; tensors have the six components xx, yy, zz, xy, yz, xz of VTK's
-symmetric ones. Rank 0 alone writes. The file of a run that was killed opens with all times.
+Values of each time are behind those of the time before; whole numbers that have not changed are not
+there again. Displacements are in double, all else in single precision; symmetric tensors have VTK's
+xx, yy, zz, xy, yz, xz. The file of a run that was killed opens with all times.
 https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format tells the format.
 """
 

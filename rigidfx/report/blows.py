@@ -1,20 +1,7 @@
 """Does a run resolve its blows, on contacts, on stops of joints, and by cables that go taut?
 
-A blow that is over within few steps has the right impulse, and the motion afterwards holds, as
-momenta and energy are exact at any Δt. The forces in between are means over steps: their peak, and
-that of stresses, is not resolved.
-
-How long a contact presses is measured as that half of a sine which has its impulse I and the peak F
-of `Touch.resolved`, of the length π I/(2 F): a series of blows that follow one another counts as
-one of them. A contact that stays closed, as under a weight, has the impulse of the steps in which
-the force is above half of its peak so far. The Δt that is named resolves that duration and the
-contact's own time (`own_time`). A run that ends in a blow, while its force still grows, knows the
-latter alone. In short steps nodes of the surface ring on the penalty, and the peak of the force is
-theirs. Then the run names that of `Touch.resolved`.
-
-A mass m on a stop k swings back in half a period π √(m/k). With a strong damper c the force begins
-with c v and falls. The impulse between two steps over the change of the joint's rate between them
-is m, as far as nothing else acts.
+A blow that is over within few steps has the right impulse, and the motion afterwards holds. The
+forces in between are means over steps: their peak, and that of stresses, is not resolved.
 """
 
 from dataclasses import dataclass
@@ -65,7 +52,14 @@ class _Closed:
 
 
 class BriefContacts(Adviser):
-    """Looks at the contacts of reports; advises once on steps, and once on cells."""
+    """Looks at the contacts of reports; advises once on steps, and once on cells.
+
+    A contact presses for half of a sine which has its impulse I and the peak F of `Touch.resolved`,
+    π I/(2 F): a series of blows counts as one. One that stays closed, as under a weight, has the
+    impulse of the steps in which the force is above half of its peak so far. The Δt that is named
+    resolves this and the contact's `own_time`; a run that ends while the force still grows knows
+    the latter alone. In short steps the peak is that of nodes that ring on the penalty.
+    """
 
     remembered: ClassVar[Remembered] = Adviser.remembered | same("_closed", "_most")
 
@@ -177,7 +171,12 @@ class _Struck:
 
 
 class BriefStops(Adviser):
-    """Looks at the stops and cables of reports; advises once."""
+    """Looks at the stops and cables of reports; advises once.
+
+    A mass m on a stop k swings back in half a period π √(m/k). With a strong damper c the force
+    begins with c v and falls. The impulse between two steps over the change of the joint's rate
+    between them is m, as far as nothing else acts.
+    """
 
     remembered: ClassVar[Remembered] = Adviser.remembered | same(
         "_struck", "_rates", "_closed", "_most"

@@ -1,22 +1,14 @@
 """Do loads, and forces of motors, joints and supports, change faster than Δt?
 
 A step takes a load f in its middle, which is its mean over the step as far as f is straight there.
-The part that is bent is r = f - f(middle) - s (t - middle), with the slope s that fits best, and
+The rest is r = f - f(middle) - s (t - middle), with the slope s that fits best, and
+Σ Δt mean |r| of Σ Δt mean |f| is (ωΔt)²/24 in a vibration of ω. Means are taken at Gauss's five
+points, whose distances have no common divisor: no vibration looks straight in them. Of the path of
+a support, and of a motor that prescribes a motion, f is the velocity.
 
-    Σ Δt mean |r|   of   Σ Δt mean |f|
-
-is (ωΔt)²/24 in a vibration of ω. Means are taken at Gauss's five points, whose distances have no
-common divisor: no vibration looks straight in them. Of the path of a support, and of a motor that
-prescribes a motion, f is the velocity.
-
-A force λ of a constraint, in steps of one length, is split into its mean of neighbouring steps and
-the rest,
-
-    λₙ = ¼ (λₙ₋₁ + 2 λₙ + λₙ₊₁) - ¼ (λₙ₋₁ - 2 λₙ + λₙ₊₁) .
-
-It counts as alternating where the rest changes its sign in two of three steps, which it does at
-three steps a period and less. One event in between leaves no trace in the median. The peak of the
-motion that Δt resolves is that of `rigidfx.report.resolved_forces`.
+The second difference of a constraint's force, over 4, counts as alternating where it changes its
+sign in two of three steps, which it does at three steps a period and less. One event in between
+leaves no trace in the median.
 """
 
 from math import pi

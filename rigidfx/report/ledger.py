@@ -1,18 +1,10 @@
 """Errors and energies that a run has spent so far: accounts that are never added up.
 
-    frozen     kinetic energy of vibration that bodies keep for their release now    [J]
-    time       estimated error of displacements by time integration, added up        [m]
-    rigidity   estimated error of displacements by rigid parts                      [m]
-    damping    energy that numerical damping has taken so far                         [J]
-
-Errors of displacements are relative to the largest displacement so far of the points watched. The
-error of the mesh is not estimated.
-
-Energies are relative to the largest energy of deformation so far: strain energy, energy of bodies,
-and the kinetic energy relative to the best rigid motion of each connected part, the one that has
-its momenta. One per cent of the energy with which a body flies would let all of its vibration
-freeze. Parts that supports hold still have no rigid motion: all of their kinetic energy is of
-deformation.
+Errors of displacements are relative to the largest displacement so far of the points watched,
+energies to the largest energy of deformation so far: strain energy, energy of bodies, and the
+kinetic energy relative to the rigid motion of each connected part that has its momenta. One per
+cent of the energy with which a body flies would let all of its vibration freeze. Parts that
+supports hold still have no rigid motion. The error of the mesh is not estimated.
 """
 
 from dataclasses import dataclass

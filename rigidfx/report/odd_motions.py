@@ -1,29 +1,4 @@
-"""Looks for motions that keep all balances and are not those that were meant.
-
-`Stillness`: Nothing acts in a run, and no number tells why.
-
-`Jolts`: A support, or a contact, that begins gives or takes much of the energy at one instant. A
-motion that is prescribed at full speed from t = 0 on under a body at rest is an impact: the held
-nodes have their velocity at once, and waves run from them through the body. Its size is the larger
-one of the energy of the impact, and of that with which the body would follow the support at once.
-
-`LumpedInertia`: Masses at the corners of cells turn harder than the mass they represent, most of
-all about the axis of something one cell across. As long as a body hardly turns about such an axis
-that does no harm; so the share of this error in the kinetic energy of a body counts.
-
-`TurnedSprings`: A spring pulls each node back to where it began. On a set of some radius it is a
-torsional spring as well, which a shaft on bearings has not: it lets the shaft swing to and fro.
-Nodes on the axis do not turn.
-
-`Overdamped`: The shape u of a structure on supports that stand still, with the energy W of strains
-and springs, has
-
-    ω² = 2 W / u·M u ≥ ω₁²
-
-by Rayleigh's quotient, equal to it for the shape of the first vibration. So its damping ratio is at
-least ½ (α/ω + β ω), α M + β K being below all damping (`scene/damped.py`). The smallest ω of some
-steps is taken, in runs that last for its period.
-"""
+"""Looks for motions that keep all balances and are not those that were meant."""
 
 from math import inf, pi, sqrt
 from typing import ClassVar
@@ -48,7 +23,12 @@ LUMPED_EVERY, TURNED_EVERY = 8, 4  # steps from look to look
 
 
 class Jolts(Adviser):
-    """Looks at the impacts of reports; advises once."""
+    """Looks at supports and contacts that begin with much of the energy; advises once.
+
+    A motion prescribed at full speed under a body at rest is an impact: held nodes have their
+    velocity at once, and waves run from them. Its size is the larger one of its energy and of that
+    with which the body would follow the support at once.
+    """
 
     remembered: ClassVar[Remembered] = Adviser.remembered | same("_energy", "_most", "_found")
 
@@ -130,7 +110,11 @@ class Stillness(Adviser):
 
 
 class LumpedInertia(Adviser):
-    """Looks at the bodies of some reports; advises once."""
+    """Looks at the bodies of some reports; advises once.
+
+    Masses at the corners of cells turn harder than the mass they represent, most of all about the
+    axis of something one cell across. What counts is the share in the body's kinetic energy.
+    """
 
     remembered: ClassVar[Remembered] = Adviser.remembered
 
@@ -162,7 +146,11 @@ class LumpedInertia(Adviser):
 
 
 class TurnedSprings(Adviser):
-    """Looks at the sets of springs in some reports; advises once."""
+    """Looks at the sets of springs in some reports; advises once.
+
+    A spring pulls each node back to where it began: a set of some radius is a torsional spring too,
+    which a shaft on bearings has not. Nodes on the axis do not turn.
+    """
 
     remembered: ClassVar[Remembered] = Adviser.remembered | same("_most")
 
@@ -206,7 +194,13 @@ class TurnedSprings(Adviser):
 
 
 class Overdamped(Look):
-    """Looks at shapes in steps whose number is a power of two; warns at the end."""
+    """Looks at shapes in steps whose number is a power of two; warns at the end.
+
+    On supports that stand still, a shape u with the energy W of strains and springs has
+    ω² = 2 W / u·M u ≥ ω₁² by Rayleigh's quotient, equal to it for the first vibration, and at least
+    the damping ratio ½ (α/ω + β ω), α M + β K being below all damping (`Damped`). The smallest ω
+    counts, in runs that last for its period.
+    """
 
     remembered: ClassVar[Remembered] = same("_square", "_t", "_dt")
 

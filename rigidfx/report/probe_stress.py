@@ -1,10 +1,8 @@
 """Values at probes: histories of named points, and stress and strain from the cells around them.
 
-The displacement of a probe is Σ Nᵢ of those of the nodes of its cell, by weights that never change.
-Its stress is Σ Nᵢ of the values at these nodes. They are sums over the cells at them
-(`rigidfx.flexible.nodal_stress`), and all weights are constant: a probe is one fixed sum over
-integration points. So only the cells that share a node with the probe's own are evaluated. Stresses
-of rigid parts are recovered where one of these cells is rigid, and only there.
+All weights are constant: the displacement of a probe is one fixed sum over the nodes of its cell,
+its stress one over the integration points of cells that share a node with that, which alone are
+evaluated. Stresses of rigid parts are recovered where one of these cells is rigid.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,14 +1,9 @@
 """Forces without the vibration that neither the mesh nor Δt resolves.
 
-Forces of contacts are averaged over the shortest time that a mesh resolves. A contact's force in a
-step is its impulse over Δt, which is exact. In short steps it is a force between nodes: those of a
-flat face that hits a floor ring on the penalty by their own mass, with twice the force ρ c v A of
-the body at any size of cells. Its mean over a few crossings of the layer of cells behind, weighted
-by a triangle, converges to that of the body with smaller cells:
-docs/theory/contact.md#times-of-a-blow.
-
-Forces λ of constraints lose the part that alternates from step to step, by fourth differences:
-docs/theory/joints.md#forces-that-do-not-alternate.
+A contact's force in a step is its impulse over Δt, in short steps one between nodes, with twice the
+force ρ c v A of the body. Its mean over a few crossings of the layer of cells behind, weighted by a
+triangle, converges to that of the body: docs/theory/contact.md#times-of-a-blow. Forces λ of
+constraints lose the part that alternates: docs/theory/joints.md#forces-that-do-not-alternate.
 """
 
 from dataclasses import replace

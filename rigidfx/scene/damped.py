@@ -1,13 +1,10 @@
 """The least damping of a structure: α M + β K is below all of it.
 
-Damping everywhere, drag or viscosity, damps a vibration of the angular frequency ω by ½ (α + β ω²),
-whatever its shape. Damping in some cells only may leave others ringing, and counts for nothing. β
-is the least of all cells: of `StiffnessDamping` its own, of `KelvinVoigt` η over the largest
-modulus 3 λ + 2 μ of the material, of `NumericalDamping` ξ Δt. Springs make vibrations faster
-without damping them.
-
-Both are zero where a structure may come to rest elsewhere, as errors of its place stay. One comes
-back if it is of one part, is held by supports, touches nothing, and is damped for the whole run.
+A vibration of ω falls by ½ (α + β ω²), whatever its shape. Damping in some cells only may leave
+others ringing, and counts for nothing. β is the least of all cells: of `KelvinVoigt` η over the
+largest modulus 3 λ + 2 μ, of `NumericalDamping` ξ Δt. Both are zero where a structure may come to
+rest elsewhere: unless it is of one part, supports hold it, it touches nothing, and is damped for
+the whole run.
 """
 
 from collections.abc import Iterator

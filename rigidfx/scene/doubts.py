@@ -1,14 +1,10 @@
 """Scenes that can be computed and are hardly meant: units, flat facets, loads that do nothing.
 
-A part read in millimetres in place of metres has 1e9 times its mass, so that forces that are meant
-for it are next to nothing beside its weight. Those on large structures are not, and neither are
-forces on parts in micrometres. Without forces its Δt tells: waves take a thousand times as long
-through the part, which a hall that shakes has Δt for.
-
-A round surface of flat facets meets an obstacle as a polygon of n sides, which stands still on
-slopes below 180°/n, half the angle between facets, of which a hollow of radius R leaves 1 - r/R. A
-surface is round where facets, of triangles in one plane, meet at a small convex angle θ, and their
-radius, width over θ, is not small beside the distance from the middle of the part, as of a fillet.
+A part read in millimetres in place of metres has 1e9 times its mass, so that forces are next to
+nothing beside its weight. Without forces its Δt tells: waves take a thousand times as long through
+the part. A round surface of flat facets meets an obstacle as a polygon of n sides, which stands
+still on slopes below 180°/n, of which a hollow of radius R leaves 1 - r/R. It is round where facets
+meet at a small convex angle θ, and their radius, width over θ, is no fillet's.
 """
 
 from typing import Any

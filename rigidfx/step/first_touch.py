@@ -1,16 +1,12 @@
-"""When a contact will close: the step before ends just short of that.
+"""When a contact will close: the step before ends just short of that, as at a breakpoint.
 
-Nothing in a step tells of an obstacle that it runs into at its end. So the first touch is foreseen
-and ends a step as a breakpoint does, after which Δt by its error begins with short ones. Nothing
-presses in the step before: a body would get the shapes that its length resolves.
-
-At constant velocity the gaps close after τ, and after τ₋ at the start of the step before, of the
-length h. With a constant acceleration they close after
+After it Δt by its error begins with short steps; a body gets the shapes that these resolve. At
+constant velocity gaps close after τ, and after τ₋ at the start of the step before, of the length h.
+With a constant acceleration they close after
 
     s = 2τ/(1 + √(1 + 2kτ)) ,    k = (1 - (2τ + h)/(2τ₋ - h))/h ,
 
-k the change of a gap's rate over this rate; or after 2τ if they turn before. That holds for a
-contact that has been open for some steps: where something rattles or rests, steps do not change.
+or after 2τ if they turn before, where a contact has been open for some steps.
 """
 
 from math import inf, sqrt

@@ -2,16 +2,11 @@
 
     R(u₁) = f_int(u₁) + f_contact(u₁) - f_ext(t₁) = 0
 
-The equations are those of a step without inertia, with forces at its end; SNES solves them. Newton
-steps are taken whole first. Where that fails, they are shortened by a line search with backtracking
-(J. E. Dennis and R. B. Schnabel, Numerical Methods for Unconstrained Optimization and Nonlinear
-Equations, 1996, Section 6.3).
-
-A load step is cut where Newton's method fails, where it turns cells inside out, and where it jumps:
-where its increment is several times that of the step before and does not shrink as the step does.
-Such a jump, or a failure that no cut mends, is a limit load.
-
-A static preload is a load path at the time t = 0, before the dynamics start.
+Newton steps are taken whole first. Where that fails, they are shortened by a line search with
+backtracking (J. E. Dennis and R. B. Schnabel, Numerical Methods for Unconstrained Optimization and
+Nonlinear Equations, 1996, Section 6.3). A load step is cut where that fails too, where it turns
+cells inside out, and where its increment is several times that of the step before and does not
+shrink as the step does. Such a jump, or a failure that no cut mends, is a limit load.
 """
 
 from __future__ import annotations

@@ -1,27 +1,10 @@
 """Freeze cells as a rigid body, and release them: equations (34)-(43), exact in energy and momenta.
 
-At the freeze a body takes over the momenta of its nodes. It keeps its deformed shape, and hence
-its strain energy, and in its frame the difference velocities (40) of its nodes from the rigid
-motion, which have no momenta. At the release the nodes get
-
-    v = ṙ + ω × R V + R ΔV                                                                  (41)
-
-and momenta and total energy do not change, however the body moved in between (42), (43). Any change
-of a body (growth, merging, loss of some cells) is a release of all bodies concerned and a new
-freeze in the same instant; handing ΔV to some of the nodes only would break all three balances.
-
-A consistent mass couples a body's nodes with the flexible ones round it, and joints couple bodies.
-Then velocities are projected, in the metric of the mass, on the fields that are rigid in the bodies
-and keep joints closed (docs/theory/joints.md). The removed part has no momenta, and its energy is
-exactly the difference. The new body keeps both. Moving supports and motors do work meanwhile: their
-nodes keep their velocity by impulses. The flexible side of an interface gets the velocity of the
-body; otherwise the difference would alternate. At a release the kept field is rotated with the
-body, projected anew, made orthogonal to the former fields, and scaled to restore the energy.
-
-A body with shapes is released as the rigid body in its present shape. That body has its momenta and
-its energy. It keeps the velocities with which the shapes change, as a frozen body keeps vibrations,
-so that the release gives all back. The strain energy of its cells is not U(q), which is of second
-order: the difference is taken from these velocities, as far as they have it, or given to them.
+docs/theory.md, section 5, has lumped and consistent masses, docs/theory/shapes.md bodies with
+shapes. Any change of a body (growth, merging, loss of some cells) is a release of all bodies
+concerned and a new freeze in the same instant; handing ΔV to some of the nodes only would break all
+three balances. The flexible side of an interface gets the velocity of the body; otherwise the
+difference would alternate.
 """
 
 from collections.abc import Callable, Sequence, Set

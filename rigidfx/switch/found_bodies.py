@@ -1,16 +1,8 @@
 """The bodies of a run that were found: their shapes, and how far these hold.
 
-A body begins with the modes that Δt resolves, as a resonance that builds up cannot be seen in the
-forces of one step. Its cells wake where it spins too fast between joints (`bends`), and where
-it bends so far that its energy is not that of second order.
-
-Shapes move nodes by Φq, of first order. Cells that take over there would be strained by what bodies
-do not feel: a bar that bends is too long by the square of its slope. So all nodes go by δ first,
-the displacement of second order of the whole structure (`rigidfx.shapes.expanded`). Then the cells
-of the bodies have the energy of the expansion but for ν (docs/notes/waking.md has what that is
-worth). Joints and rigid faces would be torn by δ: where there are any, nodes stay. Otherwise they
-go by the part of δ with which the energy is that of the expansion, as stresses in which a body was
-frozen do work along δ that no load has done.
+docs/theory/shapes.md#withheld-forces has how they begin and how they leave their shapes. Cells wake
+where a body spins too fast between joints (`bends`), and where it bends so far that its energy is
+not that of second order.
 """
 
 from collections.abc import Sequence

@@ -1,19 +1,10 @@
-"""Bodies that were found and get shapes as forces call for them.
+"""Bodies that were found and get shapes as forces call for them: docs/theory/waking.md, rule 4.
 
-ρ⊥, the forces on a body's nodes less what it and its shapes do, is what the body still withholds.
-In each step the static response of the whole structure to it, e = K⁺ρ⊥, is compared with the
-tolerance: where
-
-    min(ω, 2/Δt) ε(e) > tol ,    ω² = e·K e/e·M e  of the body,
-
-in a cell, e becomes a shape of the body, and the step is made again. A shape begins undeformed and
-at rest, so that it vibrates about e with the amplitude e: these are the strain rates to which it
-comes; 2/Δt is the highest frequency of steps. Cells wake where a body goes on calling for shapes.
-
+In each step the static response e = K⁺ρ⊥ of the whole structure to the forces that bodies withhold
+is compared with the tolerance. Where it is above, e becomes a shape, and the step is made again.
 Where a displacement is bounded in place of a strain rate, 2 |e| of each node is compared with a
 part of what accuracy is relative to, up to the end of the step, or of the largest e that is now a
-shape: that is the motion to come where a load begins. While a motion begins from rest, a body grows
-once in a step and no cell wakes. And e has its followers; with strain rates these follow waves.
+shape: that is the motion to come where a load begins.
 """
 
 from collections.abc import Callable

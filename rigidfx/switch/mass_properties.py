@@ -1,8 +1,4 @@
-"""Rigid bodies of cells, by the mass matrix of the flexible cells.
-
-With P the rigid motions of the body's nodes about a point, M_tot = Pᵀ M P, equation (35), holds
-mass, centre and inertia tensor: of the lumped masses of the body's nodes, or of the consistent
-matrix of its cells, whichever the flexible cells use, so that momenta are conserved.
+"""Rigid bodies of cells, by the mass matrix of the flexible cells: docs/theory.md, section 5.
 
 Lumped masses sit at the corners of the cells, farther out than the mass they represent: moments of
 inertia come out too large, threefold about the axis of a bar one cell across, by 1 + 2/n² of a

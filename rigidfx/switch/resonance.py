@@ -1,14 +1,12 @@
-"""Resonance of bodies that lack modes which Δt resolves, beside any equation of motion of these.
+"""Resonance of bodies that lack modes which Δt resolves: docs/theory/waking.md, rule 4.
 
-The static response to a force is right up to the lowest frequency ω that a body lacks. A lasting
-force ρ⊥ above that may be in resonance with a mode that is not known. In the worst case all that is
-withheld is in tune with it, and has gained by now the momenta s of one oscillator at each node,
+In the worst case all that is withheld is in tune with a mode that is not known, and has gained by
+now the momenta s of one oscillator at each node,
 
     ṡ = -Ω w ,  ẇ = Ω s - ρ̇⊥/Ω ,    cos ΩΔt = Σ d₁·(d₀ + d₂) / (2 Σ d₁·d₁) ,
 
 with w how far it is off its balance, times its mass and Ω, and with Ω by three changes d of ρ⊥ from
-step to step, in steps of one length. Modes at Ω then have the amplitude (Ω²M + K)⁻¹ 2 Ω s, others
-less. A force that changes slowly builds up nothing, nor does a new estimate of Ω.
+step to step, in steps of one length.
 """
 
 from __future__ import annotations

@@ -1,20 +1,13 @@
 """The linear equations of small vibrations about a state: M ÿ + K y = 0 in a run's own unknowns.
 
-y are the free dofs and six numbers of each part named rigid, so that K = PᵀK P and M = PᵀM P have
-neither supports nor rigid parts in them. K is the tangent of statics there, with the stresses of
-the state and with springs. Joints leave y = Z q free: docs/theory/joints.md#solving.
-
-Forces in the state are a stiffness, too. K is the derivative of all that act, on nodes, on the
-places of joints and on bodies, where they turn along: with the energy V, the rows g and their
-forces λ, for which dV + λ dg = 0, it is that of d²V + λ d²g (J. Nocedal and S. Wright, Numerical
-Optimization, 2nd ed., Section 12.5).
+K = PᵀK P and M = PᵀM P have neither supports nor rigid parts in them. Joints leave y = Z q free:
+docs/theory/joints.md#solving. K is the derivative of all forces in the state, also where they turn
+along: with the energy V, the rows g and their forces λ, for which dV + λ dg = 0, that of
+d²V + λ d²g (J. Nocedal and S. Wright, Numerical Optimization, 2nd ed., Section 12.5).
 
 In the frame that turns with the state, with ω about a point c, the state is in equilibrium under
-
-    f = M S (x - c),    S = |ω|² I - ω ωᵀ,
-
-whose derivative is the stiffness -M S (L. Meirovitch, Computational Methods in Structural Dynamics,
-1980, Section 2.6). Coriolis forces are left out.
+f = M S (x - c), S = |ω|² I - ω ωᵀ, whose derivative is the stiffness -M S (L. Meirovitch,
+Computational Methods in Structural Dynamics, 1980, Section 2.6). Coriolis forces are left out.
 """
 
 from collections.abc import Sequence

@@ -1,14 +1,9 @@
 """Motors, springs and stops of joints, bound: a multiplier and an equation each beside the rows.
 
 A multiplier λ is the force along a coordinate q, over the joint's size ℓ where q is an angle. Its
-equation is F = 0 [m],
-
-    prescribed      ℓ (q₁ - q(t₁)) = 0
-    a given force   (λ - f(t½)/ℓ)/κ = 0
-    a law           (λ - f(q₀, q₁)/ℓ)/κ = 0        a spring with damper, a stop
-
-with κ = 2 m/Δt² of the mass that the joint moves, in statics its stiffness. So stiff springs are no
-stiffness of nodes. In statics forces are those at the end of a load step.
+equation F = 0 [m] is ℓ (q₁ - q(t₁)) = 0 where q is prescribed, (λ - f/ℓ)/κ = 0 with a given force
+f(t½) or a law f(q₀, q₁), with κ = 2 m/Δt² of the mass that the joint moves, in statics its
+stiffness. So stiff springs are no stiffness of nodes.
 """
 
 from collections.abc import Callable, Mapping, Sequence

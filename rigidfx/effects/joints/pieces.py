@@ -1,15 +1,11 @@
 """Rows that joints are made of, g = 0, at most quadratic in averages of nodal places; coordinates.
 
-    point on point      p_A - p_B = 0                  three rows
-    a ⊥ b               d_A · d_B = 0                  one row
-    point in a plane    (p_B - p_A) · d_A = 0          one row
+    point on point p_A - p_B = 0,    a ⊥ b: d_A · d_B = 0,    point in a plane (p_B - p_A) · d_A = 0
 
-A row is g = Σ c p_i + Σ s p_k · p_l + constant, in metres: products of directions, which have no
-unit, are multiplied by the size of the joint. A free coordinate, an angle or a travel, is a
-function q(z) of two invariants z, which are such rows. A force of it acts along the discrete
-gradient of docs/theory/joints.md, in a lock too, where q stays. q₁ - q₀ is found from Δz: the
-difference of two angles has the rounding of the angles, which the division by |Δz| magnifies where
-a machine is nearly at rest.
+A row is g = Σ c p_i + Σ s p_k · p_l + constant, in metres. A free coordinate, an angle or a travel,
+is a function q(z) of two invariants z, which are such rows; its force acts along the discrete
+gradient of docs/theory/joints.md#coordinates, in a lock too. q₁ - q₀ is found from Δz: the
+difference of two angles has their rounding, which the division by |Δz| magnifies near rest.
 """
 
 from collections.abc import Iterable, Sequence

@@ -1,19 +1,9 @@
-"""Remote points of mean or rigid faces, and effects there: loads, springs, masses, a user's own.
-
-Such a point moves with the centre and the rotation of the face (`vectors`). A force on it is
-spread over the nodes. A moment M acts on three directions d_k of the face, which stay
-perpendicular, by ½ M × d_k: these forces have no resultant, their moment is M, and their work is
-that of M along the turn of the face.
+"""Remote points of mean or rigid faces, and effects there: docs/theory/joints.md#remote-points.
 
 The joints of a division know where points are: they are among the vectors of `Linkage`, ends of
 springs and mean places of sets too. `RemoteNodes` shows them as `rigidfx.effects.nodes` shows
 nodes, `Points` are the actions on them. Forces are an array over all vectors, shape (vectors, 3)
 [N]; a tangent is a list of rows, columns and values, to which each action adds.
-
-A point mass beside the middle of a face turns with it, so that its inertia depends on the motion.
-It is a small body without nodes, which is tied to the face as by a joint: energy and momenta are
-exact, at switches too. The body's radius of gyration is SMALL times the size of the face. So the
-inertia of the point m b² at the arm b is too large by (SMALL s/b)² at most.
 """
 
 from __future__ import annotations

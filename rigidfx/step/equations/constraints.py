@@ -1,15 +1,9 @@
 """The constraint rows of one division: joints, motors and springs of joints, with multipliers.
 
-    R(y) + Gᵀ(y½) λ = 0,    g(y) = 0
+    R(y) + Gᵀ(y½) λ = 0,    g(y) = 0;  in statics both at the end of a load step
 
-In statics both are those of the end of a load step, and springs on the ports, which the border
-takes out again, make the tangent regular of parts that only joints hold.
-
-In the vectors of unknowns and residuals the multipliers come last, on rank 0, as μ = λ/k [m], and
-rows as k g [N], with k = 2 m/Δt² of the mass that a joint moves: all unknowns are lengths and all
-residuals forces. The tangent of R stays the one that is condensed without joints; these meet it at
-*ports*, at most three numbers for each average of nodes and six for each body, see
-`rigidfx.step.newton.border`.
+The multipliers come last, on rank 0, as μ = λ/k [m], and rows as k g [N]. The tangent of R stays
+the one that is condensed without joints; these meet it at ports: docs/theory/joints.md#solving.
 """
 
 from collections.abc import Sequence

@@ -1,13 +1,11 @@
 """The equations of one division, for steps, statics or vibrations: residual and tangent.
 
 The unknowns y are increments, of the free dofs and of the rigid bodies, so that a motion far from
-the origin loses no digits; with d = d(y) = u₁ - u₀ and v₁ = 2 d/Δt - v₀ the residual reads
+the origin loses no digits; with d = d(y) = u₁ - u₀ and v₁ = 2 d/Δt - v₀ the residual reads, in N,
 
-    f(d) = M (2 d/Δt - 2 v₀)/Δt + f_int(u₀, u₀ + d) - f_ext(t½),    R(y) = Lᵀ f + bodies' own,
+    f(d) = M (2 d/Δt - 2 v₀)/Δt + f_int(u₀, u₀ + d) - f_ext(t½),    R(y) = Lᵀ f + bodies' own.
 
-all in newtons; the prolongation d(y) carries supports and bodies, see `prolongation` and
-`increments`. d and f have rows for the active nodes only. `newton` solves R(y) = 0. Multipliers of
-joints come last in both, see `constraints`.
+d and f have rows for the active nodes only. Multipliers of joints come last, see `constraints`.
 """
 
 from collections.abc import Sequence

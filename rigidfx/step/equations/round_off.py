@@ -1,23 +1,9 @@
 """Rounding: in the residual of a step, and in the strains that its solution gives.
 
-Both are judged by the stiffness of the undeformed scene, to which a viscous stress adds η/Δt. Not
-by that of the current state: near the collapse of a cell that one grows without bound, and any
-residual would pass for rounding.
-
-Rigid motion of stiff parts by the rest of the residual.
-
-A part that is much stiffer than all around it, and floats there, moves against the stiffness of its
-surroundings and its inertia, of which no diagonal entry of its own unknowns tells. Neither does the
-residual's norm: rounding in the part's own forces is all of that, and a linear solve loses as many
-digits of its motion as the stiffnesses are apart. But rounding of stresses adds up to nothing over
-the part: the forces and moments on its six rigid motions, and the tangent's stiffness against them,
-are known well, so that one 6 × 6 system for each part says how far it is from where it belongs.
-
-The balances of a step that ends with a residual are off by its work and its resultants exactly:
-docs/theory/step.md#where-the-iteration-ends. ‖R‖ tells little of that. In steps in which waves get
-far, nearly all of it is what is left of strains, or rounding in them: that acts on no part as a
-whole, and does little work. A residual a hundredth as large may turn a part that has next to no
-inertia against it, compared with its stiffness.
+Both are judged by the stiffness of the undeformed scene, to which a viscous stress adds η/Δt. Near
+the collapse of a cell that of the current state grows without bound, and any residual would pass
+for rounding. The balances of a step that ends with a residual are off by its work and resultants:
+docs/theory/step.md#where-the-iteration-ends.
 """
 
 import numpy as np
@@ -111,7 +97,13 @@ class Lost:
 
 
 class StiffParts:
-    """The stiff parts of a scene among the unknowns of a division."""
+    """The stiff parts of a scene among the unknowns of a division.
+
+    A part that is much stiffer than all around it, and floats there, moves against the stiffness of
+    its surroundings, of which no diagonal entry of its own unknowns tells. Rounding of its stresses
+    is all of the residual's norm, but adds up to nothing over the part: forces and moments on its
+    six rigid motions, and the tangent against these, are known well.
+    """
 
     def __init__(self, scene: Scene, prolongation: Prolongation) -> None:
         """Find their unknowns. Collective."""

@@ -1,14 +1,10 @@
-"""Lowest eigenpairs of K φ = λ M φ, by SLEPc on all ranks.
+"""Lowest eigenpairs of K φ = λ M φ, by SLEPc on all ranks; all pairs of small systems by LAPACK.
 
 Krylov-Schur iterations (G. W. Stewart, SIAM J. Matrix Anal. Appl. 23 (2002) 601,
-doi:10.1137/S0895479800371529) take the inverse of K + σM. The shift σ is small against the lowest λ
-that is not zero, and K may be singular or indefinite. Known motions without energy are kept out of
-the iteration, where rounding along them would grow by λ/σ. A second iteration, orthogonal to all
-that has been found, looks for eigenvalues that the first one has missed: an iteration from one
-vector may miss some of a multiple eigenvalue. A Ritz step ends it.
-
-On one rank CHOLMOD factors a definite K + σM, where it is installed, and MUMPS any other by LDLᵀ.
-LAPACK finds all pairs of small systems at once.
+doi:10.1137/S0895479800371529) take the inverse of K + σM; K may be singular or indefinite. Known
+motions without energy are kept out of the iteration, where rounding along them would grow by λ/σ. A
+second iteration, orthogonal to all that has been found, looks for eigenvalues that the first one,
+from one vector, has missed. A Ritz step ends it.
 """
 
 from collections.abc import Sequence

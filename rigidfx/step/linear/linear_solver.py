@@ -1,12 +1,9 @@
 """Linear solvers: direct for small systems, Krylov with a fall-back to direct for large ones.
 
-Small systems of one rank are factored by PETSc itself where inertia makes their diagonals large: it
-looks for pivots in blocks of three unknowns at most. Elsewhere MUMPS looks for them everywhere.
-Symmetric, definite matrices that serve for many solves have factors by CHOLMOD on one rank. MUMPS
-factors them on several ranks, and where a material gives way, so that the matrix is not definite.
-
-Defaults are set through PETSc's interface before its options are read, so that every option under
-the project's prefix overrides them: -rigidfx_ksp_type, -rigidfx_pc_type, -rigidfx_snes_monitor.
+Small systems of one rank are factored by PETSc itself where inertia makes their diagonals large; it
+hardly looks for pivots. Elsewhere MUMPS does. Symmetric, definite matrices that serve for many
+solves have factors by CHOLMOD on one rank. Defaults are set through PETSc's interface before its
+options are read, so that every option under the project's prefix overrides them.
 """
 
 from collections.abc import Iterator

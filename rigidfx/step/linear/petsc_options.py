@@ -1,17 +1,10 @@
-"""PETSc's options: where they come from, which are honoured, which refused.
+"""PETSc's options: where they come from, which are honoured, which refused: docs/solver.md.
 
-Every option of SNES, KSP and PC is understood under the prefix `rigidfx_`. It is taken, the first
-one that has it, from
-
-1. the command line, behind the script's own arguments: `run.py … --petsc -rigidfx_ksp_type bcgs`;
-2. the environment: PETSC_OPTIONS="-rigidfx_ksp_type bcgs";
-3. `simulate(…, petsc_options={"ksp_type": "bcgs"})`, without the prefix, for this run only.
-
-Options known to be ignored, or to end in an error of PETSc's own, are refused by name. Of other
-options from Python a run warns if none of PETSc's objects has asked for them once it has solved.
-
-PETSc marks each option that is looked up. petsc4py 3.22 does not pass the marks on, so PETSc's
-library, which it has loaded, is asked.
+An option under the prefix `rigidfx_` is taken from the command line behind `--petsc`, else from
+PETSC_OPTIONS, else from `simulate(…, petsc_options=…)`. Options known to be ignored, or to end in
+an error of PETSc's own, are refused by name. Of others from Python a run warns if none of PETSc's
+objects has looked them up once it has solved. petsc4py 3.22 does not pass these marks on, so
+PETSc's library, which it has loaded, is asked.
 """
 
 import ctypes

@@ -1,14 +1,9 @@
-"""Solve linear systems with joints by a solver for systems without joints.
+"""Solve linear systems with joints by a solver for systems without: docs/theory/joints.md#solving.
 
-docs/theory/joints.md#solving has the system with the displacements q of ports, the forces f on them
-and the multipliers μ. Y = A⁻¹ E is found for each new tangent, and C = Eᵀ Y is the compliance at
-the ports. A part is a set of unknowns that are connected by entries of the matrix or by a port:
-A⁻¹ e is zero outside the part of e. So ports of different parts share a solution, and Y has entries
-in the part of each port only.
-
-Incomplete factors contain no joints. With a kept tangent, ports, Y and C rotate with their nodes
-and bodies, and H, D and D₁ are those of the first iterate of a step. If each iteration has a new
-tangent, they are those of the last iterate, and rows converge as by Newton's method.
+Y = A⁻¹ E is found for each new tangent, and C = Eᵀ Y is the compliance at the ports. Entries of the
+matrix and ports connect unknowns to parts: A⁻¹ e is zero outside the part of e, so that ports of
+different parts share a solution. With a kept tangent, ports, Y and C rotate with
+their nodes and bodies, and H, D and D₁ are those of the first iterate of a step; else of the last.
 """
 
 from __future__ import annotations

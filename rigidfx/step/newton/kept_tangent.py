@@ -1,17 +1,8 @@
 """Solve linear systems by a tangent of an earlier iterate, turned along with the structure.
 
-Assembling and factoring a tangent costs ten times a residual and a solve with the factors. A
-structure that vibrates has nearly the same tangent in all steps, and one that turns has nearly the
-same in its own frame. So corrections are
-
-    z = Q A₀⁻¹ Qᵀ r,    Q = R R₀ᵀ,
-
-with the rotations R of nodes and bodies at the start of the step (`Frames`), and R₀ those of the
-step in which A₀ was assembled. Newton's method then converges linearly, the faster the better the
-tangent fits. For a steadily turning body the fit is exact.
-
-Contacts are followed by a correction of low rank, and secants mend what the tangent lacks:
-docs/theory/step.md#kept-tangents.
+Corrections are z = Q A₀⁻¹ Qᵀ r, Q = R R₀ᵀ, with the rotations R of nodes and bodies at the start of
+the step (`Frames`) and R₀ of that in which A₀ was assembled. Contacts are followed by a correction
+of low rank, and secants mend what the tangent lacks: docs/theory/step.md#kept-tangents.
 """
 
 import numpy as np

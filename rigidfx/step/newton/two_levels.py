@@ -1,15 +1,7 @@
-"""GMRES with incomplete factors and a coarse grid, of a tangent that is kept.
+"""GMRES with incomplete factors and a coarse grid: docs/theory/step.md#a-coarse-grid.
 
-Incomplete factors pass information on by some cells. The farther waves get in a step, the more
-iterations GMRES needs with them alone: 4 to a hundredth in an L of 27 000 unknowns, 8 at 197 000 in
-the same Δt. The error that they leave hardly strains over some cells. A coarse grid removes it; its
-unknowns are the rigid motions P of aggregates of nodes. The coarse correction comes first, then
-that of the factors,
-
-    z_c = P (Pᵀ A P)⁻¹ Pᵀ r,    z = z_c + M⁻¹ (r - A z_c),
-
-where A P is known, so that its product costs a fifth of one with A. PETSc's PCMG of type kaskade is
-the same with another product with A.
+Of z_c = P (Pᵀ A P)⁻¹ Pᵀ r, z = z_c + M⁻¹ (r - A z_c), A P is known, so that the product A z_c costs
+a fifth of one with A. PETSc's PCMG of type kaskade is the same with another product with A.
 """
 
 from typing import Any

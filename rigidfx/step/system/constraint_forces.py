@@ -1,25 +1,14 @@
 """Forces of joints and supports without the part that alternates from step to step.
 
-A step has v₁ = 2 Δx/Δt - v₀, and rows of joints and paths of supports hold at its ends. So a
-velocity across them, e = G v - ṡ with the given rate ṡ, changes its sign in each step and stays for
-ever. λ is right in the mean of two steps, and has ∓2 (G M⁻¹ Gᵀ)⁻¹ e/Δt in addition. The velocities
-v - w, M w = Gᵀ (G M⁻¹ Gᵀ)⁻¹ e, fulfil the rows. A step between such velocities has the multipliers
+docs/theory/joints.md#forces-that-do-not-alternate has λ*, by the mass or, with `ResolvedForces`, by
+the tangent of the step. No other step is needed, so that nothing is smeared over switches, impacts,
+or ends of windows. The motion, its work and its energy are those of λ.
 
-    λ* = λ + (G M⁻¹ Gᵀ)⁻¹ (e₁ - e₀)/Δt,
-
-with an error of order Δt² at its middle. They need no other step, so that nothing is smeared over
-switches, impacts, or ends of windows. The motion, its work and its energy are those of λ.
-
-The rate of a path is that of the parabola through its values at start, middle and end of a step.
-ṡ₀ is that at the end of the step before, so that a kink between two steps counts in the later one.
-
-`ResolvedForces` asks for forces without vibration that Δt does not resolve. Such vibrations change
-their sign in each step and stay for ever, and λ with them, by some 2 m v/Δt. Forces without them
-follow from the tangent A of the step, in place of M:
-docs/theory/joints.md#forces-that-do-not-alternate. No other step is needed. K (v₁ - v₀) is the
-change of the cells' forces by v₁ at the end and -v₀ at the start, in which a rigid rotation strains
-nothing. Dampers of ratio ζ add an error of 2 ζ² ωΔt of inertial forces. Stiffnesses of contacts and
-of springs are in A only.
+The rate of a path is that of the parabola through its values at start, middle and end of a step,
+that at the start the one at the end of the step before: a kink between two steps counts in the
+later one. K (v₁ - v₀) is the change of the cells' forces by v₁ at the end and -v₀ at the start, in
+which a rigid rotation strains nothing. Dampers of ratio ζ add an error of 2 ζ² ωΔt of inertial
+forces. Stiffnesses of contacts and springs are in A only.
 """
 
 from abc import ABC, abstractmethod

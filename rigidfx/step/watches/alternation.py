@@ -1,12 +1,9 @@
 """Do most displacements go back and forth from step to step?
 
-A vibration of ω moves on by the phase θ = 2 atan(ωΔt/2) in a step, however long that is, so that
-increments d of successive steps correlate by
-
-    r = Σ dₙ·M dₙ₊₁ / Σ ½ (dₙ·M dₙ + dₙ₊₁·M dₙ₊₁) = cos θ .
-
-Where a period is shorter than 1.6 Δt, r is below -0.6, and the deflection under a load that begins
-at once is twice the static one, then nothing, then twice, for ever. All balances hold.
+A vibration of ω moves on by the phase θ = 2 atan(ωΔt/2) in a step, so that increments d of
+successive steps correlate by r = Σ dₙ·M dₙ₊₁ / Σ ½ (dₙ·M dₙ + dₙ₊₁·M dₙ₊₁) = cos θ. Where a period
+is shorter than 1.6 Δt, r is below -0.6, and the deflection under a load that begins at once is
+twice the static one, then nothing, for ever. All balances hold.
 """
 
 from typing import ClassVar

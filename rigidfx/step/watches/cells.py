@@ -1,13 +1,9 @@
 """Does anything turn too far in a step, or is a cell compressed so far that it may buckle?
 
-A step knows a rotation by its Cayley vector θ, x₁ - x₀ = θ × (x₀ + x₁)/2, and |θ| = ω Δt of a free
-part, so that it turns by 2 atan(ω Δt/2) whatever ω: 1 % too slow where ω Δt = 0.35, 7 % where it is
-1, and by less than half a revolution always. All balances hold; the motion is wrong.
-
-St.Venant and Kirchhoff's material has no stable state of strong compression. A cube of 4 × 4 × 4
-cells between walls, ν = 0.3, squeezed along one axis, loses its stability at a stretch of 0.65 with
-standard cells and of 0.70 with enhanced ones, whose modes are the first to go (lowest eigenvalues
-of `demos/benchmarks/known_answers.py`). Energy is conserved all the same.
+A step turns a free part by 2 atan(ωΔt/2) whatever ω: 1 % too slow where ωΔt = 0.35, 7 % where it is
+1. St.Venant and Kirchhoff's material has no stable state of strong compression: a cube of 4 × 4 × 4
+cells between walls, ν = 0.3, loses its stability at a stretch of 0.65 with standard cells and of
+0.70 with enhanced ones (lowest eigenvalues of `demos/benchmarks/known_answers.py`).
 """
 
 from typing import Any, ClassVar

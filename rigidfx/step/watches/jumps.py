@@ -1,13 +1,9 @@
 """Does the path of a support, or of an obstacle, jump?
 
-A step treats a change of a path as a motion. Of a jump by J it makes the velocity 2 J/Δt, which
-alternates in sign from then on, and an energy that grows as 1/Δt²: no shorter step ever helps.
-Halving the interval halves the change of kinks and steep slopes, and not that of a jump. A smooth
-path takes one to three more values for that, between the ends of a step.
-
-An obstacle that jumps does no harm where it stays clear of the nodes. Where it lands in them, or
-leaves them while they press it, the step works against all of the jump: an energy that a shorter
-step does not change, and that nobody may have meant.
+Of a jump by J a step makes the velocity 2 J/Δt, which alternates in sign from then on. Halving the
+interval halves the change of kinks and steep slopes, and not that of a jump. A smooth path takes
+one to three more values for that. An obstacle that jumps does no harm where it stays clear of the
+nodes; else the step works against all of the jump, and no shorter step changes that.
 """
 
 from collections.abc import Callable, Mapping
