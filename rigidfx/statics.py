@@ -267,11 +267,7 @@ def _shaping(scene: Scene, forces: InternalForces, ends: Sequence[float]) -> Sha
 
 
 def _ends(steps: int | Sequence[float], t_end: float) -> list[float]:
-    """Times at which load steps end.
-
-    Raises:
-        SceneError: If they are no number ≥ 1 and do not increase from above 0.
-    """
+    """Times at which load steps end; `SceneError` unless a number ≥ 1, or rising from above 0."""
     if np.ndim(steps) == 0:
         count = whole("static", "steps", steps, least=1)
         return [k / count * t_end for k in range(1, count + 1)]
@@ -299,13 +295,9 @@ def _ramped(effect: Any, t_end: float) -> fx.Effect:
 
 
 def _check_held(scene: Scene, ends: Sequence[float]) -> bool:
-    """Refuse statics that leave a rigid motion free, and warn where contacts do. Collective.
+    """Whether loads on a mechanism, or contacts, are to hold a rigid motion. Collective.
 
-    Returns:
-        Whether loads on a mechanism, or contacts, are to hold a rigid motion.
-
-    Raises:
-        SceneError: On every rank.
+    A warning tells of contacts that do not; `SceneError` on every rank if nothing does.
     """
     loose, warned = False, False
     for begin, end in zip([0.0, *ends], ends, strict=False):

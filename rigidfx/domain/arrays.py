@@ -192,10 +192,7 @@ def read_domain(
 
 
 def sets_of(mesh: dmesh.Mesh, named: Names) -> list[EntitySet]:
-    """Sets of a mesh by the numbers of cells and nodes in its input, the same on all ranks.
-
-    Collective.
-    """
+    """Sets of a mesh by numbers in its input, the same on all ranks. Collective."""
     found = []
     for name, rows in named[3].items():
         cells = np.flatnonzero(np.isin(mesh.topology.original_cell_index, rows))

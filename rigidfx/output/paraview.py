@@ -80,10 +80,7 @@ class Body:
         return self._gather(local[: self._owned_nodes])[self._nodes]
 
     def on_nodes_of_parts(self, values: Array) -> Array:
-        """Values of shape (parts, local nodes, …) on rank 0, a row for each part's nodes.
-
-        Collective.
-        """
+        """Values (parts, local nodes, …) on rank 0, a row for each part's nodes. Collective."""
         gathered = np.stack([self._gather(part[: self._owned_nodes]) for part in values])
         return np.asarray(gathered[self._parts, self._nodes])
 

@@ -142,10 +142,7 @@ class Recorder:
         return self._files.ends() | own
 
     def _begin(self, report: Report) -> None:
-        """Begin the files, or go on where they ended at the checkpoint, which has to know them.
-
-        Collective.
-        """
+        """Begin the files, or go on where they ended at the checkpoint. Collective."""
         writers = report._writers
         ends = None if self._resume is False else writers.known(self.name)
         if ends is None and self._resume:

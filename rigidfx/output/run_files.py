@@ -83,10 +83,7 @@ class CsvFile:
     """
 
     def __init__(self, path: Path, columns: Sequence[str] = ()) -> None:
-        """Lock the file; `BlockingIOError` if it is open already.
-
-        Columns are the first row's if none.
-        """
+        """Lock the file, of columns or its first row's; `BlockingIOError` if it is open already."""
         self._columns, self._path, self._end, self._sum = [*columns], path, 0, 0
         self._file = open(path, "a+b", buffering=0)  # noqa: SIM115 - it stays open
         try:

@@ -149,10 +149,7 @@ class FastLoads(Adviser):
     remembered: ClassVar[Remembered] = same("_waits", "_t", "_missed", "_whole", "_worst")
 
     def __init__(self, scene: Scene, jumps: Jumps, given: bool) -> None:
-        """Begin before the first report. If Δt is not given, loads that will be choose it.
-
-        Collective.
-        """
+        """Begin before the first report; a Δt that is not given follows loads. Collective."""
         super().__init__(scene)
         self._jumps = jumps
         self._loads: list[Given] = []

@@ -274,10 +274,7 @@ class Ledgers:
         return self._deformation.largest
 
     def follow(self, report: Any, periods: float, rigidity: Rigidity | None) -> Ledger:
-        """The ledger after a step and so many periods, with the error by rigid parts if known.
-
-        Collective.
-        """
+        """The ledger after a step, with periods so far and the error by rigid parts. Collective."""
         stepper = self._stepper
         self._deformation.measure(stepper.system, stepper.state, report)
         self._struck |= report.contact > 0

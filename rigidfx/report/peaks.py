@@ -44,10 +44,7 @@ class Peaks:
     """
 
     def __init__(self, scene: Scene, names: Sequence[str], owner: str) -> None:
-        """Compile stresses, and find nodes and cells of sets of any dimension, or refuse them.
-
-        Collective.
-        """
+        """Compile stresses; find nodes and cells of sets, or refuse them. Collective."""
         self.names = tuple(names)
         self._scene, self._masks = scene, dict[str, Bools]()
         groups = material_groups(scene)

@@ -184,10 +184,7 @@ class Probes:
     def stresses(
         self, state: State, strained: Strained | None = None, added: Added | None = None
     ) -> Mapping[str, StressAt]:
-        """Stress and strain at each point, see `ProbeStress.measure`; compiled at first.
-
-        Collective.
-        """
+        """Stress and strain at each point: see `ProbeStress.measure`. Collective."""
         return self._stress.measure(state, strained, added) if self.points else {}
 
     @cached_property

@@ -109,11 +109,9 @@ def resolved_time(scene: Any, contact: Any) -> float:
 
 
 def own_time(scene: Any, contact: Any) -> float:
-    """The shortest half period of a contact's layers, in their mean, and rigid parts [s].
+    """The shortest half period of a contact's layers and rigid parts [s]. Collective.
 
-    Collective.
-
-    It is inf if neither a modulus nor a rigid part is known.
+    Layers count by their mean; inf if neither a modulus nor a rigid part is known.
     """
     surface = surface_of(scene, contact.where, contact.stiffness, contact.owner)
     k, area = scene.sum([of[: scene.owned_nodes].sum() for of in (surface.stiffness, surface.area)])

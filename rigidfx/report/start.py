@@ -72,9 +72,7 @@ class Start:
 
 
 def start_of(scene: Scene, given: Any) -> Start | None:
-    """The start that a report of a scene on the same mesh, or a start, is; None of none.
-
-    Collective.
+    """The start that a report of a scene on the same mesh, or a start, is. Collective.
 
     It is refused if the scene names where it begins itself.
     """

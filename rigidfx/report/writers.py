@@ -42,10 +42,7 @@ class Writers:
         folder: str | Path | None = None,
         before: str | Path | None = None,
     ) -> None:
-        """There are none. Folders are those of the run's checkpoints, and of those it goes on from.
-
-        Collective.
-        """
+        """Begin without any; folders are those of checkpoints, now and before. Collective."""
         self._joined: list[Writer] = []
         self._known: Mapping[str, Any] = {}
         self.goes_on = before is not None

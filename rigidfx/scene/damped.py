@@ -26,10 +26,7 @@ SPREAD = 1e-6  # of nodes that are held, the second axis over the first, squared
 
 
 def holding(scene: Scene) -> list[Support]:
-    """Supports that by themselves hold a structure of one part, from the start to the end.
-
-    Collective.
-    """
+    """Supports that by themselves hold a structure of one part all the time. Collective."""
     if scene.parts.count > 1:
         return []
     X, n = scene.space.tabulate_dof_coordinates(), scene.owned_nodes

@@ -23,10 +23,8 @@ def divide(
 ) -> tuple[Domain, tuple[fx.Effect, ...], Mapping[str, int]]:
     """Make a part of each piece, where that is asked for or the part deforms. Collective.
 
-    Returns:
-        The domain, which also knows the pieces by the names "nut 1", "nut 2", ...; the effects, a
-        body for each of these pieces; and how many pieces each such name has had. A name that is
-        taken is refused.
+    The domain also knows pieces as "nut 1", "nut 2", ..., effects have a body for each, and there
+    is a count of the pieces of each name. A name that is taken is refused.
     """
     out: list[fx.Effect] = []
     counts: dict[str, int] = {}

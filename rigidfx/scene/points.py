@@ -89,10 +89,8 @@ def owned_part(scene: Scene, nodes: Ints, weights: Array) -> Point:
 def far_apart(scene: Scene, count: int, among: Bools | None = None) -> tuple[Ints, Ints]:
     """So many nodes, each the farthest from those before; any ranks agree. Collective.
 
-    Owned nodes may be chosen, or only those `among` them.
-
-    Returns:
-        Local numbers of those that this rank owns, and the place of each in the order of choice.
+    Of owned nodes, or those `among` them, the local numbers on this rank, and the place of each in
+    the order of choice.
     """
     comm, X = scene.comm, scene.space.tabulate_dof_coordinates()[: scene.owned_nodes]
     own = np.arange(len(X)) if among is None else np.flatnonzero(among)

@@ -231,10 +231,8 @@ class LoadPath:
     def advance(self, end: float) -> StepResult:
         """Go to the load at a time [s], or as far towards it as a cut step gets. Collective.
 
-        Raises:
-            SceneError: On every rank, if a user's function fails on any.
-            StepError: If there is no equilibrium close to the last one.
-            InversionError: If cells turn inside out, however short the step.
+        `StepError` if there is no equilibrium close to the last one, `InversionError` if cells turn
+        inside out, however short the step, `SceneError` if a user's function fails; on every rank.
         """
         t0, before, jumped = self.t, self.measure(), np.inf
 
@@ -408,13 +406,9 @@ def apply_preload(
 ) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
     """Bring the state into the static equilibrium that the scene asks for, if it does. Collective.
 
-    Effects that act at the start, just after t = 0 [s], take part. Force of each support on the
-    structure [N], and its moment about the origin [N m], by the name of its set, shape (3,) each,
-    are returned; none without a preload.
-
-    Raises:
-        SceneError: If the supports leave a rigid motion free, or bodies are to turn.
-        StepError: If there is no equilibrium under the loads.
+    Effects that act at the start, just after t = 0 [s], take part. Force of each support [N], and
+    its moment about the origin [N m], by the name of its set, are returned; none without a preload.
+    `SceneError` if supports leave a rigid motion free, `StepError` without an equilibrium.
     """
     found: tuple[Mapping[str, Array], Mapping[str, Array]] = {}, {}
     for preload in scene.named(Preload):

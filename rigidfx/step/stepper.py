@@ -227,10 +227,7 @@ class Stepper:
         )
 
     def press(self, contacts: Sequence[Contact], before: Measures) -> Impact | None:
-        """The energy that contacts which begin or end bring in, or take away, if any.
-
-        Collective.
-        """
+        """The energy that contacts which begin or end bring in, if any. Collective."""
         gained = self.measure().contact - before.contact if contacts else 0.0
         if gained == 0.0:
             return None

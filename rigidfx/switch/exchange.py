@@ -79,10 +79,7 @@ class Exchange:
         self._owed, self._shaped = 0.0, set[int]()
 
     def release(self, state: State, numbers: Set[int], prescribed: Bools) -> Works:
-        """Make bodies of a state flexible; the work of supports and motors. Collective.
-
-        Supports prescribe some owned dofs.
-        """
+        """Make bodies flexible; the work of supports, at owned dofs, and of motors. Collective."""
         self._owed, self._shaped = 0.0, set()
         if not numbers:
             return Works(0.0, 0.0)
@@ -239,10 +236,7 @@ class Exchange:
     def _include(
         self, mass: WholeMass, state: State, body: Body, prescribed: Bools, named: bool = False
     ) -> Works:
-        """Add a body with the momenta of its nodes; a named one keeps the work of supports as well.
-
-        Collective.
-        """
+        """Add a body with the momenta of its nodes; a named one keeps all work. Collective."""
         present = mass.present(state)
         faces = set() if named else _faces_within(self._scene, state, body.data.nodes)
         taken = [own for own in state.bodies if own.data.number in faces]

@@ -80,10 +80,7 @@ def has_bodies(scene: Scene) -> bool:
 
 
 def with_faces(scene: Scene, forces: InternalForces, state: State) -> set[int]:
-    """Add to a state, last, all rigid faces that no body holds; their numbers. Collective.
-
-    They have the motion that fits their nodes.
-    """
+    """Add rigid faces that no body holds, moving as their nodes; their numbers. Collective."""
     if not has_bodies(scene):
         return set()
     others = [body for body in state.bodies if not body.data.is_face]

@@ -150,10 +150,7 @@ def divide(
 def about_start(
     scene: Scene, forces: InternalForces, start: Array, acting: Sequence[Windowed]
 ) -> Responses:
-    """Responses of a structure about its displacement at the start [m]. Collective.
-
-    Its rigid parts and faces stay rigid.
-    """
+    """Responses about a displacement at the start [m]; rigid parts stay rigid. Collective."""
     at_start = State(scene)
     at_start.u.x.array[: start.size] = start
     at_start.u.x.scatter_forward()
@@ -225,11 +222,7 @@ def _hold(scene: Scene, active: Sequence[Support], name: str, nodes: Indices) ->
 
 
 def _holding(scene: Scene, active: Sequence[Support], name: str, nodes: Indices) -> dict[int, Ints]:
-    """Owned dofs of some nodes that each support holds, by its number, if any. Collective.
-
-    Raises:
-        SceneError: If one of these supports strains what it moves.
-    """
+    """Owned dofs of nodes that each support holds; `SceneError` if one strains them. Collective."""
     inside = (3 * nodes[:, None].astype(np.int64) + np.arange(3)).reshape(-1)
     holding = {}
     for k, support in enumerate(active):

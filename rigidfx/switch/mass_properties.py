@@ -128,10 +128,7 @@ def excess_of_lumping(scene: Scene, cells: Indices, x: Array) -> Array:
 
 
 def at_nodes(state: State) -> tuple[Array, Array, Array]:
-    """Places x [m], displacements u [m] and velocities v [m/s] of owned nodes, as fields have them.
-
-    Each has the shape (nodes, 3).
-    """
+    """Places x, displacements u [m] and velocities v [m/s] of owned nodes, (nodes, 3) each."""
     n = state.u.function_space.dofmap.index_map.size_local
     u, v = (f.x.array[: 3 * n].reshape(-1, 3) for f in (state.u, state.v))
     return state.X[:n] + u, u, v

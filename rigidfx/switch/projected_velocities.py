@@ -168,11 +168,7 @@ class Closing:
         solve: Callable[[Array], Array],
         dt: float,
     ) -> None:
-        """Find the effects of unit impulses on a state. Collective.
-
-        Raises:
-            SceneError: On every rank, if the function of a motor cannot be used.
-        """
+        """Find the effects of unit impulses; a motor that fails is a `SceneError`. Collective."""
         self._linkage, self._comm = linkage, prolongation.comm
         linkage.begin(state.bodies)
         ports = Ports(prolongation, linkage)

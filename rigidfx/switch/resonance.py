@@ -102,10 +102,7 @@ class Resonance:
     def advance(
         self, forces: Sequence[tuple[Fields, Force]], lacking: Mapping[int, float], dt: float
     ) -> None:
-        """Advance by Δt with ρ⊥ of bodies and the lowest ω that each lacks [1/s]; forget others.
-
-        Collective.
-        """
+        """Advance by Δt with ρ⊥ of bodies and the lowest ω that each lacks [1/s]. Collective."""
         known, pairs, out = [], [], {}
         for fields, force in forces:
             before = self._known(fields) or Tuned.begun(fields.data.origin, 0.0 * force)

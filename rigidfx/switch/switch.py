@@ -275,11 +275,7 @@ class Switch:
         self._exchange.leave = found.shift
 
     def apply(self, decision: Decision) -> Event | None:
-        """Release and freeze, so that the bodies are those of a decision. Collective.
-
-        Returns:
-            The event; None if there was none.
-        """
+        """Make the bodies those of a decision; the event, None if there was none. Collective."""
         stepper = self._stepper
         state = stepper.state
         old = {b.number: b for b in state.bodies.of.records if _changes_with(b, decision)}
@@ -372,11 +368,7 @@ def _warn_of_jumps(
 
 
 def _check_stops(linkage: Linkage | None) -> None:
-    """Refuse stops that would throw a joint back from beyond a limit.
-
-    Raises:
-        SceneError: On every rank, if a joint is there.
-    """
+    """Refuse stops, on every rank, that would throw a joint back from beyond a limit."""
     if linkage is not None and (found := linkage.drives.beyond()):
         raise SceneError(
             f"{found[0]} at the start, where the stop would throw it back. Angles and travels "

@@ -101,10 +101,7 @@ def spin_of(scene: Scene, state: State) -> Spin:
 
 
 def softening(spin: Spin, mass: Mass, prolongation: Prolongation) -> PETSc.Mat:
-    """-M S of the nodes, by the unknowns in the pose of the state. Collective.
-
-    The caller destroys it.
-    """
+    """-M S of the nodes by the unknowns in the pose of the state, a new matrix. Collective."""
     omega, M = spin.omega, mass.matrix()
     S = np.outer(omega, omega) - omega @ omega * np.eye(3)
     indptr, columns, values = M.getValuesCSR()
@@ -159,10 +156,7 @@ class HeldRows:
         y.array[p.owned :] = (forces / rows.scale)[: rows.own]
 
     def stiffness_matrix(self, K: PETSc.Mat) -> PETSc.Mat:
-        """Stiffness of joints, springs and remote points at the last iterate, with the rows of K.
-
-        The caller destroys it. Collective.
-        """
+        """Stiffness of joints and springs at the last iterate, a new matrix like K. Collective."""
         linkage, E = self._constraints.linkage, self._averages
         along = csr_array(linkage.test()[linkage.rows.active.size :])
         springs = dia_array((linkage.drives.stiffness()[None], [0]), shape=2 * along.shape[:1])
@@ -395,10 +389,7 @@ class Problem:
         return out.x.array.reshape(-1, 3).copy()
 
     def lacking(self, squares: Array, shapes: Array) -> tuple[Array, Array]:
-        """See `Shaping.lacking`, of ω² [1/s²] and φ at local nodes; zero and none if unknown.
-
-        Collective.
-        """
+        """See `Shaping.lacking`, of ω² [1/s²] and φ at local nodes; zero if unknown. Collective."""
         attached = (SpringDamper, Joint, Spring, Rigid)
         others = (e for kind in attached for e in self._scene.named(kind))
         unknown = any(not getattr(e, "deforms", False) for e in others)

@@ -269,10 +269,7 @@ class Tied(Joint):
 
 
 class Mirrored(Axial):
-    """Keeps a rigid face in a plane of symmetry; a scene adds it where one cuts the other.
-
-    The axis is the plane's normal.
-    """
+    """Keeps a rigid face in a plane of symmetry that cuts it, across its axis; a scene adds it."""
 
     shares = "axis", "plane"
 

@@ -207,10 +207,7 @@ class Actions:
         return bool(self.contacts) and bool(self._comm.allreduce(here, op=MPI.LOR))
 
     def jumping(self, motion: Motion, prolongation: Prolongation) -> csr_array | None:
-        """Stiffness of contacts at an iterate, of all unknowns, on all ranks [N/m]. Collective.
-
-        None without contacts.
-        """
+        """Contacts' stiffness at an iterate, by all unknowns [N/m]; None without. Collective."""
         if not self.contacts:
             return None
         found = _Entries(prolongation)

@@ -373,10 +373,7 @@ class Equations:
         return CondensedMatrix(self.prolongation, *self._forms)
 
     def tangent(self, other: CondensedMatrix | None = None) -> None:
-        """Assemble and condense the tangent at the last iterate, in another matrix if given.
-
-        Collective.
-        """
+        """Assemble the condensed tangent at the last iterate, or in another matrix. Collective."""
         K = self._tangent if other is None else other
         K.assemble()
         if self.inertial:

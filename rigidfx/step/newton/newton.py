@@ -172,10 +172,7 @@ class Newton:
 
     @np.errstate(all="ignore")  # an iterate may leave the numbers: a residual says so
     def solve(self, guesses: Sequence[Guess]) -> Solution:
-        """Find the increment of the step that the equations have begun, from the best guess.
-
-        Collective.
-        """
+        """Find the increment of the step that has begun, from the best guess. Collective."""
         failed = None
         if self._chord is not None:
             if self._chord.serves(self.equations.dt):

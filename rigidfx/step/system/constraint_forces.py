@@ -110,10 +110,7 @@ class AddedForces(ABC):
         """
 
     def _gained(self, state: State) -> Array:
-        """Change of rates of paths in a step that has been solved from a state [m/s].
-
-        Collective.
-        """
+        """Change of rates of paths in the step that has been solved [m/s]. Collective."""
         equations, at = self._equations, self._equations.prolongation.prescribed
         dt, d = equations.dt, equations.d.array_r[at]
         times = state.t, state.t + 0.5 * dt

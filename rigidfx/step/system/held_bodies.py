@@ -231,11 +231,9 @@ def guided(
     """Unit motions of the guides in a body, of all their nodes. Collective.
 
     A dof that several supports hold counts for the first of them, that of the frame before others.
-    Offsets are places of the owned nodes in the body's frame, shape (owned nodes, 3) [m].
-
-    Yields:
-        A guide; motions of the owned nodes, zero at dofs that it does not hold, shape
-        (owned nodes, 3, n); and the rigid motions that these are, shape (6, n).
+    Offsets are places of the owned nodes in the body's frame, shape (owned nodes, 3) [m]. Of each
+    guide come motions of the owned nodes, zero at dofs that it does not hold, shape
+    (owned nodes, 3, n), and the rigid motions that these are, shape (6, n).
     """
     V, moved = rigid_motions(offsets, data.length), np.zeros((*offsets.shape, 6))
     frame = () if hold.frame is None else dofs_of(scene, hold.frame)

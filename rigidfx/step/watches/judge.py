@@ -28,10 +28,7 @@ INVERTED = ". There det F ≤ 0 at an integration point, or a stretch is above 1
 
 
 def overload(scene: Scene, t: float) -> str:
-    """A load at t [s] on the deformed surface that the material does not bear, or "".
-
-    Collective.
-    """
+    """A load at t [s] on the surface that the material does not bear, or "". Collective."""
     for effect in scene.acting(t):
         pushed = effect.pushes(t)
         if pushed is None:
@@ -98,10 +95,7 @@ def not_converged(scene: Scene, attempt: Attempt) -> StepError | None:
 def inverted(
     scene: Scene, inversion: Inversion, step: str, cut: str, end: float
 ) -> InversionError | None:
-    """The error of a step that turns cells inside out, in words, and of its cut. Collective.
-
-    Loads act at its end [s].
-    """
+    """The error of a step, up to its end [s], that turns cells inside out. Collective."""
     turned = inversion.find()
     if turned is None:
         return None
@@ -168,10 +162,7 @@ class Watch:
         """Be as one that a checkpoint has brought back: forget all but `remembered`."""
 
     def accept(self, attempt: Attempt) -> None:
-        """Accept an attempt as a step, between u₀ and u₁; the state is that at its start.
-
-        Collective.
-        """
+        """Accept an attempt as a step; the state is that at its start. Collective."""
 
 
 class WarnsOnce(Watch):

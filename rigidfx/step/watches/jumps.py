@@ -76,10 +76,7 @@ class JumpingObstacles(WarnsOnce):
     remembered: ClassVar[Remembered] = WarnsOnce.remembered
 
     def __init__(self, scene: Scene, touches: Callable[[], Mapping[str, Touch]]) -> None:
-        """Begin before the first step; touches are those of the last attempt, by titles.
-
-        Collective.
-        """
+        """Begin with a function of the touches of the last attempt, by titles. Collective."""
         super().__init__(scene.comm)
         every = ((c, c.against) for c in scene.named(Contact))
         self._moving = [(c, o) for c, o in every if not c.keeps_apart and o.path is not None]
