@@ -13,22 +13,20 @@ forces. Stiffnesses of contacts and springs are in A only.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from rigidfx.base.matrices import dense
 from rigidfx.base.types import Array
 from rigidfx.effects.joints.elements import end_rates
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.nodes import Forces
-from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.rotation import orthonormalized
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.step.equations.constraints import Constraints
 from rigidfx.step.equations.equations import Equations
 from rigidfx.step.equations.supports import ReducedMass
 from rigidfx.step.linear.linear_solver import configure
@@ -38,67 +36,15 @@ from rigidfx.step.newton.border import BorderedFactors, parted
 Added = Callable[[], tuple[Array, Array]]
 
 
-class JointForces:
-    """λ* - λ of the joints of a division; arrays are equal on all ranks.
-
-    It has `on_supports`, whether joints take hold of nodes that supports hold.
-    """
-
-    def __init__(self, joints: Constraints, reduced: ReducedMass, bodies: Bodies) -> None:
-        """Find the inverse of the reduced mass, which is that of these bodies. Collective."""
-        linkage, ports = joints.linkage, joints.ports
-        self._linkage, self._ports, self._R = linkage, ports, bodies.R[ports.bodies]
-        Y = parted(reduced.matrix, ports.entries).responses(reduced.solve)
-        self._C = np.ascontiguousarray((ports.entries.T @ Y).toarray())
-        comm = reduced.p.comm
-        comm.Allreduce(MPI.IN_PLACE, self._C)
-        held = np.isin(linkage.averages.rows, reduced.p.prescribed // 3).any()
-        self.on_supports: bool = comm.allreduce(bool(held), op=MPI.LOR)
-
-    def find(self, v0: Array, v1: Array, increments: Increments, dt: float) -> Added:
-        """λ* - λ of the step that has been solved, as a function that finds it once. Collective.
-
-        Rows have velocities v₀ at its start, and v₁ at its end less the change of w of supports
-        [m/s]. The function gives λ* - λ of each row that has a force [N], and the forces of these
-        on vectors, as a resistance, shape (vectors, 3) [N].
-        """
-        linkage = self._linkage.kept()
-        ends = (v0, increments.start), (v1, increments.end)
-        start, end = (linkage.averages.velocities(*given) for given in ends)
-        given, found = linkage.drives.given, list[tuple[Array, Array]]()
-
-        def added() -> tuple[Array, Array]:
-            if not found:
-                off = gained_across(linkage, start, end, given)
-                more, bound = np.zeros(off.size), linkage.compliance() == 0.0
-                D = dense(linkage.test() @ self._ports.lead(increments))[bound]
-                more[bound] = _inverse(D @ self._turned(increments) @ D.T) @ off[bound] / dt
-                found.append((more, linkage.on_vectors(more)))
-            return found[0]
-
-        return added
-
-    def _turned(self, increments: Increments) -> Array:
-        """The inverse mass in the middle of the step, as bodies have turned."""
-        if not len(self._R):
-            return self._C
-        turned = orthonormalized(increments.R_av[self._ports.bodies]) @ self._R.swapaxes(1, 2)
-        Q = np.eye(len(self._C))
-        for own, ports in zip(turned, self._ports.at, strict=True):
-            for at in ports[:6:3][ports[:6:3] >= 0]:  # no support holds the frame
-                Q[at : at + 3, at : at + 3] = own
-        return np.asarray(Q @ self._C @ Q.T)
-
-
 class AddedForces(ABC):
     """λ* - λ of the supports and joints of a division; `destroy` frees its vectors."""
 
     def __init__(self, equations: Equations) -> None:
         """Keep the equations of steps. Collective."""
         self._equations, self._prescribed = equations, equations.prescribed
-        joints, p = equations.constraints, equations.prolongation
-        self._linkage, rows = None if joints is None else joints.linkage, p.layout.rows
-        self._held = rows.dofs[p.prescribed]
+        self._p, self._linkage = equations.prolongation, equations.linkage
+        rows = self._p.layout.rows
+        self._held = rows.dofs[self._p.prescribed]
         self._last: Array = np.empty(0)  # rates of paths at the end of a step [m/s]
         self._f, self._w = rows.vector(), rows.vector()
 
@@ -111,8 +57,7 @@ class AddedForces(ABC):
 
     def _gained(self, state: State) -> Array:
         """Change of rates of paths in the step that has been solved [m/s]. Collective."""
-        equations, at = self._equations, self._equations.prolongation.prescribed
-        dt, d = equations.dt, equations.d.array_r[at]
+        dt, d = self._equations.dt, self._equations.d.array_r[self._p.prescribed]
         times = state.t, state.t + 0.5 * dt
         middle = self._prescribed.increments(*times, state.u.x.array)
         first, self._last = end_rates(np.zeros(d.size), d, middle, dt)
@@ -120,6 +65,24 @@ class AddedForces(ABC):
             known = state.path_rates[self._held]
             first = np.where(np.isnan(known), first, known)
         return np.asarray(self._last - first)
+
+    def _off(self, linkage: Linkage, v0: Array, v1: Array) -> Callable[[], Array]:
+        """Finds the change of velocities across rows of joints in the step [m/s]. Collective.
+
+        Rows of nodes have velocities v₀ at its start and v₁ at its end; motors prescribe a change
+        of rates. Of rows with compliance it is zero.
+        """
+        increments = self._equations.prolongation.increments
+        ends = (v0, increments.start), (v1, increments.end)
+        start, end = (linkage.averages.velocities(*given) for given in ends)
+        given = linkage.drives.given
+
+        def off() -> Array:
+            out = linkage.across(1.0, end) - linkage.across(0.0, start)
+            out[linkage.rows.active.size :] += given
+            return np.where(linkage.compliance() == 0.0, out, 0.0)
+
+        return off
 
     def _on_nodes(self, on_vectors: Array) -> Array:
         """Forces on vectors as those on the rows."""
@@ -143,30 +106,61 @@ class MeanConstraints(AddedForces):
     """λ* - λ by the mass alone; `destroy` frees it."""
 
     def __init__(self, equations: Equations) -> None:
-        """Reduce the mass. Collective."""
+        """Reduce the mass, and find its inverse at the ports of joints. Collective."""
         super().__init__(equations)
-        bodies, joints = equations.structure.bodies, equations.constraints
-        self._reduced = ReducedMass(equations.prolongation, equations.mass, bodies)
-        self._joints = None if joints is None else JointForces(joints, self._reduced, bodies)
+        bodies, joints, p = equations.structure.bodies, equations.constraints, self._p
+        self._reduced = reduced = ReducedMass(p, equations.mass, bodies)
+        if joints is None:
+            return
+        self._ports = ports = joints.ports
+        self._R = bodies.R[ports.bodies]
+        Y = parted(reduced.matrix, ports.entries).responses(reduced.solve)
+        self._C = np.ascontiguousarray((ports.entries.T @ Y).toarray())
+        p.comm.Allreduce(MPI.IN_PLACE, self._C)
+        held = np.isin(joints.linkage.averages.rows, p.prescribed // 3).any()
+        self._on_supports: bool = p.comm.allreduce(bool(held), op=MPI.LOR)
 
     def find(self, state: State) -> tuple[Array, Added | None]:
         """See `AddedForces`."""
-        equations, p = self._equations, self._equations.prolongation
+        equations, at = self._equations, self._p.prescribed
         dt, d, v0 = equations.dt, equations.d.array_r, equations.trial.v0.array_r
-        at, v1 = p.prescribed, 2 / dt * d - v0
-        more: Array = np.zeros(at.size)
+        v1, more = 2 / dt * d - v0, np.zeros(at.size)
         if self._prescribed.moves:
             self._w.set(0.0)
             self._w.array[at] = (v1 - v0)[at] - self._gained(state)
             self._reduced.followed(self._w, self._f)
             more = -self._f.array_r[at] / dt
             v1 = v1 - self._w.array_r
-        if self._joints is None:
+        if self._linkage is None:
             return more, None
-        added = self._joints.find(v0, v1, p.increments, dt)
-        if self._joints.on_supports:
+        added = self._of_joints(self._linkage.kept(), v0, v1, dt)
+        if self._on_supports:
             more = more + self._on_nodes(added()[1])[at]
         return more, added
+
+    def _of_joints(self, linkage: Linkage, v0: Array, v1: Array, dt: float) -> Added:
+        """λ* - λ of joints; v₁ is without the change of w of supports. Collective."""
+        increments, off = self._p.increments, self._off(linkage, v0, v1)
+
+        @cache
+        def added() -> tuple[Array, Array]:
+            more, bound = np.zeros(linkage.count), linkage.compliance() == 0.0
+            D = dense(linkage.test() @ self._ports.lead(increments))[bound]
+            more[bound] = _inverse(D @ self._turned(increments) @ D.T) @ off()[bound] / dt
+            return more, linkage.on_vectors(more)
+
+        return added
+
+    def _turned(self, increments: Increments) -> Array:
+        """The inverse mass in the middle of the step, as bodies have turned."""
+        if not len(self._R):
+            return self._C
+        turned = orthonormalized(increments.R_av[self._ports.bodies]) @ self._R.swapaxes(1, 2)
+        Q = np.eye(len(self._C))
+        for own, ports in zip(turned, self._ports.at, strict=True):
+            for at in ports[:6:3][ports[:6:3] >= 0]:  # no support holds the frame
+                Q[at : at + 3, at : at + 3] = own
+        return np.asarray(Q @ self._C @ Q.T)
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
@@ -179,41 +173,19 @@ class MeanConstraints(AddedForces):
 STRAIN = float(np.cbrt(np.finfo(np.float64).eps))
 
 
-class PresentTangent:
-    """Responses to forces at the end of a step; `destroy` frees the solver.
-
-    Numbers that are reported must not depend on when a solver renews its own tangent: that is
-    another matter on other numbers of ranks, and in resumed runs.
-    """
-
-    def __init__(self, equations: Equations) -> None:
-        """Create the solver. Collective."""
-        self._equations, p = equations, equations.prolongation
-        self._factors, self._tangent = BorderedFactors(equations), equations.new_tangent()
-        configure(self._factors.inner, True, p.size, len(p.layout.bodies) > 0)
-
-    def renew(self) -> None:
-        """Renew the tangent at the last iterate. Collective."""
-        self._equations.tangent(self._tangent)
-        self._factors.renew(self._tangent.matrix)
-
-    def solve(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
-        """Response to forces. Collective."""
-        self._factors.apply(None, r, z)
-
-    def destroy(self) -> None:
-        """Free the solver. Collective."""
-        self._factors.destroy()
-        self._tangent.destroy()
-
-
 class ResolvedConstraints(AddedForces):
-    """λ* - λ by the tangent of a step."""
+    """λ* - λ by the tangent of a step; `destroy` frees its solver.
+
+    Numbers that are reported must not depend on when Newton's method renews its own tangent: that
+    is another matter on other numbers of ranks, and in resumed runs.
+    """
 
     def __init__(self, equations: Equations, scene: Scene) -> None:
         """Make a solver. Collective."""
         super().__init__(equations)
-        self._tangent, p = PresentTangent(equations), equations.prolongation
+        p = self._p
+        self._factors, self._tangent = BorderedFactors(equations), equations.new_tangent()
+        configure(self._factors.inner, True, p.size, len(p.layout.bodies) > 0)
         self._mass, self._cell, self._comm = equations.mass, scene.mean_cell_size, p.comm
         self._strains = self._any(sum(own.size for own in p.layout.flexible.values()))
         self._holds = self._any(p.prescribed.size)
@@ -224,8 +196,8 @@ class ResolvedConstraints(AddedForces):
 
     def find(self, state: State) -> tuple[Array, Added | None]:
         """See `AddedForces`."""
-        equations, dt = self._equations, self._equations.dt
-        p, d, v0 = equations.prolongation, equations.d.array_r, equations.trial.v0.array_r.copy()
+        equations, p, dt = self._equations, self._p, self._equations.dt
+        d, v0 = equations.d.array_r, equations.trial.v0.array_r.copy()
         at, v1 = p.prescribed, 2 / dt * d - v0
         across = np.zeros(d.size)
         across[at] = v1[at] - v0[at]
@@ -235,8 +207,10 @@ class ResolvedConstraints(AddedForces):
         if p.attached.size:
             v0[p.attached] = p.rates(p.increments.start)
             v1[p.attached] = p.rates(p.increments.end)
-        off = self._off(v0, v1)
-        self._tangent.renew()
+        linkage = self._linkage
+        off = np.zeros(0) if linkage is None else self._off(linkage, v0, v1)()
+        equations.tangent(self._tangent)
+        self._factors.renew(self._tangent.matrix)
         f = self._change(state, -v0, v1) - 2 / dt**2 * self._momenta(across)
         of_bodies, w, _ = self._respond(f, p.no_bodies, off, across[at])
         blocks = p.increments.start.led_mass_blocks
@@ -247,25 +221,13 @@ class ResolvedConstraints(AddedForces):
         held: Array = np.asarray((self._momenta(lasting) - momenta)[at] / dt, np.float64)
         if self._holds:
             held += dt / 4 * self._change(state, lasting, lasting)[at]
-        if self._linkage is None:
+        if linkage is None:
             return held, None
         more = 0.5 * dt * μ
-        on_vectors = self._linkage.on_vectors(more)
+        on_vectors = linkage.on_vectors(more)
         if self._holds:
             held += self._on_nodes(on_vectors)[at]
         return held, lambda: (more, on_vectors)
-
-    def _off(self, v0: Array, v1: Array) -> Array:
-        """Change of velocities across rows of joints in the step, without compliance [m/s]."""
-        linkage, increments = self._linkage, self._equations.prolongation.increments
-        if linkage is None:
-            return np.zeros(0)
-        start, end = (
-            linkage.averages.velocities(v0, increments.start),
-            linkage.averages.velocities(v1, increments.end),
-        )
-        off = gained_across(linkage, start, end, linkage.drives.given)
-        return np.where(linkage.compliance() == 0.0, off, 0.0)
 
     def _change(self, state: State, at_start: Array, at_end: Array) -> Array:
         """Derivative of the cells' forces along displacements of both ends of the step [N/m]."""
@@ -275,7 +237,7 @@ class ResolvedConstraints(AddedForces):
         if size == 0.0:
             return none
         share = STRAIN * self._cell / size
-        before, dofs = state.snapshot(), self._equations.prolongation.layout.rows.dofs
+        before, dofs = state.snapshot(), self._p.layout.rows.dofs
         state.shift(dofs, share * at_start)
         forces = self._equations.cells_at(share * at_start, share * at_end)
         state.restore(before)
@@ -293,26 +255,15 @@ class ResolvedConstraints(AddedForces):
         """Response of bodies, rows and multipliers of joints to forces; `held` is given."""
         self._f.array[:] = f
         self._equations.right_side(self._f, bodies, off, self._r)
-        self._tangent.solve(self._r, self._z)
+        self._factors.apply(None, self._r, self._z)
         of_bodies, multipliers = self._equations.response(self._z, held, self._w)
         return of_bodies, self._w.array_r.copy(), multipliers
 
     def destroy(self) -> None:
         """Free the solver and the vectors. Collective."""
-        for item in (self._tangent, self._r, self._z):
+        for item in (self._factors, self._tangent, self._r, self._z):
             item.destroy()
         super().destroy()
-
-
-def gained_across(linkage: Linkage, start: Array, end: Array, given: Array) -> Array:
-    """Change of velocities across rows of joints in a step that has been solved [m/s].
-
-    Averages have velocities at its start and end, shape (averages, 3), and motors prescribe a
-    change of rates [m/s].
-    """
-    out = linkage.across(1.0, end) - linkage.across(0.0, start)
-    out[linkage.rows.active.size :] += given
-    return out
 
 
 def _inverse(S: Array) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from rigidfx.base.remembered import Remembered
 from rigidfx.base.types import Array
 from rigidfx.base.uncaught import by_users
-from rigidfx.effects import Contact, Obstacle, Support, Touch
+from rigidfx.effects import Contact, Touch
 from rigidfx.scene.scene import Scene
 from rigidfx.step.equations.supports import PrescribedDofs
 from rigidfx.step.watches.judge import Attempt, WarnsOnce
@@ -31,88 +31,82 @@ REMEDY = (
 )
 
 
-class Jumps(WarnsOnce):
-    """Looks at the paths of supports, step by step; warns once."""
+class PathWatch(WarnsOnce):
+    """Looks at paths that move; warns once."""
 
     remembered: ClassVar[Remembered] = WarnsOnce.remembered
+
+    def __init__(self, scene: Scene) -> None:
+        """Begin before the first step. Collective."""
+        super().__init__(scene.comm)
+        self._least = 2 * NEGLIGIBLE * scene.mean_cell_size
+
+    def _jump(
+        self, owner: str, path: Path, at_ends: Path, t0: float, t1: float
+    ) -> tuple[float, float] | None:
+        """See `jump_of`; its function of the owner fails by name. Collective."""
+
+        def look() -> tuple[float, float] | None:
+            return jump_of(path, t0, t1, at_ends(t0), at_ends(t1), self._least)
+
+        return by_users(self._comm, owner, "path", look)
+
+
+class Jumps(PathWatch):
+    """Looks at the paths of supports, step by step; warns once."""
+
+    remembered: ClassVar[Remembered] = PathWatch.remembered
 
     def __init__(self, scene: Scene, prescribed: Callable[[], PrescribedDofs]) -> None:
         """Begin before the first step, with the dofs that supports hold in each. Collective."""
-        super().__init__(scene.comm)
-        self._least, self._prescribed = least_jump(scene), prescribed
+        super().__init__(scene)
+        self._prescribed = prescribed
 
     def accept(self, attempt: Attempt) -> None:
         """Look at the paths of supports that move. Collective."""
-        if not self.waits:
-            return
-        prescribed = self._prescribed()
-        for support in prescribed.active:
-            if not support.moves:
+        held, (t0, dt) = self._prescribed(), (attempt.t, attempt.dt)
+        for support in held.active:
+            if not (support.moves and self.waits):
                 continue
-            look = partial(self._jump, support, prescribed, attempt.t, attempt.dt)
-            jump = by_users(self._comm, support.owner, "path", look)
-            if jump is None:
-                continue
-            t, size = jump
-            self.say(
-                f"{type(support).__name__} on '{support.where}': its path jumps by {size:.3g} m at "
-                f"t = {t:.6g} s. The nodes get a velocity of {2 * size / attempt.dt:.3g} m/s, "
-                "twice the jump over Δt, that alternates in sign from then on, and shorter steps "
-                f"make it larger. {REMEDY}"
-            )
-            return
-
-    def _jump(
-        self, support: Support, prescribed: PrescribedDofs, t: float, dt: float
-    ) -> tuple[float, float] | None:
-        """See `jump_of`; values at both ends are those that the step has had."""
-        ends = prescribed.path_at(support, t), prescribed.path_at(support, t + dt)
-        return jump_of(support.path_at, t, t + dt, *ends, self._least)
+            at_ends = partial(held.path_at, support)  # values that the step has had
+            if jump := self._jump(support.owner, support.path_at, at_ends, t0, t0 + dt):
+                t, size = jump
+                self.say(
+                    f"{type(support).__name__} on '{support.where}': its path jumps by "
+                    f"{size:.3g} m at t = {t:.6g} s. The nodes get a velocity of "
+                    f"{2 * size / dt:.3g} m/s, twice the jump over Δt, that alternates in sign "
+                    f"from then on, and shorter steps make it larger. {REMEDY}"
+                )
 
 
-class JumpingObstacles(WarnsOnce):
+class JumpingObstacles(PathWatch):
     """Looks at the paths of obstacles in steps in which they press; warns once."""
 
-    remembered: ClassVar[Remembered] = WarnsOnce.remembered
+    remembered: ClassVar[Remembered] = PathWatch.remembered
 
     def __init__(self, scene: Scene, touches: Callable[[], Mapping[str, Touch]]) -> None:
         """Begin with a function of the touches of the last attempt, by titles. Collective."""
-        super().__init__(scene.comm)
+        super().__init__(scene)
         every = ((c, c.against) for c in scene.named(Contact))
         self._moving = [(c, o) for c, o in every if not c.keeps_apart and o.path is not None]
-        self._touches, self._least = touches, least_jump(scene)
-
-    def _jump(self, obstacle: Obstacle, t0: float, t1: float) -> tuple[float, float] | None:
-        path = obstacle.displacement
-        return jump_of(path, t0, t1, path(t0), path(t1), self._least)
+        self._touches = touches
 
     def accept(self, attempt: Attempt) -> None:
         """Look at paths of obstacles that press in the step. Collective."""
-        if not (self._moving and self.waits):
-            return
-        touches = self._touches()
+        touches = self._touches() if self._moving and self.waits else {}
         for contact, obstacle in self._moving:
-            touch = touches.get(contact.title)
-            if touch is None or not touch.pressing:
+            touch, path = touches.get(contact.title), obstacle.displacement
+            if touch is None or not (touch.pressing and self.waits):
                 continue
-            look = partial(self._jump, obstacle, attempt.t, attempt.end)
-            jump = by_users(self._comm, contact.owner, "path", look)
-            if jump is None:
-                continue
-            t, size = jump
-            self.say(
-                f"{contact.owner}: the path of the {obstacle.kind} jumps by {size:.3g} m at t = "
-                f"{t:.6g} s, where nodes touch it: that step gives the structure "
-                f"{touch.work:.3g} J by it, and {touch.energy:.3g} J are stored in the contact at "
-                f"its end, at {touch.penetration:.3g} m of penetration, however short steps are. "
-                f"{REMEDY}"
-            )
-            return
-
-
-def least_jump(scene: Scene) -> float:
-    """Change of a path in a step up to which nothing is a jump [m]. Collective."""
-    return 2 * NEGLIGIBLE * scene.mean_cell_size
+            if jump := self._jump(contact.owner, path, path, attempt.t, attempt.end):
+                t, size = jump
+                self.say(
+                    f"{contact.owner}: the path of the {obstacle.kind} jumps by {size:.3g} m at "
+                    f"t = {t:.6g} s, where nodes touch it: that step gives the structure "
+                    f"{touch.work:.3g} J by it, and {touch.energy:.3g} J are stored in the contact "
+                    f"at its end, at {touch.penetration:.3g} m of penetration, however short steps "
+                    f"are. {REMEDY}"
+                )
 
 
 def jump_of(
