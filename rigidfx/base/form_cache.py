@@ -1,16 +1,11 @@
 """Compiled forms in FFCx's cache, which processes share: one compiles, others wait, none for ever.
 
-FFCx takes a source file without a result for another process's work in progress, waits for a set
-time and gives up: too early where another process compiles a large form, and in vain where one was
-stopped. So who may be compiling holds a shared lock, which the system takes back when a process
-ends. A source is left over if nobody holds the lock. A result that is damaged (by a full disk, or a
-kill) cannot be loaded and is removed.
-
-FFCx reads the names of all files of a folder for each form (12 ms where 16 000 have come together),
-and loads the library anew. So a process looks for a large form once, and small ones have a folder.
-
-FFCx finds an expression by a name that contains UFL's running numbers of variables. They are others
-for each scene, which would compile its own. So variables are numbered from zero here.
+FFCx takes a source file without a result for another process's work in progress. So who may be
+compiling holds a shared lock, which the system takes back when a process ends: a source is left
+over if nobody holds it. A damaged result cannot be loaded and is removed. A process looks for a
+large form once, and small ones have a folder, as FFCx reads the names of all files for each form.
+Variables of expressions are numbered from zero here; UFL's running numbers would compile an
+expression for each scene.
 """
 
 import fcntl

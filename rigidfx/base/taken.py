@@ -1,14 +1,10 @@
 """Values of a user: as they were when they were given, and whether they are the same elsewhere.
 
-A record that is checked once must not change afterwards: what it was made from is copied when it is
-taken, and what it holds can be read only. A function of time is called later by its nature;
-`inputs.numbers` copies its results. What is a number or an array of them to someone else, such as a
-constant of DOLFINx, an array of C or a tensor of another package, becomes a float, an array or a
-tuple.
-
-A script runs on every rank. Where it draws random numbers, or reads a clock or a rank's own file,
-ranks would take different decisions and then wait for each other for ever: `check_same` compares
-before anything depends on it. A run that goes on from a checkpoint is compared in the same way.
+What a checked record is made from is copied when it is taken, and what it holds can be read only.
+Numbers and arrays of others, such as a constant of DOLFINx or a tensor of another package, become
+floats, arrays or tuples. A script runs on every rank: where it draws random numbers, or reads a
+clock, ranks would take different decisions and wait for each other for ever. `check_same` compares
+before anything depends on it, also with a checkpoint.
 """
 
 import hashlib

@@ -2,14 +2,10 @@
 
     checkpoint-000012.rfx     a line of JSON, and what is kept, with a hash of it in the line
 
-A file is written beside its place, and put there once the disk has it. Only then the oldest of
-three is removed. All of it happens on rank 0. The folder is made when a run begins, and never
-again: the place of a disk that is gone is an empty folder, too.
-
+A file is put in its place once the disk has it; then the oldest of three is removed, all on rank 0.
+The folder is made when a run begins, and never again: the place of a disk that is gone is empty.
 One run at a time has a folder, by a lock that ends with its process; in a process it is the last
-one, as a run whose loop was left by an error may not be known to anybody any more. A new run sets
-checkpoints of a former one aside, as former-000012.rfx, so that nothing goes on with these by
-mistake; they are removed when it has left one of its own.
+one. A new run sets checkpoints of a former one aside, as former-000012.rfx, until it has its own.
 """
 
 import hashlib

@@ -1,35 +1,16 @@
 """The reduced tangent, assembled from flexible cells in the solver's own format.
 
-The cells at the *interface* of rigid bodies are assembled into a matrix K of their own; PETSc's
-MatPtAP condenses it to Lᵀ K P, test functions by L and trial ones by P, which is the consistent
-tangent. The *interior* cells, most of them as a rule, touch no body: their entries are only
-renumbered on the way into the reduced matrix, those of prescribed dofs being dropped, by PETSc's
-local-to-global map. So condensing costs as much as the interface. Where free dofs come in whole
-nodes the reduced matrix is blocked (BAIJ), in which assembly takes two thirds and a Krylov
-iteration three fifths of the time of AIJ.
+Cells at the *interface* of rigid bodies are assembled into a matrix K of their own, that of each
+rank's cells, which PETSc's MatPtAP condenses to Lᵀ K P = diag(1, L_b)ᵀ (Aᵀ K A) diag(1, P_b):
+docs/theory.md, section 3. A is constant, with a unit column for each dof of nodes that no body
+moves and 3 n columns for each body, n = 4 + 3 m. K enters it without its entries between two nodes
+that no body moves, which go straight into the reduced matrix. L_b and P_b, see `Increments`, then
+make columns of the 6 + m unknowns, in blocks of three kinds: a node's rows in a body's columns, a
+body's in a node's and a body's in a body's.
 
-The nodes of a body are slaves of its motion. By its body-fixed coordinates a = [1, V, Φ₁ ... Φ_m],
-which never change, a node moves by a times a matrix of the body, shape (n, 3) with n = 4 + 3 m. So
-all nodes of the interface move by
-
-    d = A z,    z = [increments of nodes that no body moves, 3 n numbers of each body],
-
-where A is *constant* and filled once: a unit column for each dof of the former, 3 n columns for
-each body. These numbers depend on the 6 + m unknowns of a body, on the test side by L_b and on the
-trial side by P_b, both of shape (3 n, 6 + m): see `Increments`. Hence, exactly,
-
-    Lᵀ K P = diag(1, L_b)ᵀ (Aᵀ K A) diag(1, P_b),
-
-one MatPtAP for each assembled tangent, whose pattern is found once. K enters it without its entries
-between two nodes that no body moves: A leaves them as they are, and they go straight into the
-reduced matrix.
-
-Rows and columns of bodies, 3 n each, become those of their 6 + m unknowns. So there are blocks of
-three kinds, a node's rows in a body's columns, a body's in a node's and a body's in a body's. Each
-kind is gathered by index and multiplied at once, however many bodies there are.
-
-K is the sum of the matrices of all ranks' cells, and so is the product: each rank condenses its
-own, nodes of other ranks included, and PETSc adds up their entries in the reduced matrix.
+*Interior* cells touch no body: their entries are only renumbered, those of prescribed dofs being
+dropped, by PETSc's local-to-global map. Where free dofs come in whole nodes the reduced matrix is
+blocked (BAIJ), in which assembly takes two thirds and a Krylov iteration three fifths of the time.
 """
 
 from __future__ import annotations

@@ -1,13 +1,9 @@
 """Ports: where joints take hold of the unknowns of a step.
 
-Averages over free nodes are three ports each. The unknowns of a body that joints take hold of are
-ports: six, and one for each of its shapes. All that joints do goes through ports: they are few
-where nodes are many.
-
-Rows that others imply have no forces of their own: two hinges of one door, or all that holds a
-plane mechanism in its plane more than once. With D the derivatives of rows by ports and the mass's
-compliance C = B Bᵀ of the ports, rows are independent as the columns of (D B)ᵀ are: by a QR with
-pivots.
+Averages over free nodes are three ports each; a body has six, and one for each of its shapes. Rows
+that others imply, as of two hinges of one door, have no forces of their own. With D the derivatives
+of rows by ports and the mass's compliance C = B Bᵀ, rows are independent as the columns of (D B)ᵀ
+are: by a QR with pivots.
 """
 
 import numpy as np

@@ -1,25 +1,13 @@
-"""Between the increments of the active nodes and the unknowns of a step.
+"""Between the increments of the active nodes and the unknowns of a step: d = L y + d_s.
 
-The unknowns y are the increments of the free dofs and, for each body, Δr, ℓθ and those of its m
-shapes, Δq. The step's displacement lies exactly in the range of L,
+Rows of L are [I, -v̂_av/ℓ, S Φ] at attached nodes, unit rows at free dofs. The residual is
+restricted by Lᵀ, equations (5) and (13); the derivative of d is P, with rows [I, -v̂₁ T/ℓ, R₁ Φ].
+The increment of a dof that a support prescribes is in d_s; a node inside a body has no row at all.
 
-    d = L y + d_s,    rows [I, -v̂_av/ℓ, S Φ] at attached nodes, unit rows at free dofs,
-
-so the residual is restricted by Lᵀ, equations (5) and (13); the derivative of d is P, with rows
-[I, -v̂₁ T/ℓ, R₁ Φ]. A dof that a support prescribes has no column, its increment is in d_s; a node
-inside a body has no row at all. So no rows of ones, no penalties and no empty rows ever reach the
-solver.
-
-The body-fixed coordinates a = [1, V, Φ₁, ..., Φ_m] of a body's nodes never change; each node moves
-by them times a matrix of n = 4 + 3 m rows, see `Increments`, which is all that turns. So the
-increments of these rows are
-
-    N [3 n numbers of each body],    N constant and sparse,
-
-and moments of forces at them come by Nᵀ. PETSc multiplies, by vectors whose numbers are NumPy's: a
-product of SciPy's takes three times as long where bodies are small. A tangent passes L and P by a
-MatPtAP, see `condensed_tangent`; a matrix that is condensed once per layout, such as a mass
-matrix, by a MatPtAP with P itself.
+A body's nodes move by constant coordinates a = [1, V, Φ₁, ..., Φ_m] times a matrix of n = 4 + 3 m
+rows, see `Increments`: N [3 n numbers of each body], N constant and sparse, moments by Nᵀ. PETSc
+multiplies, by vectors whose numbers are NumPy's: a product of SciPy's takes three times as long
+where bodies are small.
 """
 
 from typing import Any

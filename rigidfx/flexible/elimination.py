@@ -1,13 +1,9 @@
 """Kernels of forms in which enhanced strains are eliminated within each cell.
 
 FFCx compiles a form with enhancements as coefficients and eliminations as constants, see
-`rigidfx.mechanics.enhanced`, like any other. Its kernels are called by one of ours,
-`elimination.c`, which first computes the enhancements from the displacements among the
-coefficients, and at last subtracts the loss by elimination from a matrix. DOLFINx sees the form
-with these kernels in the place of FFCx's.
-
-Nothing is stored: λ, μ and the direction of the thickness come with the coefficients, all else is
-computed from the cell's corners.
+`rigidfx.mechanics.enhanced`. Its kernels are called by `elimination.c`, which first computes the
+enhancements from displacements, and at last subtracts the loss by elimination from a matrix. λ, μ
+and the direction of the thickness come with the coefficients, all else from the cell's corners.
 """
 
 import weakref

@@ -1,11 +1,9 @@
 """Flexible cells turned inside out: found before a solution is accepted.
 
-A step whose end has det F ≤ 0 at an integration point of a cell is no motion of a body, but nothing
-in the equations says so: stored energies see C = FᵀF only, whose determinant cannot tell F from its
-mirror image, and the energy of St.Venant and Kirchhoff does not even resist the way there. Nothing
-stops a hyperelastic cell under an unbounded load either, until its energy overflows. Every solution
-is therefore checked before it is accepted, at the points where stresses are evaluated; the check
-costs 0.7 % and 0.5 % of a step (hexahedra, 4·10³ and 27·10³ unknowns).
+A step whose end has det F ≤ 0 at an integration point is no motion of a body, but nothing in the
+equations says so: stored energies see C = FᵀF only, and that of St.Venant and Kirchhoff does not
+even resist. Nothing stops a hyperelastic cell under an unbounded load either, until its energy
+overflows. The check costs 0.7 % and 0.5 % of a step (hexahedra, 4·10³ and 27·10³ unknowns).
 """
 
 from dataclasses import dataclass

@@ -1,15 +1,9 @@
-"""Compile a form once, bind it to cells as often as needed.
+"""Compile a form once, bind it to cells as often as needed, in well under a millisecond.
 
-Binding costs well under a millisecond, and a bound form knows nothing but its cells: assembly,
-sparsity pattern and products shrink with them.
-
-The environment variable RIGIDFX_KERNEL_FLAGS names the C compiler's flags in place of those of
-`jit_options`: "-O2" for sums in the order of the forms, "-O3 -march=x86-64-v3" for one cache of
-compiled forms on different processors. Each set of flags has compiled forms of its own. Results
-with different flags differ in their last digits.
-
-Cells whose materials share an energy function share a compiled kernel. A parameter that has one
-value within a class is a constant of the kernel, one that varies is a cell-wise coefficient.
+RIGIDFX_KERNEL_FLAGS names the C compiler's flags in place of those of `jit_options`: "-O2" for sums
+in the order of the forms, "-O3 -march=x86-64-v3" for one cache on different processors. Each set of
+flags has compiled forms of its own. Cells whose materials share an energy function share a kernel.
+A parameter that has one value within a class is a constant, one that varies is a coefficient.
 """
 
 import hashlib

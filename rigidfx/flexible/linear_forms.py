@@ -1,13 +1,8 @@
 """Static internal forces, and the stiffness of cells about a shape that they are frozen in.
 
-The stiffness is the material's part of the tangent, ∫ δE : ∂S/∂E : ΔE. The part of the stresses
-ends the rigid motions' kernel, and under compression it is indefinite: `tangent` has it besides.
-
-Internal forces and follower loads on facets at the end of a load step are
-
-    w·∫ S(E₁) : δE₁ dV + ∫ p cof(F₁) N · w dA
-
-without viscous stresses and numerical damping.
+The stiffness is the material's part of the tangent, ∫ δE : ∂S/∂E : ΔE; `tangent` has that of
+stresses besides. Internal forces and follower loads at the end of a load step are
+w·∫ S(E₁) : δE₁ dV + ∫ p cof(F₁) N · w dA, without viscous stresses and numerical damping.
 """
 
 from collections.abc import Sequence

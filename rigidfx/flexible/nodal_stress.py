@@ -1,27 +1,11 @@
 """Stress and strain at nodes, extrapolated in each cell and averaged among those of a material.
 
-Within a cell the values at its integration points are fitted, in least squares with the weights of
-the rule, by a polynomial p that its strains can follow without noise,
-
-    hexahedra: trilinear;  second-order tetrahedra: linear;  first-order ones: constant,
-
-and p is read at all nodes of the cell. For second-order cells that amounts to extrapolation from
-the points at which strains converge faster (J. Barlow, IJNME 10 (1976) 243,
-doi:10.1002/nme.1620100202). A node takes the mean of what the cells at it say, each with its
-reference volume as weight, over cells of one material only: at a surface between materials the
-stress jumps, and a node there has a value for either side.
-
-Measured on a cantilever of 10 × 1 × 1 under a shear force, against 6 F (l - x)/(b h²), one height
-and more from the clamp:
-
-    two second-order hexahedra over the height    0.9925 … 1.0002 of the bending peak
-    two second-order tetrahedra                   0.979 … 1.027
-    two first-order hexahedra                     0.957 … 0.967, ν = 0.3; 0.889, ν = 0
-    four                                          1.007 … 1.016, ν = 0.3; 0.970, ν = 0
-    four first-order tetrahedra                   0.63 … 0.76
-
-At a re-entrant corner, at the edge of a clamp with ν > 0 and under a force on a node the exact
-stress is infinite: what is shown there grows as cells shrink, and is no number to sign.
+Values at integration points are fitted by least squares, trilinear in hexahedra, linear in
+second-order tetrahedra and constant in first-order ones (J. Barlow, IJNME 10 (1976) 243,
+doi:10.1002/nme.1620100202), and read at the nodes of the cell. A node takes the mean of cells of
+one material, weighted by reference volume; between materials it has a value for either side.
+docs/notes/elements.md has errors of a cantilever. Where the exact stress is infinite, as at a
+re-entrant corner or under a force on a node, the value grows as cells shrink.
 """
 
 from functools import cached_property

@@ -1,27 +1,16 @@
 """Cauchy stress and strain at the integration points of cells, and their means over cells.
 
-At each point of the quadrature rule of the internal forces
+    σ = F S Fᵀ / J,    S = 2 ∂W/∂C,  J = det F,      E = ½ (C - I)
 
-    σ = F S Fᵀ / J,    S = 2 ∂W/∂C,  J = det F,      E = ½ (C - I).
-
-A cell's mean stress is the one over its deformed volume v,
-
-    (1/v) ∫ σ dv = ∫ F S Fᵀ dV0 / ∫ J dV0:
-
-a homogeneous stress is given exactly, a linear one by its value at the centre. That is what
-balances forces on a cell, and not what a bent part bears at its surface: of two second-order cells
-over the height of a beam the mean is 0.47 of the bending peak, and of a single first-order one it
-is nothing. For peaks take values at nodes, `rigidfx.flexible.nodal_stress`.
+A cell's mean stress is that over its deformed volume, ∫ F S Fᵀ dV0 / ∫ J dV0. It balances forces on
+a cell, and is not what a bent part bears at its surface: of two second-order cells over the height
+of a beam it is 0.47 of the bending peak. For peaks take `rigidfx.flexible.nodal_stress`.
 
 Indices of a part with shapes have the strains that its energy is of: those of the frozen shape and
-the first derivative along Φ q, as the strain of second order of Φ q alone is not that of the part.
-
-Indices of rigid bodies are no exception. Their nodes follow the body, F = R F_frozen, so they keep
-the stress they were frozen with, rotated with the body: σ = R σ_frozen Rᵀ; and their strain E. The
-stress of the forces on them comes by a displacement of their own, see `rigidfx.report.recovered`.
-
-The stress is the elastic one at an instant, that of the stored energy W. It holds no stress of
-damping, and it is not the mean over a step by which the energy-momentum method balances forces.
+the first derivative along Φ q. Nodes of a rigid body follow it, F = R F_frozen, so that its cells
+keep σ = R σ_frozen Rᵀ; the stress of the forces on them comes by a displacement of their own, see
+`rigidfx.report.recovered`. The stress is that of W at an instant, without damping, and not the mean
+over a step by which the energy-momentum method balances forces.
 """
 
 from collections.abc import Iterator

@@ -1,13 +1,8 @@
 """ρ of the present bodies: the forces at their nodes that rigidity bears in place of stiffness.
 
-In the frame of a body they are
-
-    ρ = R̄ᵀ (f_ext - f_flexible - M (v₁ - v₀)/Δt - ½ (R₀ + R₁) f⁰) ,
-
-the forces of loads and flexible cells, minus the inertia of the body's motion, minus the internal
-forces f⁰ of the shape that the body keeps, in the form that the Energy–Momentum Method gives them
-for a rotating shape, with K Φ q½ of bodies that have shapes. R̄ is the rotation halfway through the
-step: by the mean of both, which is shorter, f⁰ would be 1 - cos(ωΔt/2) too large.
+docs/theory/shapes.md#withheld-forces has ρ, in the frame of a body. R̄ is the rotation halfway
+through the step: by the mean of both, which is shorter, the internal forces f⁰ of the shape that
+the body keeps would be 1 - cos(ωΔt/2) too large.
 """
 
 from collections.abc import Sequence

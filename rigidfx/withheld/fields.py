@@ -1,13 +1,10 @@
 """Forces on the nodes of a body as combinations of few fields, and of what is beside them.
 
-Inertia, elastic forces of shapes and those of the frozen shape are linear in few numbers:
-
     ρ = B c + f ,    B = [f⁰, m, m V, m Φ₁, K Φ₁, ..., m Φ_m, K Φ_m] ,
 
-with c of each field in each direction. Loads, springs, contacts and flexible cells are in f, which
-is zero at most nodes as a rule. With W the inverse masses of nodes, the products Γ = Bᵀ W B are
-known, and h = Bᵀ W f is all that f adds. So the size of ρ and its part that shapes follow take some
-products of small arrays in place of sums over all nodes:
+with c of each field in each direction, and f of loads, springs, contacts and flexible cells, zero
+at most nodes. With W the inverse masses of nodes, Γ = Bᵀ W B is known, and h = Bᵀ W f is all that f
+adds, so that sizes of ρ take no sums over all nodes:
 
     ‖ρ‖² = ρ·W ρ = c·Γ c + 2 c·h + f·W f ,    [1, V, Φ]ᵀ ρ = the rows of Γ c + h of [m, m V, m Φ].
 
