@@ -25,21 +25,13 @@ from rigidfx.scene.scene import Scene
 
 
 class Snapshot(NamedTuple):
-    """The part of a state that a step changes.
+    """The part of a state that a step changes."""
 
-    Attributes:
-        t: Time [s].
-        u: Displacement at all local dofs [m].
-        v: Velocity there [m/s].
-        bodies: The rigid bodies.
-        changes: Number of the last write into the state.
-    """
-
-    t: float
-    u: Array
-    v: Array
-    bodies: Bodies
-    changes: int
+    t: float  # time [s]
+    u: Array  # displacement at all local dofs [m]
+    v: Array  # velocity there [m/s]
+    bodies: Bodies  # the rigid bodies
+    changes: int  # number of the last write into the state
 
 
 class State:

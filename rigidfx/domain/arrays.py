@@ -142,24 +142,17 @@ Names = dict[int, dict[str, Ints]]
 
 @dataclass
 class FileMesh:
-    """A mesh and its names, as a reader finds them on rank 0.
+    """A mesh and its names, as a reader finds them on rank 0."""
 
-    Attributes:
-        kind: "hexahedron" or "tetrahedron".
-        points: Nodes, shape (nodes, 3) [m].
-        cells: Nodes of each cell in DOLFINx's order, shape (cells, nodes of each).
-        sets: By dimension and name: rows of cells; of facets, edges and vertices the nodes at their
-            corners, shape (entities, corners).
-        notes: Texts of warnings.
-        elements: Name of each instance, and the numbers of its elements, one instance after the
-            other as `cells` are; none where a file does not number its cells.
-    """
-
-    kind: str
-    points: Array
-    cells: Ints
+    kind: str  # "hexahedron" or "tetrahedron"
+    points: Array  # nodes, shape (nodes, 3) [m]
+    cells: Ints  # nodes of each cell in DOLFINx's order, shape (cells, nodes of each)
+    # By dimension and name: rows of cells; of facets, edges and vertices the nodes at their
+    # corners, shape (entities, corners)
     sets: Names = field(default_factory=lambda: {dim: {} for dim in KINDS})
-    notes: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # texts of warnings
+    # Name of each instance, and the numbers of its elements, one instance after the other as
+    # `cells` are; none where a file does not number its cells
     elements: list[tuple[str, Ints]] = field(default_factory=list)
 
 

@@ -110,15 +110,10 @@ def _meets(mesh: dmesh.Mesh, corners: Array, ends: Array) -> Bools:
 
 @dataclass(frozen=True)
 class Hinge:
-    """Vertices that two parts share.
+    """Vertices that two parts share."""
 
-    Attributes:
-        parts: Numbers of both parts.
-        nodes: Positions of the vertices, shape (n, 3) [m].
-    """
-
-    parts: tuple[int, int]
-    nodes: Array
+    parts: tuple[int, int]  # numbers of both parts
+    nodes: Array  # positions of the vertices, shape (n, 3) [m]
 
     def __str__(self) -> str:
         """How many vertices, of which shape, and where."""
@@ -169,21 +164,13 @@ def hinges(mesh: dmesh.Mesh, parts: ConnectedParts) -> list[Hinge]:
 
 @dataclass(frozen=True)
 class ConnectedParts:
-    """The connected parts of a mesh.
+    """The connected parts of a mesh."""
 
-    Attributes:
-        count: How many there are, over all ranks.
-        of_cell: Part of each local cell, ghosts included.
-        of_entity: Part of each local facet or vertex, whichever joins cells.
-        lower: Least coordinates of each part, shape (parts, 3) [m].
-        upper: Greatest coordinates of each part, shape (parts, 3) [m].
-    """
-
-    count: int
-    of_cell: Ints
-    of_entity: Ints
-    lower: Array
-    upper: Array
+    count: int  # how many there are, over all ranks
+    of_cell: Ints  # part of each local cell, ghosts included
+    of_entity: Ints  # part of each local facet or vertex, whichever joins cells
+    lower: Array  # least coordinates of each part, shape (parts, 3) [m]
+    upper: Array  # greatest coordinates of each part, shape (parts, 3) [m]
 
     @property
     def middle(self) -> Array:

@@ -73,22 +73,15 @@ def straighten(gmsh: Any, metres: float) -> str:
 
 @dataclass(frozen=True)
 class _Cells:
-    """Cells of second order of one kind.
+    """Cells of second order of one kind."""
 
-    Attributes:
-        nodes: Rows of nodes, shape (cells, nodes of each).
-        straight: Place of each node in the straight cells, shape (nodes, 3).
-        corners: Whether a node is a corner of a cell, shape (nodes,).
-        slopes: Derivatives of their functions at points where det J is checked, shape (points,
-            nodes of each, 3); the last points are those of a rule ...
-        weights: ... with these weights.
-    """
-
-    nodes: Ints
-    straight: Array
-    corners: Bools
+    nodes: Ints  # rows of nodes, shape (cells, nodes of each)
+    straight: Array  # place of each node in the straight cells, shape (nodes, 3)
+    corners: Bools  # whether a node is a corner of a cell, shape (nodes,)
+    # Derivatives of their functions at points where det J is checked, shape (points, nodes of each,
+    # 3); the last points are those of a rule ...
     slopes: Array
-    weights: Array
+    weights: Array  # ... with these weights
 
     @classmethod
     def of(cls, mesh: Any, name: str, cell: basix.CellType, x: Array, nodes: Ints) -> _Cells:

@@ -49,19 +49,13 @@ def is_number(entry: str) -> bool:
 
 @dataclass(frozen=True)
 class Card:
-    """A card of a file.
+    """A card of a file."""
 
-    Attributes:
-        keyword: In capitals, without the star.
-        given: Parameters by their names in capitals; flags have "" as value.
-        lines: Lines of data, each with its place, without comments and empty ones.
-        at: The card's own line.
-    """
-
-    keyword: str
-    given: Mapping[str, str]
+    keyword: str  # in capitals, without the star
+    given: Mapping[str, str]  # parameters by their names in capitals; flags have "" as value
+    # Lines of data, each with its place, without comments and empty ones
     lines: list[tuple[Where, str]]
-    at: Where
+    at: Where  # the card's own line
 
     def wrong(self, problem: str, at: Where | None = None) -> SceneError:
         """The error that names a line, that of the card if None, with problem and remedy."""
@@ -184,25 +178,19 @@ MAKERS = ("NGEN", "NFILL", "NCOPY", "ELGEN", "ELCOPY", "SYSTEM")
 
 @dataclass
 class Group:
-    """A set or a surface.
+    """A set or a surface."""
 
-    Attributes:
-        name: As it is written first.
-        members: Numbers by the instances that they are of ("" for the place of the group), ranges
-            of which some may not be there ...
-        others: ... and names of other groups, or names and numbers behind an instance's name and a
-            dot.
-        of_elements: Of a set of nodes: instances and names of sets of elements whose nodes it has.
-        faces: Of a surface: pairs of an element's number or a set's name, and a face such as "S3".
-        of_nodes: Whether a surface is one of nodes.
-    """
-
-    name: str
+    name: str  # as it is written first
+    # Numbers by the instances that they are of ("" for the place of the group), ranges of which
+    # some may not be there ...
     members: list[tuple[str, Ints | range]] = field(default_factory=list)
+    # ... and names of other groups, or names and numbers behind an instance's name and a dot
     others: list[tuple[str, str]] = field(default_factory=list)
+    # Of a set of nodes: instances and names of sets of elements whose nodes it has
     of_elements: list[tuple[str, str]] = field(default_factory=list)
+    # Of a surface: pairs of an element's number or a set's name, and a face such as "S3"
     faces: list[tuple[str, str, Card, Where]] = field(default_factory=list)
-    of_nodes: bool = False
+    of_nodes: bool = False  # whether a surface is one of nodes
 
     def add(self, entry: str, instance: str = "") -> None:
         """Add a member by its number or set's name, behind an instance's name and a dot if any."""
@@ -215,20 +203,17 @@ class Group:
 
 @dataclass
 class Place:
-    """Nodes, elements, sets and surfaces of a part, or of all that is in none.
+    """Nodes, elements, sets and surfaces of a part, or of all that is in none."""
 
-    Attributes:
-        nodes: Numbers and positions, shape (n,) and (n, 3), of each card.
-        elements: Type, numbers and nodes, shape (n,) and (n, nodes), of each card.
-        flat: The same of triangles and quadrilaterals, which may bound cells.
-        no_cells: How many elements there are of other types.
-        groups: By kind, "NSET", "ELSET" or "SURFACE", and folded name.
-    """
-
+    # Numbers and positions, shape (n,) and (n, 3), of each card
     nodes: list[tuple[Ints, Array]] = field(default_factory=list)
+    # Type, numbers and nodes, shape (n,) and (n, nodes), of each card
     elements: list[tuple[str, Ints, Ints]] = field(default_factory=list)
+    # The same of triangles and quadrilaterals, which may bound cells
     flat: list[tuple[str, Ints, Ints]] = field(default_factory=list)
+    # How many elements there are of other types
     no_cells: dict[str, int] = field(default_factory=dict)
+    # By kind, "NSET", "ELSET" or "SURFACE", and folded name
     groups: dict[tuple[str, str], Group] = field(default_factory=dict)
 
     def group(self, kind: str, name: str) -> Group:
@@ -238,36 +223,22 @@ class Place:
 
 @dataclass(frozen=True)
 class Instance:
-    """A part where it is.
+    """A part where it is."""
 
-    Attributes:
-        name: Folded.
-        part: Its part.
-        R: Rotation, shape (3, 3).
-        shift: Translation that follows [in the file's unit of length].
-    """
-
-    name: str
-    part: Place
-    R: Array
-    shift: Array
+    name: str  # folded
+    part: Place  # its part
+    R: Array  # rotation, shape (3, 3)
+    shift: Array  # translation that follows [in the file's unit of length]
 
 
 @dataclass
 class Model:
-    """All of a file.
+    """All of a file."""
 
-    Attributes:
-        top: All that is in no part.
-        parts: By folded name.
-        instances: In the order of the file.
-        notes: Texts of warnings.
-    """
-
-    top: Place = field(default_factory=Place)
-    parts: dict[str, Place] = field(default_factory=dict)
-    instances: list[Instance] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    top: Place = field(default_factory=Place)  # all that is in no part
+    parts: dict[str, Place] = field(default_factory=dict)  # by folded name
+    instances: list[Instance] = field(default_factory=list)  # in the order of the file
+    notes: list[str] = field(default_factory=list)  # texts of warnings
 
 
 def model_of(path: Path, decoder: Decoder) -> Model:

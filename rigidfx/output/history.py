@@ -55,17 +55,11 @@ PAIRS = {"xyz"[i] + "xyz"[j]: (i, j) for i, j in SYMMETRIC}
 
 @dataclass(frozen=True)
 class Written:
-    """The last report that was written.
+    """The last report that was written."""
 
-    Attributes:
-        step: Its step.
-        t: Its time [s].
-        velocities: Of probes by name [m/s].
-    """
-
-    step: int
-    t: float
-    velocities: Mapping[str, Array]
+    step: int  # its step
+    t: float  # its time [s]
+    velocities: Mapping[str, Array]  # of probes by name [m/s]
 
 
 def history_row(

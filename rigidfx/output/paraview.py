@@ -91,17 +91,11 @@ class Body:
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points, each a cell of its own.
+    """Points, each a cell of its own."""
 
-    Attributes:
-        points: Reference positions, shape (points, 3) [m]; empty but on rank 0.
-        cells: Number of each point, shape (points, 1).
-        vtk_type: VTK's number of a vertex.
-    """
-
-    points: Array
-    cells: Array
-    vtk_type: int = 1
+    points: Array  # reference positions, shape (points, 3) [m]; empty but on rank 0
+    cells: Array  # number of each point, shape (points, 1)
+    vtk_type: int = 1  # VTK's number of a vertex
 
 
 class Series:

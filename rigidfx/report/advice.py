@@ -19,19 +19,12 @@ RESOLVED = 10  # steps of half a sine whose peak is known to some 3 %; half as m
 
 @dataclass(frozen=True)
 class Row:
-    """One piece of advice.
+    """One piece of advice."""
 
-    Attributes:
-        bound: The number up to which, or down to which, nothing is said.
-        of: Its unit, or the whole of which it is a part.
-        remedy: In a few words, with a link into docs/.
-        sentence: The message, with the names of its values.
-    """
-
-    bound: float
-    of: str
-    remedy: str
-    sentence: str
+    bound: float  # the number up to which, or down to which, nothing is said
+    of: str  # its unit, or the whole of which it is a part
+    remedy: str  # in a few words, with a link into docs/
+    sentence: str  # the message, with the names of its values
 
 
 ADVICE = {

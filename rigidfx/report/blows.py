@@ -23,27 +23,16 @@ WORTH_A_WARNING = 0.01  # of the largest Σ m|v| so far: impulse of an impact th
 
 @dataclass
 class _Closed:
-    """A contact while it is closed.
+    """A contact while it is closed."""
 
-    Attributes:
-        since: When it has closed [s].
-        steps: Steps in which it has pressed with more than half of its peak.
-        longest: The longest of these [s].
-        blow: Sum of its nodal impulses in them [N s].
-        impulse: The same in all steps [N s].
-        peak: Largest force in a step [N].
-        resolved: Largest of its means over the time that the mesh resolves [N].
-        now: Its mean in the last step [N].
-    """
-
-    since: float
-    steps: int
-    longest: float
-    blow: float
-    impulse: float
-    peak: float
-    resolved: float
-    now: float
+    since: float  # when it has closed [s]
+    steps: int  # steps in which it has pressed with more than half of its peak
+    longest: float  # the longest of these [s]
+    blow: float  # sum of its nodal impulses in them [N s]
+    impulse: float  # the same in all steps [N s]
+    peak: float  # largest force in a step [N]
+    resolved: float  # largest of its means over the time that the mesh resolves [N]
+    now: float  # its mean in the last step [N]
 
     @property
     def duration(self) -> float:
@@ -140,34 +129,20 @@ def rounded_down(dt: float) -> float:
 
 @dataclass
 class _Struck:
-    """A blow on a stop or by a cable, as long as it is looked at.
+    """A blow on a stop or by a cable, as long as it is looked at."""
 
-    Attributes:
-        since: Start of its first step [s].
-        before: Rate of the coordinate in the step before, or the first one if there is none
-            [rad/s, m/s].
-        steps: Its steps.
-        longest: The longest of these [s].
-        impulse: Impulse since the middle of that step, of its effort [N s, N m s].
-        force: The same of its force [N s].
-        peak: Largest effort in a step [N, N m].
-        rate: Rate of the coordinate in the last step.
-        last: Impulse of its second half.
-        k: Stiffness of the stop or cable.
-        c: Its damping.
-    """
-
-    since: float
+    since: float  # start of its first step [s]
+    # Rate of the coordinate in the step before, or the first one if there is none [rad/s, m/s]
     before: float
-    steps: int
-    longest: float
-    impulse: float
-    force: float
-    peak: float
-    rate: float
-    last: float
-    k: float
-    c: float
+    steps: int  # its steps
+    longest: float  # the longest of these [s]
+    impulse: float  # impulse since the middle of that step, of its effort [N s, N m s]
+    force: float  # the same of its force [N s]
+    peak: float  # largest effort in a step [N, N m]
+    rate: float  # rate of the coordinate in the last step
+    last: float  # impulse of its second half
+    k: float  # stiffness of the stop or cable
+    c: float  # its damping
 
 
 class BriefStops(Adviser):

@@ -94,20 +94,14 @@ class EnergyBalance(Adviser):
 
 @dataclass(frozen=True)
 class _Rounding:
-    """Rounding that may be left in the strain energy of a scene whatever moves.
+    """Rounding that may be left in the strain energy of a scene whatever moves."""
 
-    Attributes:
-        all: With its materials as they are [J].
-        softest: If all were like the one whose energy is known best [J]: any difference within that
-            is rounding.
-        known: Machine precision times the stiffest material's energy [J].
-        why: For a warning where the stiffest material alone is to blame.
-    """
-
-    all: float
+    all: float  # with its materials as they are [J]
+    # If all were like the one whose energy is known best [J]: any difference within that is
+    # rounding
     softest: float
-    known: float
-    why: str
+    known: float  # machine precision times the stiffest material's energy [J]
+    why: str  # for a warning where the stiffest material alone is to blame
 
 
 def _rounding(scene: Scene) -> _Rounding:

@@ -167,19 +167,13 @@ NOTHING = Entry(nan, nan, nan, "m")
 
 @dataclass(frozen=True)
 class Rigidity:
-    """Error of the motion by rigid parts, as who decides about it estimates it.
+    """Error of the motion by rigid parts, as who decides about it estimates it."""
 
-    Attributes:
-        motion: Its error so far, over the largest displacement.
-        allowed: Its bound at the end of the run.
-        rest: The share of time integration.
-        withheld: Energy that bodies may withhold now, or keep of vibrations, over the largest
-            energy of deformation.
-    """
-
-    motion: float
-    allowed: float
-    rest: float
+    motion: float  # its error so far, over the largest displacement
+    allowed: float  # its bound at the end of the run
+    rest: float  # the share of time integration
+    # Energy that bodies may withhold now, or keep of vibrations, over the largest energy of
+    # deformation
     withheld: float
 
 

@@ -27,17 +27,11 @@ Strained = Callable[[], Carried]
 
 @dataclass(frozen=True)
 class Holder:
-    """The cell that holds a point, the same record on all ranks.
+    """The cell that holds a point, the same record on all ranks."""
 
-    Attributes:
-        nodes: Global numbers of its nodes.
-        weights: Shape functions at the point.
-        material: Number of its material among `material_groups`.
-    """
-
-    nodes: Ints
-    weights: Array
-    material: int
+    nodes: Ints  # global numbers of its nodes
+    weights: Array  # shape functions at the point
+    material: int  # number of its material among `material_groups`
 
 
 @dataclass(frozen=True)

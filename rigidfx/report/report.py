@@ -126,23 +126,15 @@ def _body_report(body: Body, own: Array, kinetic: float, strain: float, nu: floa
 
 @dataclass(frozen=True)
 class Source:
-    """What a report computes further values from, as long as the run has not gone on.
+    """What a report computes further values from, as long as the run has not gone on."""
 
-    Attributes:
-        state: The state of the run.
-        changes: The number of its changes at the report.
-        indicator: Measures strain rates, if any are.
-        probes: Points that are reported.
-        shortening: Displacements of second order of bodies with shapes; not shown if None.
-        recovery: Strains withheld from rigid parts, if known.
-    """
-
-    state: State
-    changes: int
-    indicator: Indicator | None
-    probes: Probes
+    state: State  # the state of the run
+    changes: int  # the number of its changes at the report
+    indicator: Indicator | None  # measures strain rates, if any are
+    probes: Probes  # points that are reported
+    # Displacements of second order of bodies with shapes; not shown if None
     shortening: Shortening | None
-    recovery: Recovery | None
+    recovery: Recovery | None  # strains withheld from rigid parts, if known
 
 
 # Results of the error motion, for one release: bodies have shapes in its place.

@@ -50,17 +50,11 @@ def check_about(owner: str, scene: Scene, report: Any) -> None:
 
 @dataclass(frozen=True)
 class Start:
-    """A copy of displacements, of the poses of parts named rigid, and of the memory of effects.
+    """A copy of displacements, of the poses of parts named rigid, and of the memory of effects."""
 
-    Attributes:
-        u: Displacement at all local dofs [m].
-        bodies: Parts named rigid.
-        notes: Memory of effects, by their identity.
-    """
-
-    u: Array
-    bodies: tuple[Body, ...]
-    notes: dict[int, Any]
+    u: Array  # displacement at all local dofs [m]
+    bodies: tuple[Body, ...]  # parts named rigid
+    notes: dict[int, Any]  # memory of effects, by their identity
 
     def apply(self, state: State) -> None:
         """Bring a state there, at rest."""

@@ -42,29 +42,23 @@ from rigidfx.step.watches.judge import Cuts, inverted, overload
 
 @dataclass(frozen=True)
 class SettlingControl:
-    """How the drag is chosen; s is over the load per mass and size of the whole.
+    """How the drag is chosen; s is over the load per mass and size of the whole."""
 
-    Attributes:
-        first: s of the first load step: it moves parts by a thousandth of their size or less.
-        least: Least s, which keeps motions regular that nothing holds, but that no load drives.
-        change: Factor of s from solve to solve.
-        near: Motion of a solve, over the size of the whole, up to which the next one has less drag;
-            with contacts over that of a cell, as surfaces are not to pass through each other.
-        far: Motion above which a solve is repeated with more drag: it may lead past an equilibrium.
-        rest: Drag over the loads that counts as nothing.
-        drifts: Drag over the loads that does not fade, along a motion that nothing holds, which
-            counts as nothing: contacts of meshes have such forces across.
-        solves: Solves of a load step before it is said to have no end.
-    """
-
+    # s of the first load step: it moves parts by a thousandth of their size or less
     first: float = 1000.0
+    # Least s, which keeps motions regular that nothing holds, but that no load drives
     least: float = 1e-4
-    change: float = 3.0
+    change: float = 3.0  # factor of s from solve to solve
+    # Motion of a solve, over the size of the whole, up to which the next one has less drag; with
+    # contacts over that of a cell, as surfaces are not to pass through each other
     near: float = 0.1
+    # Motion above which a solve is repeated with more drag: it may lead past an equilibrium
     far: float = 0.3
-    rest: float = 1e-11
+    rest: float = 1e-11  # drag over the loads that counts as nothing
+    # Drag over the loads that does not fade, along a motion that nothing holds, which counts as
+    # nothing: contacts of meshes have such forces across
     drifts: float = 1e-6
-    solves: int = 100
+    solves: int = 100  # solves of a load step before it is said to have no end
 
 
 class Settling:
@@ -139,18 +133,15 @@ class Settling:
 
 @dataclass(frozen=True)
 class PathControl:
-    """When a load step is cut.
+    """When a load step is cut."""
 
-    Attributes:
-        jump: Growth of the largest increment per load, from step to step, that is looked at more
-            closely. Before a limit point, where u_c - u grows with √(t_c - t), it is at most 2.5.
-        shrinks: A continuous path has at most this part of an increment in half the load step.
-        soft: Ratio of the load per displacement to that of the first step below which an end of
-            the path is told as a limit load.
-    """
-
+    # Growth of the largest increment per load, from step to step, that is looked at more closely.
+    # Before a limit point, where u_c - u grows with √(t_c - t), it is at most 2.5.
     jump: float = 4.0
+    # A continuous path has at most this part of an increment in half the load step
     shrinks: float = 0.8
+    # Ratio of the load per displacement to that of the first step below which an end of the path is
+    # told as a limit load
     soft: float = 0.5
 
 

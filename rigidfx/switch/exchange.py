@@ -36,15 +36,10 @@ ROUNDING = 1e-13  # of the energy: what is too little to find the scale of a fie
 
 
 class Works(NamedTuple):
-    """Work of the impulses that keep given velocities at a switch [J].
+    """Work of the impulses that keep given velocities at a switch [J]."""
 
-    Attributes:
-        supports: Of supports.
-        motors: Of motors of given motion.
-    """
-
-    supports: float
-    motors: float
+    supports: float  # of supports
+    motors: float  # of motors of given motion
 
     @property
     def whole(self) -> float:

@@ -47,49 +47,31 @@ from rigidfx.withheld.fields import Fields, Force
 
 
 class Shift(NamedTuple):
-    """How nodes move, and what all but the bodies gain by that.
+    """How nodes move, and what all but the bodies gain by that."""
 
-    Attributes:
-        d: Of the owned nodes, shape (nodes, 3) [m].
-        energy: Of flexible cells, springs and contacts [J].
-        angular_momentum: Of nodes of flexible cells, shape (3,) [kg m²/s].
-    """
-
-    d: Array
-    energy: float
-    angular_momentum: Array
+    d: Array  # of the owned nodes, shape (nodes, 3) [m]
+    energy: float  # of flexible cells, springs and contacts [J]
+    angular_momentum: Array  # of nodes of flexible cells, shape (3,) [kg m²/s]
 
 
 @dataclass(frozen=True)
 class Looked:
-    """What an attempt calls for.
+    """What an attempt calls for."""
 
-    Attributes:
-        bodies: All bodies, some with more shapes, with which the step is to be made again.
-        woken: Owned cells that wake; None where none does.
-        reason: Why they wake, in words.
-    """
-
+    # All bodies, some with more shapes, with which the step is to be made again
     bodies: Bodies | None = None
-    woken: Bools | None = None
-    reason: str = ""
+    woken: Bools | None = None  # owned cells that wake; None where none does
+    reason: str = ""  # why they wake, in words
 
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of a body since it was frozen.
+    """What is known of a body since it was frozen."""
 
-    Attributes:
-        begun: How many modes it began with.
-        lacking: The lowest ω that these lack [1/s].
-        spin: Its angular velocity then, in its frame [rad/s].
-        pressed: How many shapes it has for nodes that press.
-    """
-
-    begun: int
-    lacking: float
-    spin: Array
-    pressed: int
+    begun: int  # how many modes it began with
+    lacking: float  # the lowest ω that these lack [1/s]
+    spin: Array  # its angular velocity then, in its frame [rad/s]
+    pressed: int  # how many shapes it has for nodes that press
 
 
 class FoundBodies:

@@ -31,25 +31,15 @@ THIN = 1e-10  # least over largest principal moment below which a body counts as
 
 @dataclass(frozen=True)
 class MassProperties:
-    """Mass, inertia and momenta of some nodes, as those of a rigid body.
+    """Mass, inertia and momenta of some nodes, as those of a rigid body."""
 
-    Attributes:
-        mass: m [kg].
-        centre: Centre of mass, shape (3,) [m].
-        inertia: J about it, shape (3, 3) [kg m²].
-        velocity: Velocity of the centre that gives the nodes' linear momentum [m/s].
-        angular_velocity: ω that gives their angular momentum [rad/s]; zero if singular.
-        kinetic: Kinetic energy of the nodes' velocities [J].
-        singular: Whether the nodes lie on a line, so that they are no body.
-    """
-
-    mass: float
-    centre: Array
-    inertia: Array
-    velocity: Array
-    angular_velocity: Array
-    kinetic: float
-    singular: bool
+    mass: float  # m [kg]
+    centre: Array  # centre of mass, shape (3,) [m]
+    inertia: Array  # J about it, shape (3, 3) [kg m²]
+    velocity: Array  # velocity of the centre that gives the nodes' linear momentum [m/s]
+    angular_velocity: Array  # ω that gives their angular momentum [rad/s]; zero if singular
+    kinetic: float  # kinetic energy of the nodes' velocities [J]
+    singular: bool  # whether the nodes lie on a line, so that they are no body
 
     @property
     def rigid(self) -> float:

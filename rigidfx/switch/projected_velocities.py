@@ -127,17 +127,11 @@ class WholeMass:
 
 @dataclass(frozen=True)
 class Field:
-    """A velocity field that is rigid in bodies.
+    """A velocity field that is rigid in bodies."""
 
-    Attributes:
-        nodal: At all owned dofs, inside bodies too [m/s].
-        bodies: Velocity of the centre and ℓω of each body, shape (bodies, 6) [m/s].
-        impulses: Those of joints that a projection has needed, one per row [N s, N m s]; None
-            without joints.
-    """
-
-    nodal: Array
-    bodies: Array
+    nodal: Array  # at all owned dofs, inside bodies too [m/s]
+    bodies: Array  # velocity of the centre and ℓω of each body, shape (bodies, 6) [m/s]
+    # Those of joints that a projection has needed, one per row [N s, N m s]; None without joints
     impulses: Array | None = None
 
     def plus(self, factor: float, other: Field) -> Field:

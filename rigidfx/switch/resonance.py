@@ -29,32 +29,19 @@ LEAST = float(np.sqrt(np.finfo(np.float64).eps))
 
 @dataclass(frozen=True)
 class Tuned:
-    """What a body may have built up, and what tells the frequency of its forces.
+    """What a body may have built up, and what tells the frequency of its forces."""
 
-    Attributes:
-        origin: The body's; if it loses cells it is another one.
-        momenta: s [kg m/s].
-        off: w [kg m/s].
-        last: ρ⊥ of the last step [N].
-        change: Its change in that step.
-        before: That in the step before.
-        square, product: Sums of products of changes.
-        steps: How many there were in steps of one length ...
-        dt: ... which this is [s].
-        frequency: Ω, 0 while unknown [1/s].
-    """
-
-    origin: Array
-    momenta: Force
-    off: Force
-    last: Force
-    change: Force
-    before: Force
-    square: float
-    product: float
-    steps: int
-    dt: float
-    frequency: float
+    origin: Array  # the body's; if it loses cells it is another one
+    momenta: Force  # s [kg m/s]
+    off: Force  # w [kg m/s]
+    last: Force  # ρ⊥ of the last step [N]
+    change: Force  # its change in that step
+    before: Force  # that in the step before
+    square: float  # sums of products of changes
+    product: float  # likewise
+    steps: int  # how many there were in steps of one length ...
+    dt: float  # ... which this is [s]
+    frequency: float  # Ω, 0 while unknown [1/s]
 
     @classmethod
     def begun(cls, origin: Array, none: Force) -> Tuned:

@@ -55,17 +55,11 @@ NEGLECTED = 0.01
 
 @dataclass(frozen=True)
 class Spin:
-    """How a state turns.
+    """How a state turns."""
 
-    Attributes:
-        omega: Its angular velocity, shape (3,) [rad/s]; zero if it does not turn as a whole.
-        centre: A point of the axis, shape (3,) [m].
-        apart: Largest difference to the angular velocity of a part [rad/s].
-    """
-
-    omega: Array
-    centre: Array
-    apart: float
+    omega: Array  # its angular velocity, shape (3,) [rad/s]; zero if it does not turn as a whole
+    centre: Array  # a point of the axis, shape (3,) [m]
+    apart: float  # largest difference to the angular velocity of a part [rad/s]
 
     @property
     def turns(self) -> bool:

@@ -13,36 +13,25 @@ from rigidfx.mechanics.bodies import Bodies
 
 @dataclass(frozen=True)
 class Hold:
-    """The supports in a part that deforms by shapes.
+    """The supports in a part that deforms by shapes."""
 
-    Attributes:
-        frame: The support that the part's frame follows; None if the frame rests.
-        guides: Others, whose motions in the frame are coordinates of shapes.
-    """
-
-    frame: Support | None
-    guides: tuple[Support, ...] = ()
+    frame: Support | None  # the support that the part's frame follows; None if the frame rests
+    guides: tuple[Support, ...] = ()  # others, whose motions in the frame are coordinates of shapes
 
 
 @dataclass(frozen=True)
 class Division:
-    """A division of the cells, with the bodies.
+    """A division of the cells, with the bodies."""
 
-    Attributes:
-        flexible: Flexible owned cells by subdomain id.
-        bodies: Rigid bodies that move freely.
-        driven_cells: Owned cells that move with a support, by subdomain id; None if there are
-            none.
-        driven_nodes: Owned nodes that move with a support, by the support's number.
-        clamped: Owned cells of each named part that moves with a support, by the part's number.
-        held: The supports in each body that deforms and is held, by the body's name.
-    """
-
-    flexible: Cells
-    bodies: Bodies
+    flexible: Cells  # flexible owned cells by subdomain id
+    bodies: Bodies  # rigid bodies that move freely
+    # Owned cells that move with a support, by subdomain id; None if there are none
     driven_cells: Cells | None
+    # Owned nodes that move with a support, by the support's number
     driven_nodes: Mapping[int, Indices]
+    # Owned cells of each named part that moves with a support, by the part's number
     clamped: Mapping[int, Indices]
+    # The supports in each body that deforms and is held, by the body's name
     held: Mapping[str, Hold] = field(default_factory=dict)
 
     @property

@@ -47,23 +47,14 @@ WELL_CONDITIONED = 50.0  # cells that the fastest wave passes in a step; its squ
 
 @dataclass(frozen=True)
 class Trial:
-    """One trial of a step, or of statics.
+    """One trial of a step, or of statics."""
 
-    Attributes:
-        dt: Δt [s]; of no meaning in statics.
-        v0: Velocity of the active nodes at the start of the step [m/s]; None in statics.
-        imposed: Increments of the held dofs [m].
-        start: Displacements of the active nodes at the start of the step [m].
-        bodies: The step of the bodies.
-        begun: Bodies at the start of the step, as effects see them.
-    """
-
-    dt: float
-    v0: PETSc.Vec
-    imposed: Array
-    start: Array
-    bodies: Step
-    begun: Instant
+    dt: float  # Δt [s]; of no meaning in statics
+    v0: PETSc.Vec  # velocity of the active nodes at the start of the step [m/s]; None in statics
+    imposed: Array  # increments of the held dofs [m]
+    start: Array  # displacements of the active nodes at the start of the step [m]
+    bodies: Step  # the step of the bodies
+    begun: Instant  # bodies at the start of the step, as effects see them
 
 
 class Inertia:

@@ -86,47 +86,35 @@ class _NotFound(SceneError, np.linalg.LinAlgError):
 
 @dataclass(frozen=True)
 class EigenControl:
-    """Limits of the search for eigenpairs.
+    """Limits of the search for eigenpairs."""
 
-    Attributes:
-        tolerance: Relative residual at which an eigenpair has converged. Equal modes are aligned
-            by differences of some hundredths, which divide it in the shapes.
-        dense: Unknowns up to which LAPACK finds all pairs at once, on each rank.
-        shift: First σ, over the largest ratio of the diagonals of K and M.
-        high: Largest σ over the lowest nonzero |λ|; above, the shift is set anew. Eigenvalues far
-            below the shift lie too close together for the iteration. Up to 1.6e4, 24 values of a
-            plate in springs and 12 of slender bars were as exact as with a shift below all.
-        gap: Relative distance of two λ up to which they are one cluster, which is never cut.
-        rounding: An eigenvalue is zero below this factor × φ·diag(K)φ/φ·Mφ. Rounding in the
-            assembly of K leaves about 10 machine precisions of that sum.
-        extra: Further pairs that are asked for, which tell whether the last one belongs to a
-            cluster.
-        doubtful: Relative residual at which a value that may have been missed has converged.
-    """
-
+    # Relative residual at which an eigenpair has converged. Equal modes are aligned by differences
+    # of some hundredths, which divide it in the shapes.
     tolerance: float = 1e-12
-    dense: int = 300
-    shift: float = 1e-8
+    dense: int = 300  # unknowns up to which LAPACK finds all pairs at once, on each rank
+    shift: float = 1e-8  # first σ, over the largest ratio of the diagonals of K and M
+    # Largest σ over the lowest nonzero |λ|; above, the shift is set anew. Eigenvalues far below the
+    # shift lie too close together for the iteration. Up to 1.6e4, 24 values of a plate in springs
+    # and 12 of slender bars were as exact as with a shift below all.
     high: float = 1e4
+    # Relative distance of two λ up to which they are one cluster, which is never cut
     gap: float = 1e-3
+    # An eigenvalue is zero below this factor × φ·diag(K)φ/φ·Mφ. Rounding in the assembly of K
+    # leaves about 10 machine precisions of that sum.
     rounding: float = 1e3 * float(np.finfo(np.float64).eps)
+    # Further pairs that are asked for, which tell whether the last one belongs to a cluster
     extra: int = 2
+    # Relative residual at which a value that may have been missed has converged
     doubtful: float = 1e-3
 
 
 @dataclass(frozen=True)
 class Eigenpairs:
-    """Eigenpairs in order, and how many motions take no energy.
+    """Eigenpairs in order, and how many motions take no energy."""
 
-    Attributes:
-        values: λ, shape (n,) [1/s²].
-        vectors: φ of each, φᵀMφ = 1; `destroy` frees them.
-        rigid: Number of zero eigenvalues, which are not among the pairs.
-    """
-
-    values: Array
-    vectors: list[PETSc.Vec]
-    rigid: int
+    values: Array  # λ, shape (n,) [1/s²]
+    vectors: list[PETSc.Vec]  # φ of each, φᵀMφ = 1; `destroy` frees them
+    rigid: int  # number of zero eigenvalues, which are not among the pairs
 
     def destroy(self) -> None:
         """Free the vectors. Collective."""

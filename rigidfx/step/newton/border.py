@@ -257,19 +257,13 @@ class BorderedFactors:
 
 @dataclass(frozen=True)
 class Shared:
-    """Ports that share solves.
+    """Ports that share solves."""
 
-    Attributes:
-        right: Sum of the ports of each solve, shape (solves, unknowns).
-        places: Numbers of unknowns and of solves, of all that a port has a part in, by unknowns.
-        pattern: The ports of these, and where each unknown begins among them.
-        count: Number of ports.
-    """
-
-    right: Array
+    right: Array  # sum of the ports of each solve, shape (solves, unknowns)
+    # Numbers of unknowns and of solves, of all that a port has a part in, by unknowns
     places: tuple[Ints, Ints]
-    pattern: tuple[Ints, Ints]
-    count: int
+    pattern: tuple[Ints, Ints]  # the ports of these, and where each unknown begins among them
+    count: int  # number of ports
 
     def responses(self, solve: Callable[[Array], Array], ksp: PETSc.KSP | None = None) -> csr_array:
         """A⁻¹ of single ports, shape (unknowns, ports), by solves that they share. Collective.

@@ -43,20 +43,13 @@ class Prices:
     in factoring and .63 to .8 in a solve, an entry of a tangent 13 in assembly, for which cells
     bring 2.4. Beside a body each of these is multiplied by the body's coordinates, four and three
     for each shape.
-
-    Attributes:
-        assembling: To assemble an entry of a cell.
-        making: To make an entry of factors.
-        condensing: To multiply an entry of a cell by a coordinate of a body, some 1 ns.
-        solving: To solve with an entry of factors.
-        calls: All calls of an iteration.
     """
 
-    assembling: float = 5.5
-    making: float = 13.0
-    condensing: float = 0.5
-    solving: float = 0.75
-    calls: float = 65e3
+    assembling: float = 5.5  # to assemble an entry of a cell
+    making: float = 13.0  # to make an entry of factors
+    condensing: float = 0.5  # to multiply an entry of a cell by a coordinate of a body, some 1 ns
+    solving: float = 0.75  # to solve with an entry of factors
+    calls: float = 65e3  # all calls of an iteration
 
 
 def price(equations: Equations, filled: float, prices: Prices = Prices()) -> float:

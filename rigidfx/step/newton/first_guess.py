@@ -24,16 +24,12 @@ SINGULAR = 1e-9  # ratio of a principal moment of inertia to the largest that co
 
 @dataclass(frozen=True)
 class Guess:
-    """A first guess of a step.
+    """A first guess of a step."""
 
-    Attributes:
-        increment: Increments of the active nodes [m], one number per row; those of nodes on bodies
-            are of no concern.
-        bodies: Δr, ℓθ and Δq of each body, shape (bodies, 6 + m) [m].
-    """
-
+    # Increments of the active nodes [m], one number per row; those of nodes on bodies are of no
+    # concern
     increment: Array
-    bodies: Array
+    bodies: Array  # Δr, ℓθ and Δq of each body, shape (bodies, 6 + m) [m]
 
 
 def predict(

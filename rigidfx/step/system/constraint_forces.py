@@ -124,7 +124,8 @@ class MeanConstraints(AddedForces):
         """See `AddedForces`."""
         equations, at = self._equations, self._p.prescribed
         dt, d, v0 = equations.dt, equations.d.array_r, equations.trial.v0.array_r
-        v1, more = 2 / dt * d - v0, np.zeros(at.size)
+        v1 = 2 / dt * d - v0
+        more: Array = np.zeros(at.size)
         if self._prescribed.moves:
             self._w.set(0.0)
             self._w.array[at] = (v1 - v0)[at] - self._gained(state)

@@ -26,18 +26,12 @@ from rigidfx.step.equations.supports import dofs_of
 
 @dataclass(frozen=True)
 class _Points:
-    """Points of a body that a support holds.
+    """Points of a body that a support holds."""
 
-    Attributes:
-        body: Number among the bodies.
-        support: The support.
-        X: Their reference positions, shape (points, 3) [m].
-        offsets: Their places in the body's frame at the freeze, from its centre of mass then [m].
-    """
-
-    body: int
-    support: Support
-    X: Array
+    body: int  # number among the bodies
+    support: Support  # the support
+    X: Array  # their reference positions, shape (points, 3) [m]
+    # Their places in the body's frame at the freeze, from its centre of mass then [m]
     offsets: Array
 
     @property
@@ -53,19 +47,13 @@ class _Points:
 
 @dataclass(frozen=True)
 class _Guide(_Points):
-    """Points that move in the frame, one for each coordinate that the support gives.
+    """Points that move in the frame, one for each coordinate that the support gives."""
 
-    Attributes:
-        own: These coordinates among those of the body.
-        axes: Component of each point that tells of its motion, shape (points,).
-        modes: All shapes of the body at the points, shape (m, points, 3).
-        resultant: Force and moment about the frame's origin, over ℓ, by the forces on the
-            coordinates, shape (6, points).
-    """
-
-    own: slice
-    axes: Ints
-    modes: Array
+    own: slice  # these coordinates among those of the body
+    axes: Ints  # component of each point that tells of its motion, shape (points,)
+    modes: Array  # all shapes of the body at the points, shape (m, points, 3)
+    # Force and moment about the frame's origin, over ℓ, by the forces on the coordinates, shape (6,
+    # points)
     resultant: Array
 
     def places(self, bodies: Bodies) -> Array:

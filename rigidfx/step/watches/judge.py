@@ -50,25 +50,16 @@ def overload(scene: Scene, t: float) -> str:
 
 @dataclass(frozen=True)
 class Attempt:
-    """A step that has been solved.
+    """A step that has been solved."""
 
-    Attributes:
-        t: Time at its start [s].
-        dt: Its length [s].
-        solution: How its equations were solved.
-        end: Time at its end [s].
-        increments: Those of the rigid bodies.
-        cuts: How often the step was cut before.
-        final: Whether its error in time is taken as it is: it cannot be cut any more, or repeats
-            one that was accepted, with other bodies.
-    """
-
-    t: float
-    dt: float
-    solution: Solution
-    end: float
-    increments: Increments
-    cuts: int = 0
+    t: float  # time at its start [s]
+    dt: float  # its length [s]
+    solution: Solution  # how its equations were solved
+    end: float  # time at its end [s]
+    increments: Increments  # those of the rigid bodies
+    cuts: int = 0  # how often the step was cut before
+    # Whether its error in time is taken as it is: it cannot be cut any more, or repeats one that
+    # was accepted, with other bodies
     final: bool = False
 
 
