@@ -34,35 +34,22 @@ from rigidfx.withheld.recovery import Recovery
 
 @dataclass(frozen=True)
 class Run:
-    """The parts of a run.
+    """The parts of a run."""
 
-    Attributes:
-        timeline: Where steps end.
-        stepper: Makes steps.
-        switch: Applies decisions, and follows effects that begin or end.
-        policy: Decides on rigid and flexible cells; None if nothing does.
-        probes: Points that are reported.
-        shortening: Displacements of second order of bodies with shapes.
-        recovery: Strains of parts named rigid; None if they are not asked for.
-        touch: Foresees the first touch of a contact.
-        resolved: Averages forces of contacts over the time that the mesh resolves; None without.
-        ledgers: Spent accuracy; None if nothing estimates it.
-        growth: Gives bodies that were found shapes; None if they stay rigid.
-        idle: Error of the motion by rigid parts where nothing may become rigid, if that is told.
-    """
-
-    timeline: Timeline
-    stepper: Stepper
-    switch: Switch
-    policy: Policy | None
-    probes: Probes
-    shortening: Shortening
-    recovery: Recovery | None
-    touch: FirstTouch
+    timeline: Timeline  # where steps end
+    stepper: Stepper  # makes steps
+    switch: Switch  # applies decisions, and follows effects that begin or end
+    policy: Policy | None  # decides on rigid and flexible cells; None if nothing does
+    probes: Probes  # points that are reported
+    shortening: Shortening  # displacements of second order of bodies with shapes
+    recovery: Recovery | None  # strains of parts named rigid; None if they are not asked for
+    touch: FirstTouch  # foresees the first touch of a contact
+    # Averages forces of contacts over the time that the mesh resolves; None without
     resolved: ResolvedForces | None
-    ledgers: Ledgers | None
+    ledgers: Ledgers | None  # spent accuracy; None if nothing estimates it
+    # Error of the motion by rigid parts where nothing may become rigid, if that is told
     idle: Rigidity | None
-    growth: Growth | None
+    growth: Growth | None  # gives bodies that were found shapes; None if they stay rigid
 
     remembered: ClassVar[Remembered] = dict.fromkeys(
         ("stepper", "policy", "shortening", "touch", "resolved", "ledgers", "growth"), PART

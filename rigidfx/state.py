@@ -258,10 +258,7 @@ class State:
         self.v.x.scatter_forward()
 
     def group(self, bodies: Bodies) -> None:
-        """Set the bodies, or give the same ones other velocities.
-
-        The caller decides on their nodes.
-        """
+        """Set the bodies, or their velocities; the caller decides on their nodes."""
         self._wrote()
         self.bodies = bodies
 
@@ -294,17 +291,10 @@ class State:
 def initial_velocity(scene: Scene, x: Array, dt: float, start: float) -> Array:
     """Velocity at the start per local node with ghosts, shape (nodes, 3) [m/s]. Collective.
 
-    Without an `InitialVelocity` it is the spin of a `Preload`, if that has one.
-
-    Args:
-        scene: The problem.
-        x: Places of the local nodes, shape (nodes, 3) [m].
-        dt: Nominal Δt [s], the scale for velocities of supports that are known by their path only.
-        start: Time just after t = 0 [s], at which effects that begin there act.
-
-    Raises:
-        SceneError: If a given velocity is not finite, or contradicts a support that acts at the
-            start. Where no velocity is given, a support simply begins to move its nodes.
+    Nodes are at places x [m]; Δt [s] is the scale for supports that are known by their path only,
+    effects that act at the start, just after t = 0, begin there. Without an `InitialVelocity` it is
+    the spin of a `Preload`, if that has one. `SceneError` if a given velocity is not finite, or
+    contradicts a support; without one a support simply begins to move its nodes.
     """
     if not scene.named(InitialVelocity):
         spun = [preload.velocities(scene, x) for preload in scene.named(Preload)]

@@ -21,20 +21,13 @@ from rigidfx.base.types import Array, Ints
 
 @dataclass(frozen=True)
 class MeshOrder:
-    """The number in the mesh of each cell and node of a rank.
+    """The number in the mesh of each cell and node of a rank."""
 
-    Attributes:
-        first: Whether this is rank 0.
-        cells: Numbers of the owned cells.
-        nodes: Numbers of the local nodes, owned ones first.
-        owned: Number of owned nodes.
-        named: Effects and obstacles, which objects know by their identity; alike on all ranks.
-    """
-
-    first: bool
-    cells: Ints
-    nodes: Ints
-    owned: int
+    first: bool  # whether this is rank 0
+    cells: Ints  # numbers of the owned cells
+    nodes: Ints  # numbers of the local nodes, owned ones first
+    owned: int  # number of owned nodes
+    # Effects and obstacles, which objects know by their identity; alike on all ranks
     named: tuple[Any, ...] = ()
 
     @property

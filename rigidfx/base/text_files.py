@@ -21,15 +21,10 @@ def decoded(data: bytes) -> str:
 
 @dataclass
 class Decoder:
-    """Letters of files of an encoding that may be known.
+    """Letters of files of an encoding that may be known."""
 
-    Attributes:
-        encoding: Python's name of the encoding; as `decoded` finds it if None.
-        guessed: Whether a file was not in UTF-8 although no encoding was given.
-    """
-
-    encoding: str | None = None
-    guessed: bool = False
+    encoding: str | None = None  # Python's name of the encoding; as `decoded` finds it if None
+    guessed: bool = False  # whether a file was not in UTF-8 although no encoding was given
 
     def read(self, path: Path) -> str:
         """The text of a file; raise `SceneError` if it is no text of the encoding."""

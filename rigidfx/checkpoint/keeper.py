@@ -131,21 +131,14 @@ def _hear(number: int, frame: Any) -> None:
 
 @dataclass(frozen=True)
 class Kept:
-    """Content of a checkpoint.
+    """Content of a checkpoint."""
 
-    Attributes:
-        step: Number of its step.
-        t: Time at its end [s].
-        call: Each argument of the run: its hash, and its bytes; None if no file can hold these.
-        state: Memory of the state and the switch.
-        memory: Memory of all other parts.
-    """
-
-    step: int
-    t: float
+    step: int  # number of its step
+    t: float  # time at its end [s]
+    # Each argument of the run: its hash, and its bytes; None if no file can hold these
     call: Mapping[str, tuple[str, bytes | None]]
-    state: Sequence[Any]
-    memory: Sequence[Any]
+    state: Sequence[Any]  # memory of the state and the switch
+    memory: Sequence[Any]  # memory of all other parts
 
     def given_again(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """The arguments of a run that goes on; those that are not given again are None.

@@ -80,15 +80,10 @@ def nonnegative(text: str) -> float:
 
 @dataclass(frozen=True)
 class Example:
-    """A script of gmsh that is run without a file: its support is named "wall", its load "end".
+    """A script of gmsh that is run without a file: its support is named "wall", its load "end"."""
 
-    Attributes:
-        file: The script.
-        out: Folder for results.
-    """
-
-    file: Path
-    out: Path
+    file: Path  # the script
+    out: Path  # folder for results
 
 
 def ask(prog: str | None, example: Example | None) -> tuple[RankParser, Namespace]:

@@ -27,20 +27,14 @@ class CellForces:
             self._copies, self._values = (u0.x.array, u1.x.array), np.zeros(u1.x.array.size)
 
     def begin(self, u: Array) -> None:
-        """Begin a step at u₀, one number per row [m]: coefficients hold their values in it.
-
-        Collective.
-        """
+        """Begin a step at u₀, one number per row [m], which coefficients hold in it. Collective."""
         if self._dealt is not None:
             forces = self._forces
             self._dealt.cells.refresh((forces.u0, forces.u1, forces.rest))
             self._copies[0][:] = self._dealt.give_nodes(u.reshape(-1, 3)).reshape(-1)
 
     def displace(self, u: Array) -> None:
-        """Set u₁ by rows [m], with which tangents are assembled, too; ghosts by `settle`.
-
-        Collective.
-        """
+        """Set u₁ by rows [m], for forces and tangents; ghosts by `settle`. Collective."""
         self._u1[self._dofs] = u
         if self._dealt is None:
             self._forces.u1.x.scatter_forward()

@@ -38,20 +38,13 @@ ALGORITHM = "matptap_via"  # option of PETSc
 
 @dataclass(frozen=True)
 class Kind:
-    """The blocks of one kind.
+    """The blocks of one kind."""
 
-    Attributes:
-        left: Whether rows are of bodies.
-        right: Whether columns are.
-        row: Node or body of each block's rows.
-        column: Node or body of its columns.
-        places: Where the values of each are in the product's, shape (blocks, 3 or 3 n, 3 or 3 n).
-    """
-
-    left: bool
-    right: bool
-    row: Ints
-    column: Ints
+    left: bool  # whether rows are of bodies
+    right: bool  # whether columns are
+    row: Ints  # node or body of each block's rows
+    column: Ints  # node or body of its columns
+    # Where the values of each are in the product's, shape (blocks, 3 or 3 n, 3 or 3 n)
     places: Ints
 
     def condensed(self, values: Array, LT: Array, P: Array) -> Array:
@@ -264,10 +257,7 @@ class CondensedMatrix:
         interior: fem.Form,
         interface: fem.Form,
     ) -> None:
-        """Find the pattern of forms over flexible cells that touch no body, and a body.
-
-        Collective.
-        """
+        """Find the pattern of forms over interior cells and the interface. Collective."""
         self._prolongation, self._interior = prolongation, interior
         self._grown = False  # whether the pattern has more than the forms need
         own = sum(cells.size for cells in prolongation.layout.interior.values())
@@ -283,10 +273,7 @@ class CondensedMatrix:
         self.matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
 
     def assemble(self, other: tuple[fem.Form, fem.Form] | None = None) -> None:
-        """Assemble the form anew, or another one over the interior and interface cells.
-
-        Collective.
-        """
+        """Assemble the forms anew, or others over the same cells. Collective."""
         interior, interface = (self._interior, None) if other is None else other
         self.matrix.zeroEntries()
         self._insert(interior)
@@ -321,10 +308,7 @@ class CondensedMatrix:
         add(offsets, columns.reshape(-1), blocks.reshape(-1), PETSc.InsertMode.ADD_VALUES, rows)
 
     def add_coupling(self, entries: csr_array) -> None:
-        """Add entries by numbers of any unknowns, equal on all ranks; the pattern grows.
-
-        Collective.
-        """
+        """Add entries by any unknowns, equal on all ranks; the pattern grows. Collective."""
         self.matrix.assemble()
         if not self._grown:
             self._grown = True

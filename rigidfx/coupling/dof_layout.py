@@ -24,39 +24,27 @@ from rigidfx.scene.scene import Scene
 
 @dataclass(frozen=True)
 class DofLayout:
-    """A division of cells and dofs.
+    """A division of cells and dofs."""
 
-    Attributes:
-        space: Function space of the displacement.
-        flexible: Flexible owned cells by subdomain id.
-        interior: Those of them that touch no body.
-        interface: Those that do.
-        ensemble: Data of the rigid bodies.
-        attached: For each body, which of its nodes are attached (positions in body.nodes).
-        prescribed: For each owned dof, whether a support prescribes it, shape (3 · owned nodes,).
-        free: For each owned dof, whether it is an unknown.
-        massive: For each owned node, whether its inertia is its own and not a body's.
-        rows: Those of the active nodes, owned ones outside bodies or attached.
-        masses: Lumped mass of each active node that is its own [kg].
-        reached: Local dofs, ghosts included, of flexible and driven cells of any rank: forms over
-            these read and write them.
-        following: For each body, which of its nodes have its velocity: all of them with a lumped
-            mass, else those that no flexible cell touches, as the flexible cells' side of an
-            interface has a velocity of its own.
-    """
-
-    space: Any
-    flexible: Cells
-    interior: Cells
-    interface: Cells
-    ensemble: Ensemble
+    space: Any  # function space of the displacement
+    flexible: Cells  # flexible owned cells by subdomain id
+    interior: Cells  # those of them that touch no body
+    interface: Cells  # those that do
+    ensemble: Ensemble  # data of the rigid bodies
+    # For each body, which of its nodes are attached (positions in body.nodes)
     attached: tuple[Indices, ...]
+    # For each owned dof, whether a support prescribes it, shape (3 · owned nodes,)
     prescribed: Bools
-    free: Bools
-    massive: Bools
-    rows: Rows
-    masses: Array
+    free: Bools  # for each owned dof, whether it is an unknown
+    massive: Bools  # for each owned node, whether its inertia is its own and not a body's
+    rows: Rows  # those of the active nodes, owned ones outside bodies or attached
+    masses: Array  # lumped mass of each active node that is its own [kg]
+    # Local dofs, ghosts included, of flexible and driven cells of any rank: forms over these read
+    # and write them
     reached: Ints
+    # For each body, which of its nodes have its velocity: all of them with a lumped mass, else
+    # those that no flexible cell touches, as the flexible cells' side of an interface has a
+    # velocity of its own
     following: tuple[Indices, ...]
 
     @property

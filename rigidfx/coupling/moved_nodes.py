@@ -23,17 +23,12 @@ from rigidfx.coupling.rows import Lengths, couplings, parted
 
 @dataclass(frozen=True)
 class MovedNodes:
-    """The motion of some nodes.
+    """The motion of some nodes."""
 
-    Attributes:
-        unknowns: Number of each of a node's dofs as an unknown, -1 if it is none, shape (n, 3).
-        body: Body that moves the node, -1 if none.
-        coordinates: a = [1, V, Φ₁, ..., Φ_m] in the frame of that body, shape (n, 4 + 3 m), with
-            the largest m of all; zero beyond its own [1, m].
-    """
-
-    unknowns: Ints
-    body: Ints
+    unknowns: Ints  # number of each of a node's dofs as an unknown, -1 if it is none, shape (n, 3)
+    body: Ints  # body that moves the node, -1 if none
+    # a = [1, V, Φ₁, ..., Φ_m] in the frame of that body, shape (n, 4 + 3 m), with the largest m of
+    # all; zero beyond its own [1, m]
     coordinates: Array
 
     def __getitem__(self, chosen: Ints) -> MovedNodes:

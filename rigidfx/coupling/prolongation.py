@@ -274,10 +274,7 @@ class Prolongation:
         return values
 
     def collapse(self, d: Array, bodies: Array, y: PETSc.Vec) -> None:
-        """Collect unknowns y (or residuals) from free rows, and bodies, (bodies, 6 + m).
-
-        Collective.
-        """
+        """Collect unknowns y (or residuals) from rows, and bodies, (bodies, 6 + m). Collective."""
         values = y.array
         values[: self.own_free] = self.at_unknowns(d)
         if self.owned > self.own_free:

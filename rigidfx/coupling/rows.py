@@ -71,10 +71,7 @@ class Rows:
         A.setValuesIJV(offsets, numbers, values, PETSc.InsertMode.ADD_VALUES, numbers)
 
     def add_blocks(self, A: PETSc.Mat, blocks: Array) -> None:
-        """Add blocks, (nodes, 3, 3), to nodes' own entries of a matrix, and assemble it.
-
-        Collective.
-        """
+        """Add blocks, (nodes, 3, 3), to nodes' entries of a matrix, and assemble it. Collective."""
         at = np.flatnonzero(blocks.any(axis=(1, 2)))
         numbers = (self.first + 3 * at[:, None] + np.arange(3)).astype(Int)
         offsets = np.arange(0, 3 * numbers.size + 1, 3, dtype=Int)
@@ -122,10 +119,7 @@ def mapped_matrix(
 
 
 def product(multiply: Callable[..., PETSc.Mat | None], u: Array, comm: Any) -> Array:
-    """All columns u of a matrix of this rank's rows, (rows, k), by one call of PETSc's.
-
-    Collective.
-    """
+    """A product with all columns u of this rank, (rows, k), by one call. Collective."""
     if not u.shape[1]:
         return u.copy()
     B, X = (PETSc.Mat().createDense([(len(u), None), (None, u.shape[1])], comm=comm) for _ in "BX")

@@ -25,10 +25,7 @@ class Exchange:
     """Ways from items of all ranks to copies of them on any rank; `destroy` frees it."""
 
     def __init__(self, comm: MPI.Intracomm, items: int, rank: Any, place: Any) -> None:
-        """Find the ways from items of ranks, by their places there, to copies on this one.
-
-        Collective.
-        """
+        """Find the ways from items of ranks, by their places, to copies on this one. Collective."""
         self._items, self._copies = items, len(rank)
         self._graph = PETSc.SF().create(comm)
         ways = np.stack([rank, place], axis=1).astype(Int)
@@ -115,10 +112,7 @@ class DealtCells:
         return np.flatnonzero(self._exchange.give(wanted[:, None])[:, 0]).astype(np.int32)
 
     def facets(self, pairs: Indices) -> Indices:
-        """Cells and local numbers of the copies of facets, which are such pairs, (n, 2).
-
-        Collective.
-        """
+        """Cells and local numbers of copies of facets, given as such, (n, 2). Collective."""
         kind = getattr(basix.CellType, self.mesh.topology.cell_type.name)
         marks = np.zeros((self._cells.size, len(basix.topology(kind)[2])))
         marks[np.searchsorted(self._cells, pairs[:, 0]), pairs[:, 1]] = 1.0

@@ -28,49 +28,33 @@ from rigidfx.scene.scene import Scene
 
 @dataclass(frozen=True)
 class BoundForces:
-    """Forms over the flexible cells and those of their facets that loads act on.
+    """Forms over the flexible cells and those of their facets that loads act on."""
 
-    Attributes:
-        residual: Force vector.
-        interior: Its derivative by the unknown displacement, over cells that touch no rigid body.
-        interface: The same over those that do.
-        undeformed: Both derivatives where nothing is displaced, whatever the coefficients hold.
-    """
-
-    residual: fem.Form
+    residual: fem.Form  # force vector
+    # Its derivative by the unknown displacement, over cells that touch no rigid body
     interior: fem.Form
-    interface: fem.Form
+    interface: fem.Form  # the same over those that do
+    # Both derivatives where nothing is displaced, whatever the coefficients hold
     undeformed: tuple[fem.Form, fem.Form]
 
 
 @dataclass(frozen=True)
 class Taken:
-    """Energy that terms of the forms take out of the motion in a step [J].
+    """Energy that terms of the forms take out of the motion in a step [J]."""
 
-    Attributes:
-        dissipated: By each kind of damping.
-        against_loads: Forces of cells against loads; no form if there are none.
-    """
-
-    dissipated: Mapping[str, fem.Form]
-    against_loads: Sequence[fem.Form]
+    dissipated: Mapping[str, fem.Form]  # by each kind of damping
+    against_loads: Sequence[fem.Form]  # forces of cells against loads; no form if there are none
 
 
 @dataclass(frozen=True)
 class Variant:
-    """Compiled forms of a step with the terms that act at a time.
+    """Compiled forms of a step with the terms that act at a time."""
 
-    Attributes:
-        residual: Virtual work.
-        tangent: Its derivative by the unknown displacement.
-        dissipated: Energy that damping takes in a step [J], by the kind of damping.
-        against_loads: Energy that goes into loads on facets [J].
-    """
-
-    residual: Kernel
-    tangent: Kernel
+    residual: Kernel  # virtual work
+    tangent: Kernel  # its derivative by the unknown displacement
+    # Energy that damping takes in a step [J], by the kind of damping
     dissipated: Mapping[str, Kernel]
-    against_loads: Kernel | None
+    against_loads: Kernel | None  # energy that goes into loads on facets [J]
 
 
 Cells = Mapping[int, Indices]

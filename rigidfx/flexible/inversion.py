@@ -24,17 +24,11 @@ LARGEST_STRETCH = 1e6  # beyond it a cell counts as torn apart
 
 @dataclass(frozen=True)
 class InvertedCells:
-    """Cells turned inside out or torn apart; the same on all ranks.
+    """Cells turned inside out or torn apart; the same on all ranks."""
 
-    Attributes:
-        count: How many cells.
-        number: Number in the mesh file of the first of them.
-        place: Its middle in the reference configuration, shape (3,) [m].
-    """
-
-    count: int
-    number: int
-    place: Array
+    count: int  # how many cells
+    number: int  # number in the mesh file of the first of them
+    place: Array  # its middle in the reference configuration, shape (3,) [m]
 
     def __str__(self) -> str:
         """Which cells, for messages."""

@@ -199,24 +199,15 @@ def add_vector(values: Array, form: fem.Form) -> None:
 
 @dataclass(frozen=True)
 class MaterialClass:
-    """Cells whose materials share an energy function, and on which the same effects may act.
+    """Cells whose materials share an energy function, and on which the same effects may act."""
 
-    Attributes:
-        law: Their stored energy.
-        effects: Which of the effects told apart may act on them.
-        cells: Owned cells, sorted.
-    """
-
-    law: Law
-    effects: tuple[int, ...]
-    cells: Indices
+    law: Law  # their stored energy
+    effects: tuple[int, ...]  # which of the effects told apart may act on them
+    cells: Indices  # owned cells, sorted
 
 
 def material_classes(scene: Scene, effects: Sequence[Effect] = ()) -> list[MaterialClass]:
-    """Classes of a scene's owned cells, told apart by effects, the same on all ranks.
-
-    Collective.
-    """
+    """Classes of owned cells, told apart by effects, the same on all ranks. Collective."""
     owned = scene.owned_cells(None, "")
     covered = np.zeros((owned.size, len(effects)), dtype=bool)
     for k, effect in enumerate(effects):

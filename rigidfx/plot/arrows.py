@@ -23,17 +23,11 @@ ON_TOP = -66000.0  # offset of depths, in the smallest there are, that is before
 
 @dataclass(frozen=True)
 class Arrows:
-    """Forces and moments of joints at a time, on their second sides.
+    """Forces and moments of joints at a time, on their second sides."""
 
-    Attributes:
-        places: Places of the joints in the picture, shape (joints, 3) [m].
-        force: Shape (joints, 3) [N].
-        moment: Shape (joints, 3) [N m].
-    """
-
-    places: Array
-    force: Array
-    moment: Array
+    places: Array  # places of the joints in the picture, shape (joints, 3) [m]
+    force: Array  # shape (joints, 3) [N]
+    moment: Array  # shape (joints, 3) [N m]
 
 
 def arrows_of(report: Report) -> Arrows | None:

@@ -46,38 +46,23 @@ DECADES = 6  # that a logarithmic scale shows at most; two at least, or it has o
 
 @dataclass(frozen=True)
 class Photograph:
-    """A deformed body at a time.
+    """A deformed body at a time."""
 
-    Attributes:
-        t: Time [s].
-        surface: Deformed surface, from `surface_of`.
-        caption: Text above it; the time if None.
-        arrows: Forces of joints; None if there are none.
-    """
-
-    t: float
-    surface: Any
-    caption: str | None = None
-    arrows: Arrows | None = None
+    t: float  # time [s]
+    surface: Any  # deformed surface, from `surface_of`
+    caption: str | None = None  # text above it; the time if None
+    arrows: Arrows | None = None  # forces of joints; None if there are none
 
 
 @dataclass(frozen=True)
 class Look:
-    """How a body is looked at.
+    """How a body is looked at."""
 
-    Attributes:
-        view: Direction from the body to the camera.
-        up: Direction that points upwards in the picture.
-        edges: Whether edges of cells are drawn.
-        title: Heading.
-        scale: Factor of displacements, which the picture tells.
-    """
-
-    view: Sequence[float]
-    up: Sequence[float]
-    edges: bool
-    title: str = ""
-    scale: float = 1.0
+    view: Sequence[float]  # direction from the body to the camera
+    up: Sequence[float]  # direction that points upwards in the picture
+    edges: bool  # whether edges of cells are drawn
+    title: str = ""  # heading
+    scale: float = 1.0  # factor of displacements, which the picture tells
 
 
 def check_camera(owner: str, view: Sequence[float], up: Sequence[float]) -> None:

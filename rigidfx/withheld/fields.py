@@ -29,19 +29,12 @@ CANCELS = float(np.sqrt(np.finfo(np.float64).eps))
 
 @dataclass(frozen=True)
 class Force:
-    """A force on the nodes of a body in its frame.
+    """A force on the nodes of a body in its frame."""
 
-    Attributes:
-        nodes: The body's owned nodes on this rank.
-        known: c, of each field in each direction, shape (fields, 3).
-        beside: f, shape (nodes, 3) [N].
-        products: h, shape (fields, 3).
-    """
-
-    nodes: Indices
-    known: Array
-    beside: Array
-    products: Array
+    nodes: Indices  # the body's owned nodes on this rank
+    known: Array  # c, of each field in each direction, shape (fields, 3)
+    beside: Array  # f, shape (nodes, 3) [N]
+    products: Array  # h, shape (fields, 3)
 
     def __add__(self, other: Force) -> Force:
         """Their sum."""

@@ -89,17 +89,12 @@ class AtRest:
 
 
 class Carried(NamedTuple):
-    """Motion by forces on rigid parts there.
+    """Motion by forces on rigid parts there."""
 
-    Attributes:
-        u: Displacements of the owned nodes in space, zero outside, shape (nodes, 3) [m].
-        cells: Owned cells that it is of.
-        balanced: Those of them whose forces balance where it leads to; it is a linear response, the
-            first derivative of a motion, in the others.
-    """
-
-    u: Array
-    cells: Indices
+    u: Array  # displacements of the owned nodes in space, zero outside, shape (nodes, 3) [m]
+    cells: Indices  # owned cells that it is of
+    # Those of them whose forces balance where it leads to; it is a linear response, the first
+    # derivative of a motion, in the others
     balanced: Indices
 
     def among(self, count: int) -> tuple[Bools, Bools]:
