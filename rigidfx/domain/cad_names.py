@@ -84,10 +84,15 @@ def _triple(x: Array) -> str:
 
 @dataclass(frozen=True)
 class Cad:
-    """The contents of a CAD file; printed, a table."""
+    """The contents of a CAD file; printed, a table.
 
-    volumes: tuple[CadEntity, ...]  # the volumes by increasing number
-    surfaces: tuple[CadEntity, ...]  # the surfaces by increasing number
+    Attributes:
+        volumes: The volumes by increasing number.
+        surfaces: The surfaces by increasing number.
+    """
+
+    volumes: tuple[CadEntity, ...]
+    surfaces: tuple[CadEntity, ...]
 
     def of(self, dim: int) -> tuple[CadEntity, ...]:
         """The volumes (3) or the surfaces (2)."""
