@@ -385,7 +385,7 @@ def nodes_of(mesh: dmesh.Mesh, dim: int, entities: Indices) -> Indices:
         mesh.topology.create_connectivity(one, other)
     if not entities.size:  # which DOLFINx divides by
         layout = compat.coordinate_map(mesh).create_dof_layout()
-        return np.empty((0, layout.num_entity_closure_dofs(dim)), np.int32)
+        return np.empty((0, len(layout.entity_closure_dofs(dim, 0))), np.int32)
     return np.asarray(dmesh.entities_to_geometry(mesh, dim, entities))
 
 
