@@ -103,14 +103,9 @@ class Mass:
         return np.asarray(self._slopes.T @ (self._faces * moved))
 
     def of_directions(self, at: Ints, values: Array) -> Array:
-        """The rest of it, which is alike in all directions. Collective.
+        """The rest of it, alike in all directions, at places of nodes in the rows. Collective.
 
-        Args:
-            at: Places of some nodes among the rows.
-            values: Columns at these, zero at others, shape (nodes, k).
-
-        Returns:
-            At these, shape (nodes, k).
+        Columns have values at these, zero at others; both have the shape (nodes, k).
         """
         if self._kernel is None:
             return np.asarray(self._diagonal.array_r[3 * at, None] * values)

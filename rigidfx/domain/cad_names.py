@@ -50,12 +50,7 @@ class CadEntity:
     volumes: tuple[int, ...]
 
     def within(self, lower: Sequence[float], upper: Sequence[float]) -> bool:
-        """Whether it lies in a box.
-
-        Args:
-            lower: Corner with the least coordinates [m].
-            upper: Opposite corner [m].
-        """
+        """Whether it lies in a box of corners with the least and the greatest coordinates [m]."""
         margin = CLOSE * float(np.max(self.upper - self.lower))
         inside = (self.lower >= np.asarray(lower) - margin) & (
             self.upper <= np.asarray(upper) + margin
@@ -106,12 +101,7 @@ class Cad:
         return float(np.linalg.norm(upper - lower))
 
     def table(self, dims: Iterable[int] = (3, 2), most: int | None = None) -> str:
-        """The lines of the table.
-
-        Args:
-            dims: 3 for volumes, 2 for surfaces.
-            most: Most lines of each; all if None.
-        """
+        """The lines of the table of volumes (3), surfaces (2); all, or at most so many of each."""
         lines = []
         for dim in dims:
             rows = self.of(dim)

@@ -145,13 +145,10 @@ class PointStress:
         self.recovered = recovered
 
     def evaluate(self, cells: Indices) -> Array:
-        """Values at the points of some owned cells, shape (cells, points, 14).
+        """Values at the points of some owned cells, in any order, shape (cells, points, 14).
 
         Stress [Pa] and strain, six components each in the order xx, yy, zz, xy, yz, xz; J and 1,
         times the volume of the cell for that of the reference cell [m³].
-
-        Args:
-            cells: Owned cells, in any order.
         """
         if self.recovered is None:
             return self._evaluated(cells)
