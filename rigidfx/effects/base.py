@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, fields
 from math import inf, isfinite
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,7 @@ from rigidfx.effects.action import Action, FormTerm, Structure
 
 Vector = tuple[float, float, float]
 NO_VECTOR: Vector = (0.0, 0.0, 0.0)
+Kind = TypeVar("Kind", bound="Effect")
 ANY_SET = (2, 3, 1, 0)  # dimensions of named sets, facets first
 WHOLE = "all cells"  # what goes by this name is not a set of cells but the whole domain
 
@@ -133,7 +134,7 @@ class Effect:
         """
         return self
 
-    def _with(self, **data: Any) -> Self:
+    def _with(self: Kind, **data: Any) -> Kind:
         """The effect with data from the mesh."""
         out = copy(self)
         vars(out).update(data)

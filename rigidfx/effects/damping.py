@@ -8,7 +8,7 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
 from math import pi
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import ufl
@@ -76,7 +76,7 @@ class ProportionalTerm(ViscousTerm):
     law = "elastic"
     _law: Law
 
-    def of(self, law: Law) -> Self:
+    def of(self, law: Law) -> "ProportionalTerm":
         """The stress in cells of a law."""
         out = copy(self)
         out._law = law

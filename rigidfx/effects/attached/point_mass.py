@@ -1,7 +1,7 @@
 """Masses without size."""
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -54,7 +54,7 @@ class PointMass(OnFace):
 
     follows = is_carried  # type: ignore[assignment]  # in a face's middle the mass there has it
 
-    def placed(self, scene: Any) -> Self:
+    def placed(self, scene: Any) -> "PointMass":
         """The mass with its place; beside the middle of a face, with its body and the tie to it."""
         out = super().placed(scene)
         if out.face is None or not out.is_carried:

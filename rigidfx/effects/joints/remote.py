@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -28,6 +28,7 @@ from rigidfx.mechanics.rigid_body import BodyMotion, RigidBody
 
 SMALL = 0.02  # radius of gyration over the size of the face; 1e-3 drowns low modes in rounding
 Heed = Callable[[Action, str], Callable[..., Any]]
+Held = TypeVar("Held", bound="OnFace")
 RemoteTangent = list[tuple[Ints, Ints, Array]]
 
 
@@ -84,7 +85,7 @@ class OnFace(Effect):
         """Its name in messages, and where it acts."""
         return f"{self.kind} on {self.face.name if self.face else repr(self.where or WHOLE)}"
 
-    def placed(self, scene: Any) -> Self:
+    def placed(self: Held, scene: Any) -> Held:
         """The effect with its point on the mesh; raise `SceneError` if it is far. Collective."""
         if (face := self.face) is None:
             return self
@@ -97,7 +98,7 @@ class OnFace(Effect):
         arm = place.start - middle.start
         return self.with_point(RemotePoint(place, middle, arm, directions))
 
-    def with_point(self, remote: RemotePoint) -> Self:
+    def with_point(self: Held, remote: RemotePoint) -> Held:
         """The effect with a point that was found before."""
         return self._with(remote=remote)
 
