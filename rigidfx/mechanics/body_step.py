@@ -1,17 +1,11 @@
 """A trial step of all rigid bodies at once: their own residual and tangent, and how nodes follow.
 
-The unknowns of a step are Δr and the Cayley vector θ of the rotation increment of each body,
+See docs/theory.md, section 2: m (ṙ1 - ṙ0)/Δt and (π1 - π0)/Δt, times Δr and θ, are exactly the
+increments of the kinetic energy. In the vector of unknowns θ is multiplied by the length ℓ,
+ℓ² = tr J/(2 m), and moments are divided by it: all unknowns are lengths, all residuals forces.
 
-    R1 = cay(θ) R0,    ṙ1 = 2 Δr/Δt - ṙ0,    W1 = 2 R0ᵀθ/Δt - W0,    π = R J W,
-
-and the body's own part of the balance of momenta (12) reads m (ṙ1 - ṙ0)/Δt and (π1 - π0)/Δt. Then
-Δr·m(ṙ1 - ṙ0)/Δt and θ·(π1 - π0)/Δt are exactly the increments of the kinetic energy (Simo and Wong,
-IJNME 31 (1991) 19). In the vector of unknowns θ is multiplied by the length ℓ, ℓ² = tr J/(2 m), and
-moments are divided by it: all unknowns are lengths and all residuals forces.
-
-Bodies with `shapes` have the unknowns Δq as well: `shaped_step` adds what these change.
-
-All arrays begin with an axis over the bodies; m is the largest number of shapes, n = 4 + 3 m.
+`shaped_step` adds what the unknowns Δq of bodies with shapes change. All arrays begin with an axis
+over the bodies; m is the largest number of shapes, n = 4 + 3 m.
 """
 
 from __future__ import annotations

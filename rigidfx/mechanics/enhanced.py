@@ -1,82 +1,15 @@
-"""Enhanced strains: first-order hexahedra that bend and shear without locking.
+"""Enhanced and assumed strains: first-order hexahedra that bend and shear without locking.
 
-The Green-Lagrange strain is enhanced, not the deformation gradient (S. Klinkel and W. Wagner,
-IJNME 40 (1997) 4121; J.C. Simo and M.S. Rifai, IJNME 29 (1990) 1595):
+See docs/theory/elements.md for Ẽ = E(u) + M α, with α = -D⁻¹ e(u) linear in E, and for strains E13,
+E23 and E33 that are interpolated from where bending does not produce them. Nothing is stored, and
+nothing iterated in a cell. Tangents are those of the standard element less
 
-    Ẽ = E(u) + M α,    M = (j₀/j) J₀⁻ᵀ M_ξ J₀⁻¹,    ∫ M : ∂W/∂Ẽ dV = 0 in each cell,
+    (½ + ξ) B(u½)ᵀ D⁻¹ B(u₁),   B(u) = ∂e/∂u.
 
-J the Jacobian of the cell's map, j its determinant, J₀ and j₀ those at the cell's centre. ∫ M dV =
-0, so that constant strains are left alone (patch test). M_ξ has 21 modes in ξ, η, ζ from -1 to 1:
-
-    11: ξ, ξη, ξζ      12: ξ, η, ξζ, ηζ
-    22: η, ξη, ηζ      23: η, ζ, ξη, ξζ
-    33: ζ, ξζ, ηζ      13: ξ, ζ, ξη, ηζ
-
-For a stored energy that is quadratic in Ẽ, α is linear in E:
-
-    α = -D⁻¹ e(u),   e = ∫ M : ℂ : E dV,   D = ∫ M : ℂ : M dV,
-
-D constant for ever. Nothing is stored, nothing iterated, and nothing has to be rotated: α is a
-function of the displacement. The averaged stress S_alg = (½ - ξ) S̃₀ + (½ + ξ) S̃₁ is orthogonal to M
-as S̃₀ and S̃₁ are, so that ∫ S_alg : ΔE = ∫ S_alg : ΔẼ, the increment of the energy: energy and
-momenta are kept as with the standard element (other energies: below).
-Its tangent is
-
-    K(S_alg) - (½ + ξ) B(u½)ᵀ D⁻¹ B(u₁),   B(u) = ∂e/∂u.
-
-A viscous stress has an enhancement of its own, with the identity in the place of ℂ, so that it is
-orthogonal to M too, takes η ∫ ΔẼ:ΔẼ/Δt ≥ 0, and does not lock either.
-
-In UFL an enhancement η = M α is a coefficient, and the loss of a tangent a constant that is zero:
-`rigidfx.flexible.elimination` computes their values, within the kernel of a form.
-
-For another energy than St.Venant-Kirchhoff's, in cells whose strain is enhanced or assumed, α that
-makes it stationary would have to be found by iteration, and the averaged stress would not be
-orthogonal to the modes. But nothing asks for it to be stationary: with the α of the material's
-stiffness at rest, λ and μ, however large the strain,
-
-    Ẽ = E + M α,   α = -D⁻¹ ∫ M : ℂ₀ : E dV,      in short  Ẽ = P E,  P linear, fixed for a cell,
-
-∫ W(Ẽ(u)) is a stored energy of the displacement like any other, and its forces are
-
-    ∫ S : P δE = ∫ Pᵀ S : δE.
-
-The discrete gradient S̄ of W between Ẽ₀ and Ẽ₁ has S̄ : (Ẽ₁ - Ẽ₀) = W₁ - W₀ at each point, and
-Ẽ₁ - Ẽ₀ = P B(u½)·(u₁ - u₀), B = ∂E/∂u, as E is quadratic in u: forces ∫ Pᵀ S̄ : B(u½) keep energy,
-and, since B(u½)·(w × x½) = 0, both momenta. Nothing is stored, and nothing iterated in a cell. For
-small strains it is the enhanced element, whose patch tests it passes at any (P E = E where E is
-constant). How little it is stiffer than one of stationary α at large strains is told in
-docs/theory/elements.md. For a quadratic W, Pᵀ S = S: nothing is to be projected.
-
-E.P. Kasper and R.L. Taylor, Computers and Structures 75 (2000) 237 and 251, have elements of large
-strains without iteration in a cell by constant matrices, too.
-
-A form has these forces by a constant that is zero: the kernel of `rigidfx.flexible.elimination`
-finds the stress there.
-
-Assumed natural strains: thin curved parts of one first-order hexahedron across.
-
-Where it is known which way a cell is thin, its Green-Lagrange strain is taken in natural
-coordinates ξ, η, ζ from -1 to 1, ζ across the thickness, E_ij = ½ (g_i·g_j - G_i·G_j). Those that
-lock in bending are interpolated from where they do not (E.N. Dvorkin and K.J. Bathe, Engineering
-Computations 1 (1984) 77; P. Betsch and E. Stein, Communications in Numerical Methods in
-Engineering 11 (1995) 899), the rest is enhanced (S. Klinkel, F. Gruttmann and W. Wagner, Computers
-and Structures 71 (1999) 43):
-
-    E13 from (0, ∓1, 0),  E23 from (∓1, 0, 0),  E33 from (±1, ±1, 0)
-    Ẽ = E_assumed(u) + M α,    11: ξ    22: η    12: ξ, η    33: ζ, ξζ, ηζ
-
-Each assumed strain is a sum of Green-Lagrange strains elsewhere in the cell, with fixed weights: it
-is quadratic in the displacement, and a rigid motion does not change it. Hence, with B = ∂E/∂u,
-
-    E_assumed(u₁) - E_assumed(u₀) = B(u½)·(u₁ - u₀)
-
-exactly, and B(u½)·(w × x½) = 0: with forces ∫ S_alg : B(u½) the step keeps energy and both momenta,
-for the same reasons as with enhanced strains alone (`rigidfx.mechanics.enhanced`). These forces are
-not F S : Grad w of a stress at the same point. A form has them by a constant that is zero: the
-kernel of `rigidfx.flexible.elimination` finds the portions of the stress there, and does the rest.
-
-A constant strain is found exactly by cells whose edges across the thickness are parallel.
+In UFL an enhancement η = M α is a coefficient. What a form cannot say by a stress at the point is a
+constant that is zero: the loss of a tangent, the forces ∫ Pᵀ S̄ : B(u½) of energies that are not
+quadratic, and those of assumed strains. `rigidfx.flexible.elimination` computes the values of all
+of them within the kernel of a form.
 """
 
 from __future__ import annotations

@@ -1,35 +1,16 @@
 """Energies and internal virtual work in UFL: equations (18)-(22) and the discrete gradient.
 
-A *scheme* turns a material's stored energy into the internal virtual work of a step from u₀ to u₁;
-material, scheme and damping are chosen independently. With F½ = I + ½ Grad(u₀ + u₁) and
-M = C₁ - C₀ all forms read ∫ F½ S : Grad δu, with
+A *scheme* turns a material's stored energy into the internal virtual work of a step from u₀ to u₁,
+∫ F½ S : Grad δu with the S of docs/theory.md, section 1; material, scheme and damping are chosen
+independently. The correction of the discrete gradient has the defect d = 2 (W₁ - W₀) - S̄:M. Below
+|M| = 1e-3 it is d⁵/(d⁴ + n⁴) in place of d, n = 16 ε (r(C₀) + |W₁|): all of it where it stands out
+from rounding, nothing where it does not, and smooth between, as Newton's method needs it (figures:
+docs/notes/step.md).
 
-    quadratic W (21), (22)      S = (½ - ξ) S₀ + (½ + ξ) S₁
-    any other W, ξ = 0          S = S̄ + [2 (W₁ - W₀) - S̄:M] / (M:M) M
-    its damping                 ... + ξ ℂ₀:(E₁ - E₀),   ℂ₀ = ∂²W/∂E² at E = 0
-
-The discrete gradient is that of O. Gonzalez, CMAME 190 (2000) 1763, around S̄, the mean of S at the
-two Gauss points of the segment C₀ … C₁, instead of S at its middle. Its defect d = 2 (W₁ - W₀) -
-S̄:M is O(|M|⁵), for most energies below rounding already for |M| < 1e-3, where what is left of it
-would only disturb the stress; with the stress at the middle that holds below 3e-6, and the stress
-is disturbed three hundred times more. How large rounding is only the energy's formula tells
-(`rounding`), r(C₀) ε: neo-Hooke's is the small difference of numbers as large as its stiffness,
-exp(b E:E) of such as large as itself. Below |M| = 1e-3 the correction therefore is d⁵/(d⁴ + n⁴),
-n = 16 ε (r(C₀) + |W₁|): all of it where it stands out, nothing where it does not, and smooth
-between, as Newton's method needs it. (With the stiffness in place of r exp(b E:E), whose rounding
-is a millionth of that, lost or gained 6e-11 of its energy in a step, now 3e-15.)
-Above, all of it counts, and brings the rounding of two energies along, some ε/|M|² of the stress:
-of neo-Hooke, from no strain on, 1.4e-10 at |M| = 1e-3, 1e-11 at 5e-3 and 2e-14 at 0.1, where S̄
-itself has 2.5e-13, 5e-14 and 3e-15; without it 9e-12, 7e-10 and 6e-6 of W₁ - W₀ would be lost. So
-Newton's method stops no lower in a first small step. (With three Gauss points no more than 5e-14
-would be lost below 1e-2, for half as many stresses again; tried for single tensors only.)
-ξ ℂ₀ dissipates ξ ΔE:ℂ₀:ΔE ≥ 0 for every material, whereas ξ (S₁ - S₀) can add energy.
-
-r(C₀) comes by a running error analysis of the formula. An energy may be the small difference of
-large numbers, and of how large ones only its formula tells: neo-Hooke's tr C - 3 is known to 3 ε
-however small the strain, E:E to ε of itself. The formula is followed as by N. J. Higham, Accuracy
-and Stability of Numerical Algorithms (2002), section 3.3: a result has the errors of its arguments,
-times derivatives, and ε of itself.
+How large rounding is, r(C₀) ε, only the energy's formula tells: neo-Hooke's tr C - 3 is the small
+difference of large numbers, known to 3 ε however small the strain, E:E to ε of itself. A running
+error analysis follows the formula (N. J. Higham, Accuracy and Stability of Numerical Algorithms
+(2002), section 3.3): a result has the errors of its arguments, times derivatives, and ε of itself.
 """
 
 from __future__ import annotations
