@@ -104,8 +104,7 @@ class Ports:
         mass.destroy()
         inverse = np.divide(1.0, own, out=np.zeros_like(own), where=own > 0)
         compliance = (self.entries.T * inverse[None]) @ self.entries
-        every = np.ascontiguousarray(compliance.toarray())
-        p.comm.Allreduce(MPI.IN_PLACE, every)
+        every = p.sum(compliance.toarray())
         blocks = bodies.mass_blocks
         for body, at, known in zip(self.bodies, self.at, self._known, strict=True):
             block = blocks[body][np.ix_(known, known)]

@@ -265,10 +265,11 @@ class Prolongation:
             return own
         values = np.zeros(self._known.shape)
         values[self.owned_bodies] = own
-        return self._sum(values)
+        return self.sum(values)
 
-    def _sum(self, values: Array) -> Array:
-        """Sum over ranks, in place. Collective."""
+    def sum(self, values: Array) -> Array:
+        """Sum over ranks, in place if values lie one behind the other. Collective."""
+        values = np.ascontiguousarray(values)
         if self.comm.size > 1:
             self.comm.Allreduce(MPI.IN_PLACE, values)
         return values
@@ -291,9 +292,9 @@ class Prolongation:
         if not self.touched and more is None:
             return np.zeros(self.layout.ensemble.frozen.shape)
         if not self.touched:
-            return self._sum(np.array(more))
+            return self.sum(np.array(more))
         own = self._held.moments(f.array_r)
-        return self._sum(own if more is None else own + more)
+        return self.sum(own if more is None else own + more)
 
     def restrict(self, f: PETSc.Vec, bodies: Array, r: PETSc.Vec) -> None:
         """Evaluate r = Lᵀ f plus the bodies' own numbers, shape (bodies, 6 + m). Collective."""

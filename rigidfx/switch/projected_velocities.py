@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.errors import together
@@ -163,7 +162,7 @@ class Closing:
         dt: float,
     ) -> None:
         """Find the effects of unit impulses; a motor that fails is a `SceneError`. Collective."""
-        self._linkage, self._comm = linkage, prolongation.comm
+        self._linkage, self._sum = linkage, prolongation.sum
         linkage.begin(state.bodies)
         ports = Ports(prolongation, linkage)
         self._E = ports.entries
@@ -174,11 +173,6 @@ class Closing:
         speeds = together(prolongation.comm, "A motor", lambda: linkage.drives.speeds(state.t, dt))
         self._wanted = np.r_[np.zeros(resisted.shape[0] - speeds.size), speeds]
         self._inverse = np.linalg.pinv(resisted, hermitian=True)
-
-    def _sum(self, values: Array) -> Array:
-        values = np.ascontiguousarray(values)
-        self._comm.Allreduce(MPI.IN_PLACE, values)
-        return values
 
     def impulses(self, y: Array, fixed: Array, driven: bool) -> tuple[Array, Array]:
         """Λ by velocities y that close the joints, one per row [N s, N m s]. Collective.

@@ -46,9 +46,7 @@ class Lost:
 
         Active nodes of this rank have, or gain, an energy [J]. Collective.
         """
-        sums = np.array([y @ R, energy])
-        self._p.comm.Allreduce(MPI.IN_PLACE, sums)
-        return np.array([self._lost_energy(*sums)])
+        return np.array([self._lost_energy(*self._p.sum(np.array([y @ R, energy])))])
 
     def of_all(
         self, dt: float, y: Array, R: Array, x: Array, energy: float, momentum: float
@@ -63,7 +61,7 @@ class Lost:
         sums = np.zeros(13)
         sums[:3] = y @ R, energy, momentum
         self._sum_up(R, x, sums[3:])
-        self._p.comm.Allreduce(MPI.IN_PLACE, sums)
+        self._p.sum(sums)
         if len(self._p.increments):
             sums[2] += self._p.increments.start.momentum_scale
         self._momentum = max(self._momentum, sums[2])

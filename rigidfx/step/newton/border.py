@@ -119,12 +119,6 @@ class Border:
         self._weights: csr_array | None = None  # squares of shares of vectors in ports
         self._factors: Factors | None = None  # of the small system
 
-    def _sum(self, values: Array) -> Array:
-        comm = self._equations.prolongation.comm
-        if comm.size > 1:
-            comm.Allreduce(MPI.IN_PLACE, values)
-        return values
-
     def renew(self, solve: Solve, ksp: PETSc.KSP | None = None) -> None:
         """Follow a new tangent with a solver; `ksp` if these are mere factors. Collective."""
         if self._rows is None:
@@ -148,10 +142,8 @@ class Border:
         return self._shared
 
     def _compliance(self, Y: Matrix) -> Matrix:
-        own = self._ET @ Y
-        if self._equations.prolongation.comm.size == 1:
-            return own
-        return self._sum(np.ascontiguousarray(dense(own)))
+        own, p = self._ET @ Y, self._equations.prolongation
+        return own if p.comm.size == 1 else p.sum(dense(own))
 
     def turn(self, starts: Indices, Q: Array | None) -> None:
         """Begin a step: vectors that begin at `starts` have turned by Q since. Collective."""
@@ -162,7 +154,7 @@ class Border:
             return
         if self._weights is None:
             self._weights = csr_array(self._E[starts][:, self._vectors[:, 0]].power(2).T)
-        sums = self._sum(np.asarray(self._weights @ Q.reshape(-1, 9))).reshape(-1, 3, 3)
+        sums = self._equations.prolongation.sum(self._weights @ Q.reshape(-1, 9)).reshape(-1, 3, 3)
         sums[np.abs(sums).max(axis=(1, 2)) == 0.0] = np.eye(3)  # nodes that are held in part
         values = np.concatenate([nearest_rotations(sums).ravel(), np.ones(self._still)])
         self._turned = self._turning.filled(values)
@@ -193,7 +185,7 @@ class Border:
         turned = self._turned
         self._r.array[:] = r.array_r[: self._owned]
         solve(self._r, self._z)
-        q = self._sum(np.asarray(self._ET @ self._z.array_r))
+        q = self._equations.prolongation.sum(self._ET @ self._z.array_r)
         if turned is not None:
             q = turned @ q
         if self._factors is None:

@@ -115,8 +115,7 @@ class MeanConstraints(AddedForces):
         self._ports = ports = joints.ports
         self._R = bodies.R[ports.bodies]
         Y = parted(reduced.matrix, ports.entries).responses(reduced.solve)
-        self._C = np.ascontiguousarray((ports.entries.T @ Y).toarray())
-        p.comm.Allreduce(MPI.IN_PLACE, self._C)
+        self._C = p.sum((ports.entries.T @ Y).toarray())
         held = np.isin(joints.linkage.averages.rows, p.prescribed // 3).any()
         self._on_supports: bool = p.comm.allreduce(bool(held), op=MPI.LOR)
 
