@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,9 +15,6 @@ from test_growth import HELD, bar
 from test_reduced_joints import FAR, HINGE, bars
 
 import rigidfx as rf
-import rigidfx.shapes.bends
-from rigidfx.mechanics.rigid_body import Body
-from rigidfx.shapes.bends import SpinLimits
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
 
@@ -84,26 +80,6 @@ def test_they_move_as_their_flexible_twin(case):
         for name in ("linear_momentum", "angular_momentum"):
             p = np.array([getattr(r, name) for r in after])
             assert np.abs(p - p[0]).max() < 1e-12 * np.abs(p).max()
-
-
-def test_a_body_that_spins_too_fast_between_joints_wakes(monkeypatch, caplog):
-    """As far as its shapes do not know the stresses of that spin from when it was frozen."""
-    monkeypatch.setattr(rigidfx.shapes.bends, "LACKING", 1e-6)
-    caplog.set_level("INFO", logger="rigidfx")
-    turn = rf.Motor("hinge", speed=lambda t: 2.0 * np.clip((t - 0.04) / 0.02, 0, 1) ** 2)
-    own, energy, open_by = run(bars(HINGE, turn, **FREE), 2e-3, 32, 5e-5)
-    frozen, released, *_ = (event for r in own for event in r.events)
-    assert (frozen.kind, released.kind) == ("freeze", "release")
-    assert "spins too fast for its shapes" in caplog.text
-    assert energy < 1e-11
-    assert open_by < 1e-14
-    monkeypatch.undo()
-    scene = bars(HINGE, rf.Reduced("A"))
-    body = next(iter(rf.simulate(scene, 2e-3, 2e-3))).state.bodies[0]
-    spin = np.array([0.0, 0.0, 1e3])
-    fast = Body(body.data, replace(body.motion, angular_velocity_body=spin))
-    assert SpinLimits(scene).limit(fast, spin) is None
-    assert 0 < SpinLimits(scene).limit(fast, 0.9 * spin) < 0.1 * spin[2]
 
 
 def _found():

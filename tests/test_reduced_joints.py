@@ -175,13 +175,11 @@ def spun(ratio, *parts):
     return np.array(lags)
 
 
-@pytest.mark.filterwarnings("ignore:Reduced 'all cells'. at t = .* it deforms too far")
-def test_a_beam_that_a_motor_spins_up_lags_as_its_twin():
-    """At a tenth of its first frequency to 0.5 %; faster ones are refused, with the limit."""
-    twin, own = spun(0.1), spun(0.1, rf.Reduced())
-    assert np.abs(own - twin).max() < 0.005 * np.abs(twin).max()
-    with pytest.raises(rf.SceneError, match="hold up to 7"):
-        spun(0.5, rf.Reduced())
+@pytest.mark.parametrize(("ratio", "allowed"), [(0.1, 2e-3), (0.5, 2e-3), (1.5, 0.02)])
+def test_a_beam_that_a_motor_spins_up_lags_as_its_twin(ratio, allowed):
+    """The hinge's force stiffens it. At 1.5 of its first frequency it would err by 24 % without."""
+    twin, own = spun(ratio), spun(ratio, rf.Reduced())
+    assert np.abs(own - twin).max() < allowed * np.abs(twin).max()
 
 
 def test_a_restart_goes_on_with_the_same_digits(tmp_path):

@@ -74,7 +74,8 @@ def test_equilibria_contain_it():
 
 
 def test_parts_on_joints_are_shown_where_these_hold_them():
-    """K does not know how a hinge and a guide share it."""
+    """K does not know how a hinge and a guide share it. A flexible bar has 0 and -12.5 µm."""
+    places = {"root": (0, 0.1, 0.1), "middle": (1, 0.1, 0.1)}
     face, y = rf.MeanFace, (0, 1, 0)
     joints = [
         rf.Revolute("ground", face("x0"), (0, 0.1, 0.1), y),
@@ -83,10 +84,10 @@ def test_parts_on_joints_are_shown_where_these_hold_them():
         rf.Reduced(),
     ]
     domain = rf.box((0, 0, 0), (2.0, 0.2, 0.2), (20, 2, 2))
-    scene = rf.Scene(domain, SOFT, joints, probes={"root": (0, 0.1, 0.1)}, element="enhanced")
+    scene = rf.Scene(domain, SOFT, joints, probes=places, element="enhanced")
     *_, last = rf.simulate(scene, DT, 0.1, progress=False)
     assert last.nu["all cells"] > 1e-4
-    assert abs(last.probes["root"][0]) < 1e-8
+    assert abs(last.probes["root"][0]) < 0.01 * abs(last.probes["middle"][0])
 
 
 def test_bodies_that_are_found_show_it(tmp_path):

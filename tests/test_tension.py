@@ -46,14 +46,12 @@ def test_what_is_asked_is_kept(twin):
     """About the start it would bend by 5.5 % of the largest displacement too far."""
     asked = rf.Accuracy(0.01, "top", min_cells=3)
     t, u, last = tops(mast(), 0.02, accuracy=asked, progress=False)
-    assert off(t, u, twin) < 0.01
+    assert off(t, u, twin) < 2e-3
     assert last.ledger.motion < 0.01
+    assert len(last.bodies) == 1
 
 
-def test_nu_of_a_named_part_tells_it(twin):
-    """Energies do not: that of the stretch is a hundred times that of the bend."""
-    with pytest.warns(rf.RigidfxWarning, match="deforms too far"):
-        t, u, last = tops(mast(rf.Reduced()), progress=False)
-    error = off(t, u, twin)
-    assert error > 0.5
-    assert error < 3 * last.bodies[0].nu < 3 * error
+def test_a_named_part_bends_as_its_twin(twin):
+    """Without the tension it would bend by 94 % of the largest displacement too far."""
+    t, u, _ = tops(mast(rf.Reduced()), progress=False)
+    assert off(t, u, twin) < 1e-3

@@ -213,10 +213,14 @@ class InternalForces:
             if not form.empty()
         }
 
-    def integrate(self, integrand: Callable[[int, MaterialClass], Any]) -> ufl.Form:
+    def integrate(
+        self, integrand: Callable[[int, MaterialClass], Any], degree: int | None = None
+    ) -> ufl.Form:
         """Sum over the classes, by subdomain id, of an integrand, which may be None."""
+        how = {} if degree is None else {"metadata": {"quadrature_degree": degree}}
         parts = ((i, integrand(i, c)) for i, c in enumerate(self._classes, start=1))
-        return sum((part * self._dx(i) for i, part in parts if part is not None), ufl.Form([]))
+        each = (part * self._dx(i, **how) for i, part in parts if part is not None)
+        return sum(each, ufl.Form([]))
 
     # Forms over cells ---------------------------------------------------------------------------
 

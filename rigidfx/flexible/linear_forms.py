@@ -11,6 +11,7 @@ from typing import Any
 import ufl
 from dolfinx import fem
 
+from rigidfx.base.types import Array
 from rigidfx.effects import Effect
 from rigidfx.flexible.internal_forces import BoundForces, Cells, InternalForces
 from rigidfx.flexible.kernels import Kernel, MaterialClass
@@ -63,6 +64,7 @@ class LinearForms:
         self._scene, self._forces = scene, forces
         self._test, self._trial = ufl.TestFunction(V), ufl.TrialFunction(V)
         self._stiffness: tuple[fem.Function, Kernel] | None = None
+        self._tension: tuple[fem.Function, fem.Function, Kernel] | None = None
         self._tangent: Kernel | None = None
         self._force = Kernel(forces.integrate(self._strains), [V], scene.mesh)
 
@@ -74,18 +76,39 @@ class LinearForms:
         if self._stiffness is None:
             V, element = self._scene.space, self._scene.element
             strained = fem.Function(V)
-
-            def stiff(i: int, c: MaterialClass) -> Any:
-                C = element.right_cauchy_green(strained)
-                S = second_piola_kirchhoff(c.law.energy, C, c.law.parameters)
-                portion = Portion("elastic", strained)
-                return element.virtual_work(S, (portion,), (self.shape,), self._test)
-
-            work = ufl.derivative(self._forces.integrate(stiff), strained, self._trial)
+            work = ufl.derivative(self._strained_elsewhere(strained), strained, self._trial)
             step = (self.shape,), strained, 1.0, None, self._test, self._trial
             work += self._forces.integrate(lambda i, c: element.eliminated(*step))
             self._stiffness = strained, Kernel(work, [V, V], self._scene.mesh)
         strained, kernel = self._stiffness
+        return kernel.bind(cells, instead={strained: self.shape})
+
+    def _strained_elsewhere(self, strained: fem.Function, degree: int | None = None) -> Any:
+        """Work of the stresses of other strains on the strains of the shape."""
+        element = self._scene.element
+
+        def work(i: int, c: MaterialClass) -> Any:
+            C = element.right_cauchy_green(strained)
+            S = second_piola_kirchhoff(c.law.energy, C, c.law.parameters)
+            portion = Portion("elastic", strained)
+            return element.virtual_work(S, (portion,), (self.shape,), self._test)
+
+        return self._forces.integrate(work, degree)
+
+    def tension(self, cells: Cells, along: Array) -> fem.Form:
+        """∫ S'[along] : sym(∇wᵀ∇v): what stresses by a displacement add to the stiffness.
+
+        The displacement is at the owned dofs [m].
+        """
+        if self._tension is None:
+            V = self._scene.space
+            strained, moved = fem.Function(V), fem.Function(V)
+            work = ufl.derivative(self._strained_elsewhere(strained, 0), self.shape, self._trial)
+            work = ufl.derivative(work, strained, moved)
+            self._tension = strained, moved, Kernel(work, [V, V], self._scene.mesh)
+        strained, moved, kernel = self._tension
+        moved.x.array[: along.size] = along
+        moved.x.scatter_forward()
         return kernel.bind(cells, instead={strained: self.shape})
 
     def tangent(self, cells: Cells) -> fem.Form:

@@ -296,6 +296,15 @@ class Bodies:
         return read_only(np.zeros(0) if shapes is None else shapes.weighted(self.q[shapes.some]))
 
     @cached_property
+    def stretched(self) -> Array:
+        """e(q) of shapes, shape (bodies, m) [m]."""
+        if (shapes := self.of.shapes) is None or shapes.relieved is None:
+            return self.q
+        out = self.q.copy()
+        out[shapes.some] = shapes.stretched(self.q[shapes.some])
+        return read_only(out)
+
+    @cached_property
     def momenta_of_shapes(self) -> tuple[Array, Array]:
         """Of bodies with shapes, what these add to J W [kg m²/s], and their p [kg m/s]."""
         if (shapes := self.of.shapes) is None:

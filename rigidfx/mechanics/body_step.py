@@ -190,6 +190,11 @@ class Increments:
         return len(self.unknowns)
 
     @property
+    def de(self) -> Array:
+        """Change of the stretches of shapes, there are none, shape (bodies, 0) [m]."""
+        return self.unknowns[:, 6:]
+
+    @property
     def start(self) -> Bodies:
         """The bodies at the start of the step."""
         return self.step.start

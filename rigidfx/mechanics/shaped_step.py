@@ -4,10 +4,11 @@ With w = (W, q̇), w₁ = 2 (R₀ᵀθ, Δq)/Δt - w₀, (Z, p) = A(q) w, q½ = 
 rows of a body are, Q = Σ Φᵀ Sᵀ f the forces on its nodes,
 
     (R₁ Z₁ - R₀ Z₀)/Δt = Σ (x½ - c½) × f,
-    (p₁ - p₀)/Δt - ½ w₁·∂A/∂q(q½) w₀ + f₀ + Ω q½ + C Δq = Q.
+    (p₁ - p₀)/Δt - ½ w₁·∂A/∂q(q½) w₀ + f₀ + Ω q½ + C Δq = Q,
 
-A is of second order in q, so that A₁ - A₀ = ∂A/∂q(q½) Δq; the rows times θ and Δq then add up to
-the gain of kinetic energy and of U(q), as nodes move by exactly
+or with stretches in place of Ω q½, see `rigidfx.mechanics.shapes`. A is of second order in q, so
+that A₁ - A₀ = ∂A/∂q(q½) Δq; the rows times θ and Δq then add up to the gain of kinetic energy and
+of U(q), as nodes move by exactly
 
     Δx = Δc + θ × (x½ - c½) + S Φ Δq.
 
@@ -173,11 +174,35 @@ class ShapedIncrements(Increments):
         return self._drift @ R.swapaxes(1, 2)
 
     def elastic_force(self) -> Array:
-        """f₀ + Ω q½ + C Δq, shape (bodies, m) [N]; at the end of a step of statics."""
-        out, shapes, some = np.zeros(self.dq.shape), self._shapes, self._some
-        q = self._q[0] + self.step.share * self.dq[some]
-        out[some] = shapes.force + times(shapes.stiffness, q)
-        return out if self.step.damping is None else out + times(self.step.damping, self.dq)
+        """f₀ + ∂e/∂q·s, shape (bodies, m) [N]; at the end of a step of statics."""
+        out, q = np.zeros(self.dq.shape), self._middle
+        out[self._some] = self._shapes.force + self._shapes.on_coordinates(q, self._stress)
+        return out
+
+    @cached_property
+    def de(self) -> Array:
+        """Δe, shape (bodies, m) [m]."""
+        if self._shapes.relieved is None:
+            return self.dq
+        out, some = self.dq.copy(), self._some
+        out[some] = self._shapes.stretched(self._q[1]) - self.start.stretched[some]
+        return out
+
+    @property
+    def _middle(self) -> Array:
+        """q in the middle of the step, at its end in statics, shape (some, m)."""
+        return self._q[0] + self.step.share * self.dq[self._some]
+
+    @cached_property
+    def _stress(self) -> Array:
+        """s = Ω e + C Δe with the mean of e, shape (some, m) [N].
+
+        The energy grows by it times the change of e, which is that at the mean of q: e is of second
+        order.
+        """
+        some, de = self._some, self.de[self._some]
+        out = times(self._shapes.stiffness, self.start.stretched[some] + self.step.share * de)
+        return out if self.step.damping is None else out + times(self.step.damping[some], de)
 
     # Nodes ----------------------------------------------------------------------------------------
 
@@ -326,14 +351,16 @@ class ShapedIncrements(Increments):
         middle = 0.5 * axial(self._R[0][:, None] @ M)
         by_turn = torques @ self.T[some] if share == 1.0 else middle
         own = share * self._shapes.stiffness
+        if self.step.damping is not None:
+            own = own + self.step.damping[some]
+        own = self._shapes.on_coordinates_by(self._middle, self._q[1], own)
+        own = own + share * self._shapes.turned(self._stress)
         if self.step.rate:
             turn, more = self._of_inertia()
             G[some, 3:6, 3:6] += turn[0] / length**2
             by_q, by_turn, own = by_q + turn[1], by_turn + turn[2], own + more
         G[some, 3:6, 6:], G[some, 6:, 3:6] = by_q / length, by_turn / length
         G[some, 6:, 6:] = own
-        if self.step.damping is not None:
-            G[:, 6:, 6:] += self.step.damping
         return G
 
     def _of_inertia(self) -> tuple[tuple[Array, Array, Array], Array]:

@@ -17,13 +17,17 @@ So the centre of mass is at c = c₀ + R dᵀ q, d = Σ m Φ̃/M being the drift
 hold nodes of the body, the first shapes are static responses to unit motions of these, and their
 coordinates are given.
 
-A body that spins is stiffer than Ω: the stress of its centrifugal forces resists bending. With the
-displacements ψ_ab by M (δ_ab ξ - sym(e_a ξ_b)) and K' the change of K with a displacement,
+Stresses stiffen, as strains are of second order in displacements. With
 
-    J gains Σ N_kl q_k q_l,    N_ab = -Φᵀ K'[ψ_ab] Φ,
+    U(q) = U₀ + f₀·q + ½ e·Ωe,    e = q + ½ Ω⁻¹Γqq,    Γ_ajk = ∫ S'[φ_a] : sym(∇φ_jᵀ∇φ_k),
 
-which is of second order in q, as the rest of J is. ξ counts from the axis of a support that turns
-the body.
+and the stress S'[φ] that a displacement adds, this is the energy of the cells to third order. Of
+the fourth order it has the strains that shapes can relieve. The others are taken for relieved: a
+bar gets shorter as it bends. Forces
+
+    f₀ + (1 + Ω⁻¹Γq½)ᵀ Ω ½ (e₀ + e₁)
+
+keep the energy in a step, since e₁ - e₀ = (1 + Ω⁻¹Γq½) Δq.
 
 All of it comes from the second moments G_kl = Σ m Φ_k Φ_lᵀ, with Φ₀ = ξ, which are summed once; a
 step then costs the same whatever the mesh.
@@ -57,8 +61,8 @@ class Shapes:
         stiffness: Ω, shape (m, m) [N/m].
         force: f₀, shape (m,) [N].
         images: K Φ at the nodes, of a body that may get more shapes, shape (nodes, m, 3) [N/m].
-        spun: N, by which spin stiffens, shape (m, m, 3, 3) [kg]: J gains Σ N_kl q_k q_l; None where
-            spin is too slow to count.
+        tension: Γ of the first n shapes, by which stretches stiffen, (n, n, n) [N/m²]; None where
+            they do not.
         drift: Of a body whose frame is held, by how much its centre of mass moves in the frame per
             coordinate, shape (m, 3); None of a body that moves freely.
         given: Number of the first shapes whose coordinates supports give.
@@ -70,7 +74,7 @@ class Shapes:
     stiffness: Array
     force: Array
     drift: Array | None = None
-    spun: Array | None = None
+    tension: Array | None = None
     images: Array = field(default_factory=lambda: np.array([]))
     given: int = 0
 
@@ -93,6 +97,29 @@ class Shapes:
         """Φ q at the nodes, shape (nodes, 3)."""
         return np.asarray(np.einsum("nka,k->na", self.modes, q))
 
+    def stretched(self, q: Array, rate: Array) -> tuple[Array, Array]:
+        """e(q) and its rate, each (m,) [m, m/s]."""
+        if self.tension is None:
+            return q, rate
+        n = len(self.tension)
+        gained = np.zeros((len(self), 2))
+        gained[:n] = np.stack([self.tension @ x[:n] @ q[:n] for x in (0.5 * q, rate)], axis=1)
+        relieved = np.linalg.solve(self.stiffness, gained).T
+        return q + relieved[0], rate + relieved[1]
+
+    def tightened(self, q: Array) -> Array:
+        """Ω with what the stretch at q adds, shape (m, m) [N/m]."""
+        if self.tension is None:
+            return self.stiffness
+        out, n = self.stiffness.copy(), len(self.tension)
+        out[:n, :n] += np.tensordot(self.stretched(q, q)[0][:n], self.tension, 1)
+        return out
+
+    def energy(self, q: Array) -> float:
+        """U(q) - U₀ [J]."""
+        e, _ = self.stretched(q, q)
+        return float(self.force @ q + 0.5 * e @ self.stiffness @ e)
+
     @property
     def whole(self) -> Array:
         """Φ with the drift, zero where a support holds the frame, shape (nodes, m, 3)."""
@@ -106,7 +133,7 @@ class ShapesOfBodies:
         some: Numbers of these, sorted.
         counts: m of each of all bodies.
         most: The largest m.
-        moments: G, with what spin stiffens, shape (some, most + 1, most + 1, 3, 3).
+        moments: G, shape (some, most + 1, most + 1, 3, 3).
         couplings: Σ m Φ_j × Φ_k, shape (some, most, most, 3).
         mass: D, shape (some, most, most) [kg].
         stiffness: Ω, likewise [N/m].
@@ -123,7 +150,7 @@ class ShapesOfBodies:
         k, m = self.some.size, self.most
         self.moments = np.zeros((k, m + 1, m + 1, 3, 3))
         self.stiffness, self.force = np.zeros((k, m, m)), np.zeros((k, m))
-        self.drift, added = np.zeros((len(each), m, 3)), np.zeros_like(self.moments)
+        self.drift = np.zeros((len(each), m, 3))
         self.held = np.array([own is not None and own.drift is not None for own in each])
         count = np.array([0 if own is None else own.given for own in each])
         self.given = np.arange(m) < count[:, None]
@@ -133,17 +160,29 @@ class ShapesOfBodies:
             if own.drift is not None:
                 self.drift[body, :n] = own.drift
             self.moments[k, : n + 1, : n + 1] = own.moments
-            if own.spun is not None:  # as second moments Y whose tr Y - Y is N
-                half = 0.5 * np.trace(own.spun, axis1=2, axis2=3)[:, :, None, None]
-                added[k, 1 : n + 1, 1 : n + 1] = half * IDENTITY - own.spun
             self.stiffness[k, :n, :n], self.force[k, :n] = own.stiffness, own.force
         self.couplings = axial(self.moments[:, 1:, 1:])
         self.mass = np.einsum("bklii->bkl", self.moments[:, 1:, 1:])
-        self.moments += added
+        self.relieved = self._of_tension(each)
         self._rows = self.moments.reshape(len(self.some), m + 1, -1)
         self._inner = self.moments[:, 1:, 1:].reshape(len(self.some), m * m, 9)
         self._coupled = self.couplings.reshape(len(self.some), m, -1)
         seal(self)
+
+    def _of_tension(self, each: Sequence[Shapes | None]) -> Array | None:
+        """Ω⁻¹Γ of each, shape (some, most, most, most); None if no body has Γ."""
+        if all(own is None or own.tension is None for own in each):
+            return None
+        out = np.zeros((self.some.size, *3 * (self.most,)))
+        for k, body in enumerate(self.some):
+            own = each[int(body)]
+            assert own is not None
+            if own.tension is not None:
+                m, n = len(own), len(own.tension)
+                out[k, :n, :n, :n] = own.tension
+                flat = out[k, :m, :m, :m].reshape(m, m * m)
+                out[k, :m, :m, :m] = np.linalg.solve(own.stiffness, flat).reshape(m, m, m)
+        return out
 
     @cached_property
     def known(self) -> Bools:
@@ -204,9 +243,41 @@ class ShapesOfBodies:
         own = rates[:, None, None] @ self.couplings
         return np.asarray(own[:, :, 0].swapaxes(1, 2))
 
+    def stretched(self, q: Array) -> Array:
+        """e(q), shape (some, most) [m]."""
+        return q if self.relieved is None else q + 0.5 * times(self._slopes(q), q)
+
+    def _slopes(self, q: Array) -> Array:
+        """Ω⁻¹Γ q = ∂e/∂q - 1, shape (some, most, most)."""
+        return np.asarray((self.relieved @ q[:, None, :, None])[..., 0])
+
+    def on_coordinates(self, q: Array, s: Array) -> Array:
+        """Forces ∂e/∂q·s at q by stresses s [N], shape (some, most) [N]."""
+        return s if self.relieved is None else s + times(self._slopes(q).swapaxes(1, 2), s)
+
+    def on_coordinates_by(self, q: Array, q1: Array, by_e: Array) -> Array:
+        """Their derivative as s changes with e at q₁, shape (some, most, most) [N/m]."""
+        if self.relieved is None:
+            return by_e
+        out = by_e + self._slopes(q).swapaxes(1, 2) @ by_e
+        return np.asarray(out + out @ self._slopes(q1))
+
+    def turned(self, s: Array) -> Array | float:
+        """Their derivative by q with s, shape (some, most, most) [N/m]."""
+        if self.relieved is None:
+            return 0.0
+        k, m = s.shape
+        return (s[:, None] @ self.relieved.reshape(k, m, m * m)).reshape(k, m, m)
+
+    def even_force(self, q: Array) -> Array:
+        """What Γ adds to Ωq to second order, shape (some, most) [N]."""
+        added = times(self.stiffness, self.stretched(q) - q)
+        return added + self.on_coordinates(q, times(self.stiffness, q)) - times(self.stiffness, q)
+
     def energy(self, q: Array) -> Array:
         """U(q) - U₀ of each body, shape (some,) [J]."""
-        return np.asarray(((self.force + 0.5 * times(self.stiffness, q)) * q).sum(axis=1))
+        e = self.stretched(q)
+        return np.asarray((self.force * q + 0.5 * times(self.stiffness, e) * e).sum(axis=1))
 
 
 def contracted(a: Array, b: Array) -> Array:

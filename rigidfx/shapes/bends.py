@@ -1,44 +1,40 @@
-"""How far shapes hold, as a run goes on: as bodies bend, and as they spin between joints.
+"""How far shapes hold, as bodies of a run bend.
 
 ν is how far a body is from the expansion that its shapes have. It grows with the energy of these,
 ½ q·Ωq, and with q·Dq, the square of their displacement by mass: the energy of a bar that is
 stretched hardly changes as it begins to bend. It is looked at again once one of them has doubled,
 or grown eightfold, for named parts far below the bound. q·Dq counts for these, and where
-displacements are bounded. Above the bound cells of bodies that were found wake; for named parts the
-run warns.
+displacements are bounded, and so does the size of forces that shapes lack.
 
-A part that spins on a hinge is stretched by the hinge's force, and so is stiffer. Shapes do not
-know that. A beam that a motor spins up then lags by 4.7 (W/ω)² too much, with W its spin and ω its
-lowest frequency while nothing holds it (`test_reduced_joints.py`). So W² is ω²/300 at most: parts
-that are named are refused above, and found ones wake. The shapes of a part that was frozen while it
-span know the stresses of that spin.
+A strip that is pulled is harder to bend, and so is one that spins on a hinge, pulled by its own
+inertia. Where stresses change the stiffness of any shape by more than `BOUND`, the body gets Γ,
+see `rigidfx.mechanics.shapes`, which takes an assembly for each shape. If these are stresses of a
+displacement that shapes lack, it becomes a shape before. Above the bound of ν cells of bodies that
+were found wake; for named parts the run warns.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
-from scipy.linalg import eigvalsh
 
-from rigidfx.base.errors import SceneError
+from rigidfx.base.log import tell
 from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.base.types import Array, Indices
 from rigidfx.base.warning import warn
 from rigidfx.coupling.dof_layout import AtNodes
-from rigidfx.effects import Joint
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, RigidBody
-from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.scene import Scene
-from rigidfx.shapes.excess import About, Excess
-from rigidfx.shapes.part import LACKING
+from rigidfx.shapes.excess import About, Excess, deformed
+from rigidfx.shapes.expanded import Expanded
 from rigidfx.state import State
 
 BOUND = 0.003  # of ν, above which cells wake, and a run warns: amplitudes err by 0.9 %
-# The same of bodies that no support holds, where displacements are bounded by 3 ν of the bend: as
-# far as that has been compared. Strips that supports stretch erred by 1.8 % where 1 % was asked.
+# The same where displacements are bounded by 3 ν of the bend: as far as that has been compared.
 FARTHEST = 0.03
 DRIFT = 3.5  # see below
 # Factors of ½ q·Ωq or q·Dq after which ν is looked at again: near its bound, and far below it.
@@ -52,10 +48,36 @@ ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))  # of q, over the length of 
 def off_by(ratio: float) -> float:
     """Bound of the relative error of amplitudes, by the share of energy that shapes lack: ν.
 
-    With ν forces err by 2 ν where the energy has a fourth order. With spin, see above, the share is
-    the square of it over that of the lowest frequency.
+    With ν forces err by 2 ν where the energy has a fourth order.
     """
     return 3 * ratio
+
+
+def tightens(body: Body, part: Expanded, d: Array) -> bool:
+    """Whether stresses of d, (nodes, 3) [m], change the stiffness of shapes by much. Collective."""
+    shapes = body.data.shapes
+    assert shapes is not None
+    change = part.tension_by(d, shapes.whole.swapaxes(1, 2))
+    parts = np.linalg.eigvals(np.linalg.solve(shapes.tightened(body.motion.q), change))
+    return bool(np.abs(parts).max() > BOUND)
+
+
+def lacks_tension(body: Body) -> bool:
+    """Whether a body has shapes without Γ."""
+    shapes = body.data.shapes
+    return shapes is not None and (shapes.tension is None or len(shapes.tension) < len(shapes))
+
+
+def stresses(body: Body) -> Array:
+    """Displacement of a body that stresses it, Φe, shape (nodes, 3) [m]."""
+    return deformed(body, body.stretched[0])
+
+
+def tense(body: Body, part: Expanded) -> Body:
+    """A body with Γ of all its shapes. Collective."""
+    shapes = body.data.shapes
+    assert shapes is not None
+    return body.with_shapes(replace(shapes, tension=part.tension(shapes.whole.swapaxes(1, 2))))
 
 
 class Drift:
@@ -79,8 +101,7 @@ class Drift:
 
     def looked(self, body: Body, nu: float, size: float) -> None:
         """ν of a body was found, where it has moved so far [m]."""
-        assert body.data.shapes is not None
-        _, square = _sizes(body.data.shapes, body.motion.q)
+        _, square = _sizes(body)
         self._of[body.data.number] = (
             DRIFT * nu * size / (square * float(np.sqrt(square))),
             self.of(body.data.number),
@@ -91,72 +112,14 @@ class Drift:
         for body in bodies:
             number, shapes = body.data.number, body.data.shapes
             if number in self._of and shapes is not None:
-                slope, drift = self._of[number]
-                (_, square), (_, rate) = (
-                    _sizes(shapes, x) for x in (body.motion.q, body.motion.q_rate)
-                )
+                (slope, drift), (_, square) = self._of[number], _sizes(body)
+                rate = float(body.motion.q_rate @ shapes.mass @ body.motion.q_rate)
                 self._of[number] = slope, drift + slope * square * float(np.sqrt(rate)) * dt
         return max((drift for _, drift in self._of.values()), default=0.0)
 
     def forget(self, number: int) -> None:
         """Forget a body that is no more."""
         self._of.pop(number, None)
-
-
-class SpinLimits:
-    """Says which parts between joints spin too fast for their shapes."""
-
-    def __init__(self, scene: Scene) -> None:
-        """Nothing is computed."""
-        self._scene, self._joints = scene, scene.named(Joint)
-        self._lowest: dict[tuple[int, int], float] = {}
-        self._slow = float(np.sqrt(LACKING / off_by(1.0)))  # spin over the lowest frequency
-
-    def limit(self, body: Body, known: Array) -> float | None:
-        """Spin that a body has passed; None if it has not [rad/s]. Collective.
-
-        Stresses by spins W are linear in WWᵀ, and shapes know those of a spin that stays, in its
-        frame.
-        """
-        own, W = body.data.shapes, body.motion.angular_velocity_body
-        if not self._joints or own is None or own.drift is not None:
-            return None
-        key = body.data.number, len(own)
-        if key not in self._lowest:
-            self._lowest[key] = self._found(body)
-        changed, limit = np.outer(W, W) - np.outer(known, known), self._slow * self._lowest[key]
-        return limit if np.linalg.norm(changed, 2) > limit**2 else None
-
-    def forget(self, number: int) -> None:
-        """Forget a body that is no more."""
-        self._lowest = {key: own for key, own in self._lowest.items() if key[0] != number}
-
-    def check(self, state: State) -> None:
-        """Refuse parts named `Reduced` whose joints would stiffen them. Collective.
-
-        Raises:
-            SceneError: On every rank, with the limit.
-        """
-        for body in state.bodies if self._joints else ():
-            limit = self.limit(body, np.zeros(3)) if body.data.named else None
-            if limit is not None:
-                spin = float(np.linalg.norm(body.motion.angular_velocity))
-                raise SceneError(
-                    f"Reduced '{body.data.name}': at t = {state.t:.4g} s it spins at {spin:.4g} "
-                    f"rad/s between joints, whose forces stiffen it. Its shapes hold up to "
-                    f"{limit:.4g} rad/s, {self._slow:.1%} of its lowest frequency of "
-                    f"{limit / self._slow / (2 * np.pi):.4g} Hz. Take the Reduced away: keep its "
-                    "cells flexible, or name it Rigid."
-                )
-
-    def _found(self, body: Body) -> float:
-        """Lowest frequency of a part that no joint holds; ∞ of others. Collective [rad/s]."""
-        shapes, own = body.data.shapes, body.data.nodes
-        assert shapes is not None
-        faces = [a.nodes for joint in self._joints for a in joint.averages]
-        if not self._scene.sum(sum(np.isin(nodes, own).sum() for nodes in faces)):
-            return np.inf
-        return float(np.sqrt(max(eigvalsh(shapes.stiffness, shapes.mass)[0], 0.0)))
 
 
 class Looks:
@@ -166,36 +129,38 @@ class Looks:
 
     def __init__(self) -> None:
         """Nothing has been looked at."""
-        # ½ q·Ωq and q·Dq of each body, by number, above which ν is looked at again [J, kg m²].
-        self._next: dict[int, tuple[float, float]] = {}
+        # ½ q·Ωq and q·Dq of each body, by number, above which ν is looked at again [J, kg m²], and
+        # the size of forces that shapes lack [N/√kg].
+        self._next: dict[int, tuple[float, float, float]] = {}
         self._largest = 0.0  # strain energy of any body so far [J]
 
-    def due(self, body: Body, moves: bool = True) -> bool:
-        """Whether ν of a body is to be looked at now, also as it `moves` more without energy."""
+    def due(self, body: Body, pull: float = 0.0) -> bool:
+        """Whether ν of a body is to be looked at now. Shapes lack forces of size `pull` [N/√kg]."""
         data, shapes, q = body.data, body.data.shapes, body.motion.q
         if shapes is None:
             return False
-        energy, square = _sizes(shapes, q)
+        energy, square = _sizes(body)
         self._largest = max(self._largest, energy, data.frozen.strain)
         if np.abs(q).max() <= ROUNDING * data.length or energy <= LEAST * self._largest:
             return False
-        known = self._next.get(data.number, (0.0, 0.0))
-        return energy > known[0] or (moves and square > known[1])
+        known = self._next.get(data.number, (0.0, 0.0, 0.0))
+        return energy > known[0] or square > known[1] or pull > known[2]
 
-    def looked(self, body: Body, grown: float) -> None:
-        """ν of a body was looked at; it is again once its energy or way has grown by a factor."""
-        assert body.data.shapes is not None
-        energy, square = _sizes(body.data.shapes, body.motion.q)
-        self._next[body.data.number] = grown * energy, grown * square
+    def looked(self, body: Body, grown: float, pull: float = 0.0) -> None:
+        """ν of a body was looked at; it is again once one of its sizes has grown by a factor."""
+        energy, square = _sizes(body)
+        self._next[body.data.number] = grown * energy, grown * square, grown * pull
 
     def forget(self, number: int) -> None:
         """Forget a body that is no more."""
         self._next.pop(number, None)
 
 
-def _sizes(shapes: Shapes, q: Array) -> tuple[float, float]:
-    """½ q·Ωq and q·Dq [J, kg m²]."""
-    return 0.5 * float(q @ shapes.stiffness @ q), float(q @ shapes.mass @ q)
+def _sizes(body: Body) -> tuple[float, float]:
+    """½ e·Ωe of its stretches and q·Dq [J, kg m²]."""
+    shapes, q, (e, _) = body.data.shapes, body.motion.q, body.stretched
+    assert shapes is not None
+    return 0.5 * float(e @ shapes.stiffness @ e), float(q @ shapes.mass @ q)
 
 
 class Spent:
@@ -205,33 +170,46 @@ class Spent:
         nu: ν of each part, the largest so far, by its name.
     """
 
-    remembered: ClassVar[Remembered] = same("nu", "_rise", "_large") | {"_looks": PART}
+    remembered: ClassVar[Remembered] = same("nu", "_rise", "_large", "_taut") | {"_looks": PART}
 
     def __init__(self, scene: Scene) -> None:
         """Nothing has been looked at."""
-        self._scene, self._limits, self._looks = scene, SpinLimits(scene), Looks()
+        self._scene, self._looks = scene, Looks()
         self.nu: dict[str, float] = {}
         self._rise: dict[str, float] = {}  # ν over q·Dq when it was looked at [1/(kg m²)]
         self._large: frozenset[str] = frozenset()  # parts of whose ν has been warned
+        self._taut: frozenset[str] = frozenset()  # parts that get Γ before the next step
 
-    def follow(self, state: State, about: Callable[[Body], About]) -> dict[str, float]:
+    def follow(
+        self, state: State, about: Callable[[Body], About], tenses: bool = False
+    ) -> dict[str, float]:
         """ν of each part; `about` expands one. Collective.
 
-        Raises:
-            SceneError: On every rank, if a part spins too fast between joints.
+        Parts may get Γ if there is a next step: see `tensed`.
         """
-        if state.bodies.of.shapes is None:
-            return {}
-        self._limits.check(state)
-        for body in state.bodies:
+        for body in state.bodies if state.bodies.of.shapes is not None else ():
             if body.data.named and body.data.shapes is not None:
-                name, (_, square) = body.data.name, _sizes(body.data.shapes, body.motion.q)
+                name, (_, square) = body.data.name, _sizes(body)
                 if self._looks.due(body):
-                    found = Excess(about(body), body)
+                    own = about(body)
+                    if tenses and lacks_tension(body) and tightens(body, own.part, stresses(body)):
+                        self._taut |= {name}
+                        continue
+                    found = Excess(own, body)
                     self._look(state.t, body, found)
                     self._rise[name] = found.nu / square
                 self.nu[name] = max(self.nu.get(name, 0.0), self._rise.get(name, 0.0) * square)
         return dict(self.nu)
+
+    def tensed(self, bodies: Bodies, about: Callable[[Body], About]) -> Bodies | None:
+        """The bodies with Γ of parts that tension stiffens; None if there are none. Collective."""
+        if not self._taut:
+            return None
+        taut, self._taut = self._taut, frozenset()
+        for name in sorted(taut):
+            tell(self._scene.comm, f"Reduced '{name}': tension stiffens it from now on")
+        each = [tense(b, about(b).part) if b.data.name in taut else b for b in bodies]
+        return Bodies.of_each(each)
 
     def _look(self, t: float, body: Body, found: Excess) -> None:
         """Warn once where ν of a part is not small. Collective."""

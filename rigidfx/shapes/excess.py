@@ -21,6 +21,7 @@ from rigidfx.base.types import Array, Bools
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.mechanics.rigid_body import Body
+from rigidfx.mechanics.shapes import ShapesOfBodies
 from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.interface import Interface
 from rigidfx.shapes.orthonormal import INDEPENDENT, slowest, whole_groups
@@ -97,15 +98,19 @@ class Excess:
         """
         part, shapes, self._scene = about.part, body.data.shapes, about.responses.scene
         assert shapes is not None
-        self.d = d = deformed(body, body.motion.q)
-        self._about, self._energy, even = about, part.energy(d), part.even(d)
-        w = part.whole(d, even, about.responses.of_nodes(part.nodes, about.Q))
-        missed = part.missed(d, w)
+        self.d = deformed(body, body.motion.q)
+        stretched, _ = body.stretched
+        e = deformed(body, stretched)
+        self._about, self._energy, even = about, part.energy(e), part.even(e)
+        on_shapes = part.dot(shapes.whole.swapaxes(1, 2), even[:, :, None])[:, 0]
+        respond = about.responses.of_nodes(part.nodes, about.Q)
+        w = part.whole(self.d, part.beyond(shapes, even), respond)
+        missed = part.missed(e, w)
         self._dense = np.abs(missed) / self._scene.averaging_mass[part.nodes]
         energy = abs(float(self._scene.sum(missed.sum())))
-        energy += about.beside.energy(d @ about.Q) / self._energy
-        along = part.followed(shapes, even, d) if shapes.spun is None else 0.0  # N has that of spin
-        self.nu = max(energy, 0.5 * abs(along))
+        energy += about.beside.energy(self.d @ about.Q) / self._energy
+        left = on_shapes - ShapesOfBodies([shapes]).even_force(stretched[None])[0]
+        self.nu = max(energy, 0.5 * abs(part.followed(shapes, left, e)))
 
     def most(self, share: float) -> Bools:
         """The nodes of the body that miss more than a share of the largest miss. Collective."""

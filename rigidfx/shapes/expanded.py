@@ -15,14 +15,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
-from mpi4py import MPI
 
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.linear_forms import LinearForms
-from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.mechanics.rigid_motions import free_motions, rigid_motions
 from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.scene import Scene
@@ -145,17 +143,21 @@ class Expanded:
         moving = self.dot(self.motions, found[:, :, None])[:, 0]
         return np.asarray(found - self._momenta @ moving)
 
-    def stiffening(self, along: Array, fields: Array) -> Array:
-        """K'[along] of fields, the change of K by a displacement [m], (nodes, 3, k). Collective."""
-        comm, out = self._scene.comm, np.zeros_like(fields)
-        size = comm.allreduce(float(np.abs(along).max(initial=0.0)), op=MPI.MAX)
-        h = SMALL_WAY * self._scene.mean_cell_size / size if size > 0 else 0.0
-        for step in (h, -h) if h else ():
-            with self._displaced(step * along):
-                K = self.rows.assembled(self._linear.tangent(self.cells))
-            out += times(K, columns(fields), self.rows.vector).reshape(fields.shape) / (2 * step)
-            K.destroy()
-        return out
+    def tension(self, modes: Array) -> Array:
+        """Γ of shapes, (nodes, 3, m), shape (m, m, m) [N/m²]: see `Shapes`. Collective."""
+        each = [self.tension_by(own, modes) for own in np.moveaxis(modes, 2, 0)]
+        return np.stack(each) if each else np.zeros((0, 0, 0))
+
+    def tension_by(self, d: Array, modes: Array) -> Array:
+        """What the stresses of d, (nodes, 3) [m], add to Ω, shape (m, m) [N/m]. Collective."""
+        along = np.zeros((self._scene.owned_nodes, 3))
+        along[self.nodes] = d
+        with self._displaced(0 * self._state):
+            K = self.rows.assembled(self._linear.tension(self.cells, along.reshape(-1)))
+        image = times(K, columns(modes), self.rows.vector).reshape(modes.shape)
+        K.destroy()
+        found = self.dot(modes, image)
+        return 0.5 * (found + found.T)
 
     def energy(self, d: Array) -> float:
         """½ d·K d [J]. Collective."""
@@ -168,26 +170,34 @@ class Expanded:
         """
         return np.asarray(d - self.unmoved(respond(even)[:, :, None])[:, :, 0])
 
-    def followed(self, shapes: Shapes, even: Array, d: Array) -> float:
-        """Part of d by which forces of second order would move shapes along it. Collective.
+    def beyond(self, shapes: Shapes, even: Array) -> Array:
+        """Forces of second order less those by which shapes with Γ follow. Collective."""
+        if shapes.tension is None:
+            return even
+        modes = shapes.whole.swapaxes(1, 2)
+        along = np.linalg.solve(shapes.stiffness, self.dot(modes, even[:, :, None])[:, 0])
+        return np.asarray(even - self.times_stiffness(modes) @ along)
 
-        It is d·M Φ Ω⁻¹ Φᵀ f over d·M d, of shapes whose coordinates no support gives.
+    def followed(self, shapes: Shapes, forces: Array, d: Array) -> float:
+        """Part of d by which forces Φᵀf on shapes, (m,), would move them along it. Collective.
+
+        It is d·M Φ Ω⁻¹ Φᵀf over d·M d, of shapes whose coordinates no support gives.
         """
         k, along = shapes.given, self.times_mass(d[:, :, None])
         own = shapes.whole[:, k:].swapaxes(1, 2)
-        moved = np.linalg.solve(shapes.stiffness[k:, k:], self.dot(own, even[:, :, None]))
+        moved = np.linalg.solve(shapes.stiffness[k:, k:], forces[k:, None])
         square = self.dot(d[:, :, None], along)
         return float((self.dot(along, own) @ moved / square)[0, 0])
 
-    def missed(self, d: Array, w: Array) -> Array:
-        """Energy that the expansion in d [m] misses, by nodes, over ½ d·K d, shape (nodes,).
+    def missed(self, e: Array, w: Array) -> Array:
+        """Energy that ½ e·K e misses, by nodes, over it, shape (nodes,).
 
         Its sum is ν but for the sign, with the energy by Simpson's rule along w, see `whole`, which
         is exact where it is of fourth order. Collective.
         """
         mean = (self.forces(w) + 4 * self.forces(0.5 * w) - 5 * self.internal) / 6
-        linear = self.times_stiffness(d[:, :, None])[:, :, 0]
-        return np.asarray((w * mean - 0.5 * d * linear).sum(axis=1) / self.energy(d))
+        linear = self.times_stiffness(e[:, :, None])[:, :, 0]
+        return np.asarray((w * mean - 0.5 * e * linear).sum(axis=1) / self.energy(e))
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

@@ -73,6 +73,7 @@ class Found(Expanded):
             self.moments(data.offsets, modes),
             0.5 * (stiffness + stiffness.T),
             on,
+            tension=None if data.shapes is None else data.shapes.tension,
             images=images.swapaxes(1, 2).copy(),
         )
         return body.with_shapes(shapes)

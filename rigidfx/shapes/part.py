@@ -7,7 +7,6 @@ turned so that Ω = ΦᵀKΦ of the part's own cells is diagonal.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
 
 import numpy as np
 
@@ -26,8 +25,6 @@ BLOCK = 3  # unknowns in a block of PETSc's format, which shapes have to fill
 # Size of a vector, once the part's rigid motion is taken out of it, over that before: below, it is
 # the rounding of a motion in which the part does not strain.
 STRAINING = 1e-9
-
-PAIRS = tuple(combinations_with_replacement(range(3), 2))  # of axes of a spin
 
 
 @dataclass(frozen=True)
@@ -127,21 +124,3 @@ class Part(Expanded):
         K = self.dot(modes, self.times_stiffness(modes))
         force = self.dot(modes, self.internal[:, :, None])[:, 0]
         return PartShapes(modes, 0.5 * (K + K.T), force)
-
-    def spun(self, modes: Array, through: Array) -> Array:
-        """N of shapes, by which spin stiffens the part, shape (m, m, 3, 3) [kg]. Collective.
-
-        It turns about axes through a point [m]; for a free body any point serves.
-        """
-        responses = self._responses
-        x = responses.stiffness.places - through
-        fields = [
-            (a == b) * x - 0.5 * (np.outer(x[:, b], np.eye(3)[a]) + np.outer(x[:, a], np.eye(3)[b]))
-            for a, b in PAIRS
-        ]
-        psi = responses.solve(responses.inertia(np.stack(fields, axis=2)))
-        N = np.zeros((*modes.shape[2:], *modes.shape[2:], 3, 3))
-        for k, (a, b) in enumerate(PAIRS):
-            change = self.dot(modes, self.stiffening(psi[self.nodes, :, k], modes))
-            N[:, :, a, b] = N[:, :, b, a] = -0.5 * (change + change.T)
-        return N

@@ -123,7 +123,7 @@ class Shortening:
         self._small[key], about = np.inf, self._about(body)
         if self._hangs(body, about.responses):
             return False
-        d = deformed(body, body.motion.q)
+        d = deformed(body, body.stretched[0])
         (own,) = self._response(body, about, about.part.even(d)[:, :, None])
         part = 10 * self._largest(own) / (LACKING * self._largest(d))
         self._small[key] = size / min(max(part, ROUNDING) ** 0.5, 0.5)
@@ -170,7 +170,7 @@ class Shortening:
 
     def _forces(self, body: Body, part: Expanded) -> Array:
         """½ K'[d] d of a body and its rate, shape (nodes, 3, 2) [N, N/s]. Collective."""
-        d, rate = (deformed(body, x) for x in (body.motion.q, body.motion.q_rate))
+        d, rate = (deformed(body, x) for x in body.stretched)
         sizes = self._largest(d), self._largest(rate)
         h = sizes[0] / sizes[1] if sizes[1] > 0 else 0.0
         change = part.even(d + h * rate) - part.even(d - h * rate)
@@ -181,7 +181,7 @@ class Shortening:
 
         Collective.
         """
-        key, m, motion = _key(body), body.data.deforms_by, body.motion
+        key, m = _key(body), body.data.deforms_by
         known = self._terms.get(key)
         self._shown[key] = self._shown.get(key, 0) + 1
         if 6 * self._shown[key] < m * (m + 1):  # three pairs of forces a step
@@ -190,8 +190,9 @@ class Shortening:
             return shown, rates
         if known is None or known.C.shape[1] < m:
             known = self._terms[key] = self._grown(body, about, known)
-        half = known.C @ motion.q
-        return 0.5 * half @ motion.q, half @ motion.q_rate
+        e, rate = body.stretched
+        half = known.C @ e
+        return 0.5 * half @ e, half @ rate
 
     def _grown(self, body: Body, about: About, known: Terms | None) -> Terms:
         """Terms of a body with those of the shapes that it had before. Collective."""

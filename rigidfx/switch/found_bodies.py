@@ -1,8 +1,8 @@
 """The bodies of a run that were found: their shapes, and how far these hold.
 
-docs/theory/shapes.md#withheld-forces has how they begin and how they leave their shapes. Cells wake
-where a body spins too fast between joints (`bends`), and where it bends so far that its energy is
-not that of second order.
+docs/theory/shapes.md#withheld-forces has how they begin and how they leave their shapes. Where one
+bends so far that its energy is not that of its shapes (`bends`), it gets Γ, and its cells wake where
+that is not enough.
 """
 
 from collections.abc import Sequence
@@ -28,10 +28,13 @@ from rigidfx.shapes.bends import (
     NEAR,
     Drift,
     Looks,
-    SpinLimits,
     at_cells,
+    lacks_tension,
     most_bent,
     off_by,
+    stresses,
+    tense,
+    tightens,
 )
 from rigidfx.shapes.excess import About, Excess
 from rigidfx.shapes.found import Found
@@ -70,7 +73,6 @@ class Known:
 
     begun: int  # how many modes it began with
     lacking: float  # the lowest ω that these lack [1/s]
-    spin: Array  # its angular velocity then, in its frame [rad/s]
     pressed: int  # how many shapes it has for nodes that press
 
 
@@ -106,8 +108,8 @@ class FoundBodies:
         self._expanded: dict[int, tuple[RigidBody, Found, About]] = {}  # by number
         self._modes, self._cut = 0, np.inf  # modes of the whole, and the lowest ω that these lack
         self.vectors: Array = np.zeros((self._scene.owned_nodes, 3, 0))
-        self._limits = SpinLimits(self._scene)
         self._pressing = Pressing(self._scene)
+        self._tense: set[int] = set()  # bodies that have got Γ in this step
         self._cells = self._scene.mesh.topology.index_map(3).size_local  # owned ones
 
     def linear(self) -> Linear:
@@ -170,7 +172,7 @@ class FoundBodies:
             own, lacking = found.modes(self._forces.dt or self._dt, self._cut)
             begun += own.shape[2]
             vectors = np.concatenate([vectors, own], axis=2)
-        self.known[data.number] = Known(begun, lacking, body.motion.angular_velocity_body, 0)
+        self.known[data.number] = Known(begun, lacking, 0)
         made = found.with_shapes(body, vectors)
         return body if made is None else found.moving(made)
 
@@ -244,7 +246,9 @@ class FoundBodies:
         found, about = self._of(body.data)
         F = np.zeros((self._scene.owned_nodes, 3, 1))
         if body.data.shapes is not None:
-            F[body.data.nodes, :, 0] = found.even(body.data.shapes.bent(body.motion.q)) @ about.Q
+            shapes = body.data.shapes
+            even = found.even(shapes.bent(body.stretched[0]))
+            F[body.data.nodes, :, 0] = found.beyond(shapes, even) @ about.Q
         return np.asarray(-self.responses.solve(F)[:, :, 0] @ (body.motion.R @ about.Q).T)
 
     def keep(self, vector: Array) -> None:
@@ -277,55 +281,79 @@ class FoundBodies:
 
     # How far they hold ----------------------------------------------------------------------------
 
-    def spun(self, bodies: Bodies) -> Looked | None:
-        """Cells of bodies that forces of joints stiffen as they spin; None if none. Collective."""
-        woken = np.zeros(self._cells, dtype=bool)
-        fast = False
-        for body in (own for own in bodies if self.grows(own.data)):
-            limit = self._limits.limit(body, self.known[body.data.number].spin)
-            if limit is not None:
-                fast, woken[body.data.cells] = True, True
-                words = f"forces of joints stiffen it above {limit:.3g} rad/s"
-                tell(self._scene.comm, f"{body.data.name} spins too fast for its shapes: {words}")
-        return Looked(woken=woken, reason="they spin too fast for their shapes") if fast else None
-
-    def bent(self, bodies: Bodies, allowed: float, free: bool) -> Looked | None:
-        """Cells in which the energy is not that of second order; None if none are. Collective.
+    def bent(
+        self,
+        bodies: Bodies,
+        allowed: float,
+        free: bool,
+        withheld: Sequence[tuple[Fields, Force]],
+        pull: float,
+    ) -> Looked | None:
+        """Cells whose energy is not that of shapes, or bodies with more; None if none. Collective.
 
         Displacements may err by what is allowed [m], or by a part of themselves if they are free:
         bounded by nothing, or not yet. The motion of a body that cells join to supports errs as a
-        whole, that of others as they bend.
+        whole, that of others as they bend. What is withheld of forces, of the size `pull`
+        [N/√kg], stiffens bodies, too.
         """
         for body in bodies:
             data, drift = body.data, self._drift.of(body.data.number)
-            due = self._looks.due(body, not free) or (drift > allowed and not free)
+            due = self._looks.due(body, pull) or (drift > allowed and not free)
             if not (due and self.grows(data)):
                 continue
             _, about = self._of(data)
+            own = [each for each in withheld if each[0].data is data]
+            if data.number not in self._tense and (more := self._tensed(body, own)) is not None:
+                self._tense.add(data.number)
+                return Looked(more)
             found = Excess(about, body)
+            nu = found.nu
             errs = self.moved(body) if about.on_supports else about.beside.apart(found.d @ about.Q)
             far = self._scene.comm.allreduce(float(np.abs(errs).max(initial=0.0)), op=MPI.MAX)
-            size = off_by(found.nu) * far + drift
+            size = off_by(nu) * far + drift
             grown = NEAR
             if size > 0 and not free:  # 3 ν |d| goes with |d|³
                 grown = min(NEAR, max(allowed / size, 1.0) ** (2 / 3))
-            self._looks.looked(body, grown)
-            self._drift.looked(body, found.nu, far)
-            self.nu[data.name] = found.nu
-            small = found.nu <= BOUND and (free or size <= allowed)
-            if small or (found.nu <= FARTHEST and size <= allowed and not about.on_supports):
+            self._looks.looked(body, grown, pull)
+            self._drift.looked(body, nu, far)
+            self.nu[data.name] = nu
+            if nu <= BOUND if free else nu <= FARTHEST and size <= allowed:
                 self.bends = max(self.bends, size)
                 continue
             words = "bends by more than its shapes follow"
-            tell(self._scene.comm, f"{data.name} {words}: ν = {found.nu:.3g}")
+            tell(self._scene.comm, f"{data.name} {words}: ν = {nu:.3g}")
             woken, cells = np.zeros(self._cells, dtype=bool), most_bent(self._scene, data, found)
             woken[cells if self._scene.sum(cells.size) > 0 else data.cells] = True
             return Looked(woken=woken, reason="they bend by more than their shapes follow")
         return None
 
+    def _tensed(self, body: Body, withheld: Sequence[tuple[Fields, Force]]) -> Bodies | None:
+        """The bodies, one with Γ of its shapes, and with one more for a tension that these lack.
+
+        None if it needs none of both, where it comes in a step. Collective.
+        """
+        part, now = self._of(body.data)[0], list(self._stepper.state.bodies)
+        (k,) = (k for k, own in enumerate(now) if own.data.number == body.data.number)
+        e = self.responses.solve(self.at_start(withheld)[:, :, None])
+        d, out = self._within(body.data, e)[1][:, :, 0], now[k]
+        lacks = lacks_tension(body)
+        if not tightens(body, part, d + stresses(body) if lacks else d):
+            return None
+        if self.grown(body.data) < MOST and not (lacks and not tightens(body, part, d)):
+            out = self.more(out, e) or out
+        if out is now[k] and not lacks:
+            return None
+        now[k] = tense(out, part)
+        tell(
+            self._scene.comm,
+            f"{body.data.name}: tension stiffens its {len(now[k].motion.q)} shapes",
+        )
+        return Bodies.of_each(now)
+
     def advance(self, bodies: Bodies, dt: float) -> None:
         """Add how far bodies drift off in a step of dt [s] that ended so."""
         self.bends = max(self.bends, self._drift.advance(bodies, dt))
+        self._tense.clear()
 
     # Where they leave their shapes ----------------------------------------------------------------
 
@@ -382,10 +410,9 @@ class FoundBodies:
             self._forget(number)
 
     def _forget(self, number: int) -> None:
-        """Forget how a body that is no more has bent and spun."""
+        """Forget how a body that is no more has bent."""
         self._looks.forget(number)
         self._drift.forget(number)
-        self._limits.forget(number)
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

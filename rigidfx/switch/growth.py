@@ -79,18 +79,18 @@ class Growth(Watch):
         self._forces.bear(attempt.t, attempt.dt)
         if not self._forces.borne:
             return Looked()
+        own = [each for each in self._forces.borne.values() if self.found.grows(each[0].data)]
+        self._withheld = [(fields, fields.outside(force)) for fields, force in own]
+        size = size_of(self._scene, self._withheld)
         pressing, now = self._stepper.system.actions.pressing(), limits and limits()
         wakes = now is not None and now.rates is None
         found = self.found.pressed(self._stepper.state.bodies, pressing, attempt.dt, wakes)
         if found is None and now is not None:
             bodies, free = attempt.increments.end, now.rates is not None or now.begins
             allowed = 0.0 if now.rates is not None else self._allowed(now)
-            found = self.found.spun(bodies) or self.found.bent(bodies, allowed, free)
+            found = self.found.bent(bodies, allowed, free, self._withheld, size)
         if found is not None:
             return found
-        own = [each for each in self._forces.borne.values() if self.found.grows(each[0].data)]
-        self._withheld = [(fields, fields.outside(force)) for fields, force in own]
-        size = size_of(self._scene, self._withheld)
         known = self._since + 1 < EVERY and not self._added
         grown = max(1.0, size / self._asked)  # other forces: so may the ratio have
         quiet = known and size * self._ratio * grown < GATE

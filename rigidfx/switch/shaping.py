@@ -19,17 +19,17 @@ from rigidfx.base.log import tell
 from rigidfx.base.remembered import ON_DOFS, PART, Remembered
 from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
-from rigidfx.effects import Contact, Preload, PrescribedRotation, Reduced, Windowed
+from rigidfx.effects import Contact, Reduced, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body, RigidBody
 from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.scene import Scene
-from rigidfx.shapes.bends import Spent
+from rigidfx.shapes.bends import Spent, tense
 from rigidfx.shapes.excess import About
 from rigidfx.shapes.faces import of_faces
 from rigidfx.shapes.motion import pulled
-from rigidfx.shapes.orthonormal import to_one
+from rigidfx.shapes.orthonormal import Basis, to_one
 from rigidfx.shapes.part import LACKING, MOST, Part, PartShapes
 from rigidfx.shapes.patterns import of_springs, patterns
 from rigidfx.shapes.pressing import Pressing
@@ -109,7 +109,14 @@ class Shaping:
         held, guides = hold is not None, self._guides(body.data, hold)
         # What contacts call for begins from a part that is held.
         if len(found.force) < (int(held) if count is None else count):
-            found = shapes_of(part, responses, self._with_spins(loads), *others)
+            both = np.concatenate([loads, self._of_spins()], axis=2)
+            found = shapes_of(part, responses, both, *others)
+        spins = bool(len(found.force)) and self._spins(body, found)
+        if spins and count is None:
+            stretches = responses.solve(self._of_spins())
+            basis = part.begun(found.modes)
+            part.extend(basis, stretches, stretches.shape[2])
+            found = part.projected(self._with_new(found.modes, basis, found.modes.shape[2]))
         if count is not None and len(found.force) < count:
             raise SceneError(
                 f"{effect.owner}: shapes={count} are more than can be told apart in it, which are "
@@ -124,8 +131,8 @@ class Shaping:
         memory = found.modes.itemsize * 3 * m * nodes / MEGA
         text = f"{effect.owner}: {m} shapes of {nodes} nodes, which take {memory:.1f} MB"
         tell(self._scene.comm, text)
-        spun = self._spun(body, found.modes) if self._spins(body, found) else None
-        made = self._with(body, found, held, spun, given)
+        made = self._with(body, found, held, given)
+        made = tense(made, part) if spins else made
         v = state.v.x.array.reshape(-1, 3)[body.data.nodes]
         v = v - body.motion.velocities(body.data.offsets)
         assert made.data.shapes is not None
@@ -159,43 +166,26 @@ class Shaping:
         mass = own.dot(part.modes, own.times_mass(part.modes))
         lowest = float((np.diag(part.stiffness) / np.diag(mass)).min())
         spin = float(body.motion.angular_velocity @ body.motion.angular_velocity)
-        return spin > STIFFENING * lowest or self._axis(own) is not None
+        return spin > STIFFENING * lowest
 
-    def _axis(self, part: Part) -> Array | None:
-        """A point of the axis about which a support turns a part [m]; None without. Collective."""
-        found, scene, responses = None, self._scene, self._responses
-        assert responses is not None
-        for support in self._acting:
-            if isinstance(support, PrescribedRotation):
-                held: Array = np.zeros((scene.owned_nodes, 3, 1))
-                nodes = scene.nodes(support.where, support.owner)
-                held[nodes[nodes < scene.owned_nodes]] = 1.0
-                if responses.act_on(part.nodes, held)[0]:
-                    found = np.asarray(support.through)
-        return found
-
-    def _spun(self, body: Body, modes: Array) -> Array:
-        """N of a body's shapes: see `Part.spun`. Collective."""
-        part = self._part(body.data)
-        axis = self._axis(part)
-        return part.spun(modes, body.motion.r if axis is None else axis)
-
-    def _with_spins(self, loads: Array) -> Array:
-        """Loads, and the inertia of homogeneous deformations, as spins have it. Collective."""
+    def _of_spins(self) -> Array:
+        """The inertia of homogeneous deformations, as spins have it. Collective."""
         assert self._responses is not None
         x = self._responses.stiffness.places
         fields = [np.outer(x[:, i], e) for i in range(3) for e in np.eye(3)[i:]]
         more = self._responses.inertia(np.stack(fields, axis=2))
-        return np.concatenate([loads, self._responses.balanced(more)], axis=2)
+        return self._responses.balanced(more)
 
-    def _with(
-        self, body: Body, part: PartShapes, held: bool, spun: Array | None, given: int
-    ) -> Body:
+    def _with_new(self, modes: Array, basis: Basis, known: int) -> Array:
+        """Shapes, (nodes, 3, m), and those that a basis has beside known ones. Collective."""
+        more, _ = to_one(self._scene.comm, basis.vectors[:, :, known:])
+        return np.concatenate([modes, more], axis=2)
+
+    def _with(self, body: Body, part: PartShapes, held: bool, given: int) -> Body:
         """A body with other shapes, of which the first ones are those that it has. Collective.
 
         All are zero where a support holds its frame, and the first ones that are given follow
-        supports; for N see `Part.spun`. Where a `Preload` has put the stresses of a spin into K,
-        Ω is taken less these.
+        supports.
         """
         data, own, drift = body.data, self._part(body.data), None
         modes = part.modes
@@ -203,15 +193,10 @@ class Shaping:
             drift = np.asarray(self._scene.sum(own.times_mass(modes).sum(axis=0)).T) / data.mass
             modes = modes - drift.T
         moments, fields = own.moments(data.offsets, modes), modes.swapaxes(1, 2).copy()
-        stiffness = part.stiffness
-        assert self._responses is not None
-        if spun is not None and self._responses.stressed:
-            for preload in self._scene.named(Preload):
-                spin = np.asarray(preload.spin)  # in the frame of the start, in which shapes are
-                stiffness = stiffness + np.einsum("klij,i,j->kl", spun, spin, spin)
-        known = data.nodes, fields, moments, stiffness, part.force
-        made = body.with_shapes(Shapes(*known, drift, spun, given=given))
-        kept = replace(NOTHING, strain=data.frozen.strain)
+        known = data.nodes, fields, moments, part.stiffness, part.force
+        tension = None if data.shapes is None else data.shapes.tension
+        made = body.with_shapes(Shapes(*known, drift, tension, given=given))
+        kept = replace(NOTHING, strain=made.data.frozen.strain)
         return Body(replace(made.data, frozen=kept), made.motion)
 
     def _part(self, data: RigidBody) -> Part:
@@ -260,13 +245,11 @@ class Shaping:
         self._tell_more(data.name, m, len(basis), fits)
         if len(basis) == m:
             return body
-        more, _ = to_one(self._scene.comm, basis.vectors[:, :, m:])
-        every = np.concatenate([whole_modes(data).swapaxes(1, 2), more], axis=2)
+        every = self._with_new(whole_modes(data).swapaxes(1, 2), basis, m)
         shapes, projected = data.shapes, part.projected(every)
         if shapes is None:
-            return self._with(body, projected, False, None, 0)
-        spun = None if shapes.spun is None else self._spun(body, every)
-        return self._with(body, projected, shapes.drift is not None, spun, shapes.given)
+            return self._with(body, projected, False, 0)
+        return self._with(body, projected, shapes.drift is not None, shapes.given)
 
     def _tell_more(self, name: str, before: int, now: int, all_of_them: bool) -> None:
         """Log new shapes; warn once of forces for which there is no room. Collective."""
@@ -337,9 +320,13 @@ class Shaping:
         last = squares[off <= LACKING].max(initial=0.0)
         return off, found[found < (1 + LACKING) * last]
 
-    def spent(self, state: State) -> dict[str, float]:
+    def spent(self, state: State, tenses: bool = False) -> dict[str, float]:
         """ν of each part: see `Spent`. Collective."""
-        return self._spent.follow(state, partial(self.about, state))
+        return self._spent.follow(state, partial(self.about, state), tenses)
+
+    def tensed(self, state: State) -> Bodies | None:
+        """The bodies with terms for tension: see `Spent`. Collective."""
+        return self._spent.tensed(state.bodies, partial(self.about, state))
 
     def about(self, state: State, body: Body) -> About:
         """The expansion of a body, about the start. Collective."""

@@ -116,7 +116,8 @@ class Withheld:
         self._follow(increments)
         loads = self._loads_of(t, dt, self._stepper.system.acting)
         resisted, on_nodes = self._resisted(gained, dt), loads.reshape(-1, 3)
-        half, known, products = 0.5 * (start.q + end.q)[self._of], [], []
+        half = 0.5 * (start.stretched + end.stretched)[self._of]
+        known, products = [], []
         for k, (fields, at) in enumerate(zip(self.fields, self._parts.at, strict=True)):
             if fields is not None:
                 beside = -resisted[at] @ R[k]  # at few nodes

@@ -103,18 +103,19 @@ class Fields:
         self._masses = self._gram[ends].reshape(-1, 3).sum(axis=1)  # of shapes, ΦᵀMΦ
 
     def force(
-        self, gained: Array, shorter: Array, q: Array, beside: Array, products: Array
+        self, gained: Array, shorter: Array, e: Array, beside: Array, products: Array
     ) -> Force:
         """ρ without the part that would move the body as a whole.
 
         `gained` is the rate at which numbers of [1, V, Φ] change, shape (4 + 3 m, 3) [m/s², 1/s²],
-        `shorter` the mean of the rotations, (3, 3), both in the body's frame. Shapes have q in the
-        middle of the step [m]. `beside` is f, (nodes, 3) [N], and `products` its h.
+        `shorter` the mean of the rotations, (3, 3), both in the body's frame. Shapes are
+        stretched by e in the middle of the step [m]. `beside` is f, (nodes, 3) [N], and `products`
+        its h.
         """
         known = np.zeros((self.count, 3))
         known[:3] = -shorter
         known[self._inertia] -= gained
-        known[self._elastic] -= (q[:, None, None] * IDENTITY).reshape(-1, 3)
+        known[self._elastic] -= (e[:, None, None] * IDENTITY).reshape(-1, 3)
         out = Force(self.data.nodes, known, beside, products)
         sums = np.einsum("kjb,jb->k", self._motions, self._on_places(out)[:4])
         moving = np.tensordot(self._inverse @ sums, self._motions, 1)

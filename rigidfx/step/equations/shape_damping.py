@@ -1,7 +1,8 @@
 """Damping of cells in bodies that deform by shapes.
 
-A viscous stress of cells gives a body the forces C Δq/Δt, C = Φᵀ C_cells Φ, numerical damping gives
-ξ K Δq, both of the shape at the freeze. The tangent of a step tells them: without motion it is
+A viscous stress of cells gives a body the stresses C Δe/Δt, C = Φᵀ C_cells Φ, numerical damping
+gives ξ K Δe, both of the shape at the freeze. The tangent of a step tells them. Without motion it
+is
 
     ½ K + ξ K + C/Δt,
 
@@ -57,8 +58,6 @@ class ShapeDamping:
         with self._forces.undamped() as parts:
             steady, viscous = dict[str, Array](), dict[str, Array]()
             half = 0.5 * body.shapes.stiffness
-            if body.shapes.spun is not None:  # that may lack stresses of a spin
-                half = _projected(self._scene, rows, form, fields)
             for kind, is_viscous, switch in parts:
                 switch(True)
                 C = _projected(self._scene, rows, form, fields) - half
@@ -74,10 +73,10 @@ class ShapeDamping:
 
     def taken(self, increments: Increments, dt: float) -> dict[str, float]:
         """Energy that each kind takes in a step [J]."""
-        dq = increments.unknowns[:, 6:]
-        out = {kind: float(np.vdot(dq, times(C, dq))) for kind, C in self._steady.items()}
+        de = increments.de
+        out = {kind: float(np.vdot(de, times(C, de))) for kind, C in self._steady.items()}
         for kind, C in self._viscous.items():
-            out[kind] = out.get(kind, 0.0) + float(np.vdot(dq, times(C, dq))) / dt
+            out[kind] = out.get(kind, 0.0) + float(np.vdot(de, times(C, de))) / dt
         return out
 
 
