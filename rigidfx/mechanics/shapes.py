@@ -249,6 +249,7 @@ class ShapesOfBodies:
 
     def _slopes(self, q: Array) -> Array:
         """Ω⁻¹Γ q = ∂e/∂q - 1, shape (some, most, most)."""
+        assert self.relieved is not None
         return np.asarray((self.relieved @ q[:, None, :, None])[..., 0])
 
     def on_coordinates(self, q: Array, s: Array) -> Array:

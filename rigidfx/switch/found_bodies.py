@@ -1,8 +1,8 @@
 """The bodies of a run that were found: their shapes, and how far these hold.
 
-docs/theory/shapes.md#withheld-forces has how they begin and how they leave their shapes. Where one
-bends so far that its energy is not that of its shapes (`bends`), it gets Γ, and its cells wake where
-that is not enough.
+docs/theory/shapes.md#withheld-forces has how they begin and how they leave their shapes. One that
+tension stiffens gets Γ, and cells wake where it bends so far that its energy is not that of its
+shapes (`bends`).
 """
 
 from collections.abc import Sequence
