@@ -159,20 +159,20 @@ def test_the_papers_rule_releases_it_at_each_change_of_the_load():
 
 
 @pytest.mark.parametrize(
-    ("kind", "wakes", "options"),
+    ("kind", "options"),
     [
-        ("traction", True, {}),
-        ("pressure", False, {"mass": "consistent"}),
+        ("traction", {}),
+        ("pressure", {"mass": "consistent"}),
         (
-            *("gravity", False),
+            "gravity",
             {"cell": "tetrahedron", "order": 2, "mass": "consistent", "cells": (8, 1, 1)},
         ),
     ],
     ids=["lumped", "consistent", "tetrahedra"],
 )
 @chatter
-def test_a_blow_wakes_what_it_strains(kind, wakes, options):
-    """As it rises, or bodies get shapes that follow it; momenta and energy are kept."""
+def test_a_blow_wakes_what_it_strains(kind, options):
+    """Or bodies get shapes that follow it; momenta and energy are kept."""
     scene = on_a_block(STRIKES[kind], **options)
     tips, rates, _, _ = run(scene, 1.4)
     tol = 0.05 * rates.max()
@@ -180,12 +180,11 @@ def test_a_blow_wakes_what_it_strains(kind, wakes, options):
     assert rigid[round(0.9 / DT)].any()
     woken = [event.t for event in events if event.woken.size]
     assert min(woken, default=1.0) >= 1.0 - 1e-9
-    assert not wakes or min(woken, default=9.0) < 1.1
     for event in events:
         assert event.linear_momentum_error <= 1e-10
         assert abs(event.energy_lost) <= 1e-10
     asleep = run(scene, 1.4, rf.StrainRate(tol, WINDOW * DT, wake="none"))
-    assert error(found, tips) <= 0.1 * error(asleep[0], tips)
+    assert error(found, tips) <= 1e-3 * error(asleep[0], tips)
 
 
 def test_a_wave_wakes_the_half_that_it_runs_into():
