@@ -17,13 +17,9 @@ from itertools import pairwise
 
 import numpy as np
 from accuracy import Setting, Structure, draw, measured
-from common import Parser, chosen, conclude, say, write, write_json
+from common import Parser, chosen, conclude, machines, say, write, write_json
 
 import rigidfx as rf
-from meshes.block_with_cantilever import block_with_cantilever
-from meshes.device import device
-from meshes.mechanism import LENGTH, RADIUS, slider_crank
-from meshes.robot_arm import HEIGHT, TIP, robot_arm
 
 parser = Parser(__file__, "What accuracy costs in time.", "few runs, short")
 parser.add_only("structures")
@@ -39,101 +35,31 @@ options = parser.read()
 
 
 # +
-ALUMINIUM = rf.StVenantKirchhoff(E=7e10, nu=0.33, rho=2700.0)  # Pa, 1, kg/m³
-
-
 def arm(*parts: rf.Reduced) -> rf.Scene:
     """A machine part of aluminium on a moved axis."""
-    size = 0.02 if options.short else 0.009  # m
-
-    def way(t: float) -> tuple[float, float, float]:
-        """Displacement of the axis [m]."""
-        s = np.clip(t / 0.04, 0.0, 1.0)
-        return 0.0, 0.05 * (s - np.sin(2 * np.pi * s) / (2 * np.pi)), 0.0
-
-    return rf.Scene(
-        robot_arm(size, max(0.012, 0.6 * size)),
-        ALUMINIUM,
-        [
-            rf.PrescribedMotion("bore", displacement=way),
-            rf.StiffnessDamping(0.01, frequency=30.0),
-            *parts,
-        ],
-        order=2,
-        mass="consistent",
-        probes={"tip": (TIP, 0.0, HEIGHT / 2)},
-    )
-
-
-FALL, GRAVITY = 0.5, 9.81  # m, m/s²
+    damping = rf.StiffnessDamping(0.01, frequency=30.0)
+    way = lambda t: (0.0, 0.05 * machines.travel(t / 0.04), 0.0)  # noqa: E731
+    return machines.arm_moved(0.02 if options.short else 0.009, way, damping, *parts)
 
 
 def drop(*parts: rf.Reduced) -> rf.Scene:
     """A device of a shell, two boards and a block, above a floor."""
-    body = device(0.02 if options.short else 0.0033, up=(0.060, 0.035, 0.036), height=FALL)
+    body = machines.device_above_floor(0.02 if options.short else 0.0033)
     highest = body.mesh.geometry.x[np.argmax(body.mesh.geometry.x[:, 2])]
-    return rf.Scene(
-        body,
-        {
-            "shell": rf.NeoHooke(E=2.4e9, nu=0.35, rho=1200.0),
-            "board": rf.StVenantKirchhoff(E=2e10, nu=0.2, rho=1900.0),
-            "heavy": rf.StVenantKirchhoff(E=1e10, nu=0.3, rho=2700.0),
-        },
-        [
-            rf.Contact("skin", against=rf.Plane((0, 0, 0), (0, 0, 1)), title="floor"),
-            rf.Gravity((0, 0, -GRAVITY)),
-            rf.StiffnessDamping(0.05, frequency=1000.0),
-            *parts,
-        ],
-        element="enhanced",
-        probes={"top": tuple(highest)},
-    )
+    return machines.device_dropped(body, *parts, probes={"top": tuple(highest)})
 
 
 def body(*parts: rf.Reduced) -> rf.Scene:
     """The block with a cantilever, thrown into a turn."""
-    domain = block_with_cantilever()
-    domain = domain.with_facets("block", lambda x: (x[0] < 9.01) & (np.abs(x[2] - 3.0) > 2.99))
-    domain = domain.with_facets("end", lambda x: (x[0] > 14.99) & (x[2] > 3.99))
-    return rf.Scene(
-        domain,
-        rf.StVenantKirchhoff(E=5e5, nu=0.3, rho=100.0),
-        [
-            rf.Traction("block", (0.0, 0.0, -1e4), total=True, until=2.0),  # N
-            rf.Traction("end", (0.0, 0.0, 1e4), total=True, until=2.0),
-            rf.StiffnessDamping(0.025 * np.pi, frequency=1.0),
-            *parts,
-        ],
-        probes={"end": (23.0, 2.7, 3.0)},
-    )
+    return machines.block_thrown(rf.StiffnessDamping(0.025 * np.pi, frequency=1.0), *parts)
 
 
 def crank(*parts: rf.Reduced) -> rf.Scene:
     """A crank, a rod and a block between joints, and a motor."""
     size = 0.05 if options.short else 0.019  # m
-    face, z, wrist = rf.MeanFace, (0.0, 0.0, 1.0), (RADIUS + LENGTH, 0.0, 0.0)
-
-    def speed(t: float) -> float:
-        """Speed of the crank [rad/s]."""
-        s = np.clip(t / 0.02, 0.0, 1.0)
-        return 100.0 * s * s * (3 - 2 * s)
-
-    return rf.Scene(
-        slider_crank(size, size / 2),
-        rf.StVenantKirchhoff(E=2.1e11, nu=0.3, rho=7800.0),
-        [
-            rf.Revolute("ground", face("journals"), (0, 0, 0), z, name="bearing"),
-            rf.Cylindrical(face("pin"), face("big eye"), (RADIUS, 0, 0), z, name="crank pin"),
-            rf.Spherical(face("small eye"), face("wrist"), wrist, name="wrist pin"),
-            rf.Prismatic("ground", face("slides"), wrist, (1, 0, 0), name="guide"),
-            rf.Motor("bearing", speed=speed),
-            rf.StiffnessDamping(0.02, frequency=500.0),
-            *parts,
-        ],
-        order=2,
-        mass="consistent",
-        probes={"block": (RADIUS + LENGTH + 0.069, 0.0, 0.03)},
-    )
+    joints = machines.crank_joints(lambda t: 100.0 * machines.ramp(t / 0.02))
+    damping = rf.StiffnessDamping(0.02, frequency=500.0)
+    return machines.crank_scene(size, [*joints, damping, *parts], {"block": machines.BLOCK})
 
 
 # -
@@ -165,7 +91,7 @@ def structure(name, scene, at, of, t_end, dt, reduced, quiet=0.0) -> Structure:
     return Structure(name, scene, at, of, t_end, quiet, reference, ways, parts)
 
 
-short, touch = options.short, float(np.sqrt(2 * FALL / GRAVITY))
+short, touch = options.short, machines.TOUCH
 parts = "crank", "rod", "block"
 STRUCTURES = [
     structure("robot arm", arm, "tip", 0.018, 0.06 if short else 0.2, 5e-4, ("link", "head")),

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import comm, write_json
+from common import comm, machines, write_json
 from matplotlib.ticker import LogLocator
 from scipy.interpolate import CubicSpline
 
@@ -92,7 +92,7 @@ def measured(structure: Structure, setting: Setting, folder: Path) -> Run:
 
     Collective.
     """
-    source = inspect.getsource(structure.scene)
+    source = inspect.getsource(structure.scene) + inspect.getsource(machines)
     text = f"{source} {structure.t_end} {structure.parts} {setting} {comm.size}"
     path = folder / f"{structure.name} {sha256(text.encode()).hexdigest()[:12]}.json"
     found = None

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from bench import Parser, chosen, conclude
-from impacts import (
+from bench.impacts import (
     bar_against_wall,
     bars,
     bounces,

@@ -24,11 +24,10 @@ from time import perf_counter
 from typing import Any
 
 from bench import DT, MATERIAL, PUSH, Parser, Turns, bar, cells_of_bar, chosen, conclude
-from bench.graded import block_of
 from bench.locking_cases import PROMISED, TOLERANCES, cases, options_of, squeezed
 from bench.mode_answers import CASES as MODES
 from bench.static_answers import CASES as STATICS
-from common import say
+from common import block_of, say
 
 import rigidfx as rf
 

@@ -10,13 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from common.machines import block_thrown, frame_shocked, pulse
 
 import rigidfx as rf
-from meshes.block_with_cantilever import block_with_cantilever
-from meshes.spatial_frame import spatial_frame
 from meshes.tumbling_l import tumbling_l
 
-from .waking_scenes import BASE, pulse, scene, sine
+from .waking_scenes import BASE, scene, sine
 from .waking_scenes import bar as stalk_and_block
 
 BUDGETS = 0.05, 0.01, 0.002
@@ -49,28 +48,12 @@ def viscous(beta: float) -> rf.StiffnessDamping:
 
 def body() -> rf.Scene:
     """The block with a cantilever, thrown into a turn."""
-    domain = block_with_cantilever().with_facets(
-        "block faces", lambda x: (x[0] < 9.01) & (np.abs(x[2] - 3.0) > 2.99)
-    )
-    domain = domain.with_facets("tip face", lambda x: (x[0] > 14.99) & (x[2] > 3.99))
-    loads = [
-        rf.Traction("block faces", (0.0, 0.0, -1e4 / 97.2), until=2.0),  # N/m²
-        rf.Traction("tip face", (0.0, 0.0, 1e4 / 14.4), until=2.0),
-    ]
-    material = rf.StVenantKirchhoff(E=5e5, nu=0.3, rho=100.0)
-    return rf.Scene(domain, material, [*loads, viscous(0.025)], probes={"end": (23.0, 2.7, 3.0)})
+    return block_thrown(viscous(0.025))
 
 
 def frame() -> rf.Scene:
     """The plate on four columns, under a shock."""
-    effects = [
-        rf.Fixed("feet"),
-        rf.Fixed("symmetry", "y"),
-        rf.Traction("side", (4250.0, 0.0, 0.0), until=0.05),  # Pa
-        viscous(0.00125),
-    ]
-    material = rf.StVenantKirchhoff(E=7e10, nu=0.2, rho=2700.0)
-    return rf.Scene(spatial_frame(coarse=3), material, effects, probes={"end": (6.0, 3.0, 4.5)})
+    return frame_shocked(3, "end", viscous(0.00125), until=0.05)
 
 
 def tumbling(refine: int = 1) -> rf.Scene:

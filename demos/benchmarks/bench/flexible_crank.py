@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from codes import matrices, part_of
+from common.machines import ramp
 from mpi4py import MPI
 
 import rigidfx as rf
@@ -46,8 +47,7 @@ PROBES = {
 
 def torque(t: float) -> float:
     """Torque of the motor [N m], smooth from rest."""
-    s = min(t / FULL, 1.0)
-    return PUSH * s * s * (3 - 2 * s)
+    return PUSH * ramp(t / FULL)
 
 
 def _parts(names: tuple[str, ...], size: float, gmsh: Any) -> None:

@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from common import block_of
 from dolfinx import fem
 
 import rigidfx as rf
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.linear_forms import static_forces
-
-from .graded import block_of
 
 Array = npt.NDArray[np.float64]
 

@@ -17,10 +17,9 @@ from collections.abc import Callable
 from time import perf_counter
 
 import numpy as np
+from common import block_of
 
 import rigidfx as rf
-
-from .graded import block_of
 
 Case = Callable[[bool], list[tuple[str, float, float]]]
 

@@ -10,10 +10,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from common.machines import pulse
 
 import rigidfx as rf
 
-from .waking_scenes import Built, Effects, pulse, sine
+from .waking_scenes import Built, Effects, sine
 
 __all__ = ["random_case"]
 

@@ -24,18 +24,14 @@ from functools import partial
 from time import process_time
 
 import numpy as np
+from common import machines
+from common.machines import TOUCH, pulse, ramp, travel
 
 import rigidfx as rf
-from meshes.device import device
-from meshes.gong import MALLET, PLACES, SIDE, gong
-from meshes.mechanism import FILLET, slider_crank
-from meshes.robot_arm import HEIGHT, TIP, robot_arm
-
-from .crank import BLOCK, driven
-from .waking_scenes import pulse
+from meshes.gong import PLACES, SIDE
+from meshes.mechanism import FILLET
 
 SOFT = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)  # Pa, 1, kg/m³
-ALUMINIUM = rf.StVenantKirchhoff(E=7e10, nu=0.33, rho=2700.0)
 
 
 @dataclass(frozen=True)
@@ -112,24 +108,12 @@ def probes(report: rf.Report) -> np.ndarray:
 
 def plate(across: int) -> Case:
     """The gong, for half a second after the first blow."""
-    push = (0.0, 0.0, -500.0 / MALLET**2)  # Pa
     blows = {"corner": 0.02, "side": 0.32}  # s
-    effects = [
-        rf.Spring("rim", 330.0),
-        rf.StiffnessDamping(ratio=0.3, frequency=20.0),
-        rf.InitialVelocity(linear=(0, 0, 0.05)),
-        *(rf.Traction(where, push, time=pulse(t, 0.01)) for where, t in blows.items()),
-    ]
-    plastic = rf.StVenantKirchhoff(E=3e9, nu=0.3, rho=1200.0)
-    steel = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)
     corners = {"corner": (SIDE, SIDE, 0), "across": (0, 0, 0), "hub": (SIDE / 2, SIDE / 2, 0)}
     below = {f"below {name}": (*place, 0.0) for name, place in PLACES.items()}
 
     def scene(*parts: rf.Reduced) -> rf.Scene:
-        materials = {"plate": plastic, "hub": steel}
-        given = [*effects, *parts]
-        points = corners | below
-        return rf.Scene(gong(across), materials, given, element="enhanced", probes=points)
+        return machines.gong_struck(across, blows, *parts, probes=corners | below)
 
     def seen(report: rf.Report) -> np.ndarray:
         stress = [report.stresses[name].von_mises if report.step else 0.0 for name in below]
@@ -145,23 +129,10 @@ def plate(across: int) -> Case:
 
 def drop(size: float) -> Case:
     """The device, from its fall to the end of its first hit."""
-    gravity, dt, height, after = 9.81, 1e-4, 0.5, 0.012
-    touch = float(np.sqrt(2 * height / gravity))
-    materials = {
-        "shell": rf.NeoHooke(E=2.4e9, nu=0.35, rho=1200.0),
-        "board": rf.StVenantKirchhoff(E=2e10, nu=0.2, rho=1900.0),
-        "heavy": rf.StVenantKirchhoff(E=1e10, nu=0.3, rho=2700.0),
-    }
-    floor = rf.Contact("skin", against=rf.Plane((0, 0, 0), (0, 0, 1)), title="floor")
-    effects = [
-        floor,
-        rf.Gravity((0, 0, -gravity)),
-        rf.StiffnessDamping(ratio=0.05, frequency=1000.0),
-    ]
+    dt = 1e-4
 
     def scene(*parts: rf.Reduced) -> rf.Scene:
-        body = device(size, up=(0.060, 0.035, 0.036), height=height)
-        return rf.Scene(body, materials, [*effects, *parts], element="enhanced")
+        return machines.device_dropped(machines.device_above_floor(size), *parts)
 
     def seen(report: rf.Report) -> np.ndarray:
         force = report.touches["floor"].force[2] if report.step else 0.0
@@ -172,28 +143,20 @@ def drop(size: float) -> Case:
         rebound = own[ends[0], 1] / twin[ends[1], 1] - 1
         return {"peak_force": own[:, 0].max() / twin[:, 0].max() - 1, "rebound": float(rebound)}
 
-    steps = {0.0: 1e-3, touch - 10.5 * dt: dt}
-    return Case(scene, (rf.Reduced(),), steps, touch + after, seen, errors)
+    steps = {0.0: 1e-3, TOUCH - 10.5 * dt: dt}
+    return Case(scene, (rf.Reduced(),), steps, TOUCH + 0.012, seen, errors)
 
 
 def arm(size: float, distance: float = 0.05 / 3, back: float = np.inf) -> Case:
     """The arm, its axis moved by some way [m], and back from a time on [s], if before the end."""
-    travel = 0.04  # s
-
-    def moved(t: float) -> float:
-        s = np.clip(t / travel, 0.0, 1.0)
-        return distance * float(s - np.sin(2 * np.pi * s) / (2 * np.pi))
+    length = 0.04  # s
 
     def way(t: float) -> tuple[float, float, float]:
-        return 0.0, moved(t) - moved(t - back), 0.0
-
-    effects = [rf.PrescribedMotion("bore", displacement=way), rf.NumericalDamping(0.05)]
+        there = travel(t / length) - travel((t - back) / length)
+        return 0.0, distance * there, 0.0
 
     def scene(*parts: rf.Reduced) -> rf.Scene:
-        body = robot_arm(size, max(0.012, 0.6 * size))
-        tip = {"tip": (TIP, 0.0, HEIGHT / 2)}
-        given = [*effects, *parts]
-        return rf.Scene(body, ALUMINIUM, given, order=2, mass="consistent", probes=tip)
+        return machines.arm_moved(size, way, rf.NumericalDamping(0.05), *parts)
 
     def seen(report: rf.Report) -> np.ndarray:
         return np.array(report.probes["tip"][1] - way(report.t)[1])
@@ -248,20 +211,13 @@ def sine(which: str) -> Case:
 
 def crank(size: float) -> Case:
     """The slider-crank of `demos/mechanism.py`, brought to speed, turned and stopped."""
-    speed, ramp = 100.0, 0.02  # rad/s, s
-    brake = ramp / 2 + np.pi / speed  # s
-
-    def smooth(t: float) -> float:
-        s = min(max(t / ramp, 0.0), 1.0)
-        return s * s * (3 - 2 * s)
-
-    effects = driven(lambda t: speed * (smooth(t) - smooth(t - brake)))
-    points = {"fillet": FILLET, "block": BLOCK}
+    speed, rise = 100.0, 0.02  # rad/s, s
+    brake = rise / 2 + np.pi / speed  # s
+    effects = machines.crank_driven(lambda t: speed * (ramp(t / rise) - ramp((t - brake) / rise)))
+    points = {"fillet": FILLET, "block": machines.BLOCK}
 
     def scene(*parts: rf.Reduced) -> rf.Scene:
-        steel = rf.StVenantKirchhoff(E=2.1e11, nu=0.3, rho=7800.0)
-        body, given = slider_crank(size, size / 2), [*effects, *parts]
-        return rf.Scene(body, steel, given, order=2, mass="consistent", probes=points)
+        return machines.crank_scene(size, [*effects, *parts], points)
 
     def seen(report: rf.Report) -> np.ndarray:
         looked = report.step and report.step % 5 == 0
@@ -274,7 +230,7 @@ def crank(size: float) -> Case:
         return of_way(own[:, 3:6], twin[:, 3:6]) | {"stress": stress, "gap": own[:, 7].max()}
 
     parts = tuple(rf.Reduced(name) for name in ("crank", "rod", "block"))
-    return Case(scene, parts, 2e-4, brake + ramp + 0.01, seen, errors)
+    return Case(scene, parts, 2e-4, brake + rise + 0.01, seen, errors)
 
 
 def tumbling(steps: int) -> dict[str, object]:

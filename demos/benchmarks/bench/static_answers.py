@@ -15,12 +15,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from common import block_of
 from mpi4py import MPI
 from scipy.integrate import solve_bvp
 
 import rigidfx as rf
-
-from .graded import block_of
 
 FACTOR = 1.7  # of the limit load, that the load steps of the arch aim at
 

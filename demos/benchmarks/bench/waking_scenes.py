@@ -12,24 +12,20 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from common import machines
+from common.machines import Time, pulse, ramp
 from hardcases.cad_parts import lug
 
 import rigidfx as rf
-from meshes.gong import MALLET, SIDE, gong
+from meshes.gong import SIDE
 from meshes.mechanism import slider_crank
 from meshes.robot_arm import HEIGHT, TIP, robot_arm
-from meshes.spatial_frame import spatial_frame
 
-from .crank import BLOCK, driven
-
-__all__ = ["BASE", "CASES", "LARGE", "Built", "Effects", "bar", "pulse", "scene", "sine"]
+__all__ = ["BASE", "CASES", "LARGE", "Built", "Effects", "bar", "scene", "sine"]
 
 SOFT = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)  # Pa, 1, kg/m³
 MIDDLE = rf.StVenantKirchhoff(E=1e7, nu=0.3, rho=1000.0)
 STIFF = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)
-STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)
-POLYMER = rf.StVenantKirchhoff(E=3e9, nu=0.3, rho=1200.0)
-ALUMINIUM = rf.StVenantKirchhoff(E=7e10, nu=0.33, rho=2700.0)
 BASE = rf.Fixed("x0")
 DRAG, DAMPING = rf.MassDamping(1.0), rf.KelvinVoigt(2e4)
 WEIGHT = rf.Gravity((0.0, 0.0, -0.05))
@@ -39,12 +35,6 @@ PERIOD = 1.2  # s, of the stiff bar held at one end
 SPEED, RAMP = 100.0, 0.02  # rad/s, s; of the crank
 SPEED_OF_SOUND = float(np.sqrt(SOFT.E / SOFT.rho))
 Effects = list[rf.effects.Effect]
-Time = Callable[[float], float]
-
-
-def pulse(start: float, length: float) -> Time:
-    """A smooth push of height one."""
-    return lambda t: float(start < t < start + length) * np.sin(np.pi * (t - start) / length) ** 2
 
 
 def sine(period: float) -> Time:
@@ -144,16 +134,8 @@ def swinging(period: float, reach: float) -> rf.PrescribedMotion:
 
 def struck(across: int) -> rf.Scene:
     """The plate of demos/gong.py, damped, in soft springs, in which it swings, and two blows."""
-    pressure = (0.0, 0.0, -500.0 / MALLET**2)  # Pa
-    blows = {"corner": pulse(0.1, 0.01), "side": pulse(0.4, 0.01)}
-    effects = [
-        rf.Spring("rim", 330.0),
-        rf.StiffnessDamping(ratio=0.3, frequency=20.0),
-        rf.InitialVelocity(linear=(0, 0, 0.05)),
-        *(rf.Traction(name, pressure, time=time) for name, time in blows.items()),
-    ]
-    mesh, materials = gong(16 * max(1, across // 2)), {"plate": POLYMER, "hub": STEEL}
-    return rf.Scene(mesh, materials, effects, element="enhanced", probes={"tip": (SIDE, SIDE, 0)})
+    blows = {"corner": 0.1, "side": 0.4}  # s
+    return machines.gong_struck(16 * max(1, across // 2), blows, probes={"tip": (SIDE, SIDE, 0)})
 
 
 def arm(across: int) -> rf.Scene:
@@ -174,21 +156,14 @@ def arm(across: int) -> rf.Scene:
     ]
     size, leaf = (0.02, 0.012) if across <= COARSE else (0.008, 0.005)
     probe = {"tip": (TIP, 0.0, HEIGHT / 2)}
-    return rf.Scene(robot_arm(size, leaf), ALUMINIUM, effects, probes=probe)
+    return rf.Scene(robot_arm(size, leaf), machines.ALUMINIUM, effects, probes=probe)
 
 
 def frame(across: int) -> rf.Scene:
     """The frame of demos/spatial_frame.py under two shocks on its side."""
     both = lambda t: pulse(0.0, 0.05)(t) + pulse(1.6, 0.05)(t)  # noqa: E731
-    effects = [
-        rf.Fixed("feet"),
-        rf.Fixed("symmetry", "y"),
-        rf.Traction("side", (4250.0, 0.0, 0.0), time=both),
-        rf.NumericalDamping(0.35),
-    ]
-    material = rf.StVenantKirchhoff(E=7e10, nu=0.2, rho=2700.0)
-    mesh = spatial_frame(coarse=3 if across <= COARSE else 1)
-    return rf.Scene(mesh, material, effects, probes={"tip": (6.0, 3.0, 4.5)})
+    coarse = 3 if across <= COARSE else 1
+    return machines.frame_shocked(coarse, "tip", rf.NumericalDamping(0.35), time=both)
 
 
 def rotor(across: int) -> rf.Scene:
@@ -268,13 +243,9 @@ def wave(across: int) -> rf.Scene:
 def crank(across: int) -> rf.Scene:
     """The machine of demos/mechanism.py, which meets a stop, of first-order cells."""
     size = 0.04 if across <= COARSE else 0.03
-
-    def speed(t: float) -> float:
-        s = min(t / RAMP, 1.0)
-        return SPEED * s * s * (3 - 2 * s)
-
+    effects = machines.crank_driven(lambda t: SPEED * ramp(t / RAMP))
     made = slider_crank(size, size / 2)
-    return rf.Scene(made, STEEL, driven(speed), probes={"tip": BLOCK})
+    return rf.Scene(made, machines.STEEL, effects, probes={"tip": machines.BLOCK})
 
 
 def large(across: int) -> Callable[[int], rf.Scene]:

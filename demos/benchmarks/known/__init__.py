@@ -2,12 +2,10 @@
 
 from .contacts import BARS, CAPSTAN
 from .machines import ANDREWS, BRICARD, FOUR_BARS, HEAVY_TOP
-from .motions import EL_CENTRO, PENDULUM, TURNING_BAR
+from .motions import EL_CENTRO, PENDULUM, SPIN_UP, TURNING_BAR
 from .nafems import BEND, DEEP_BEAM, PLATE, THICK_PLATE
-from .princeton import FIRST_ORDER, PRINCETON
 from .row import Found, Problem
-from .slender import CHAIN, PRESTRESSED, SOFT_CANTILEVER
-from .spin_up import SPIN_UP
+from .slender import CHAIN, FIRST_ORDER, PRESTRESSED, PRINCETON, SOFT_CANTILEVER
 
 __all__ = ["PROBLEMS", "Found", "Problem"]
 

@@ -13,8 +13,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from bench.graded import block_of
-from impacts.waves import two_bars
+from bench.impacts import APART, SIDE, SPEED, two_bars
+from common import block_of
 
 import rigidfx as rf
 
@@ -33,30 +33,21 @@ def bars(short: bool) -> Iterator[list[Found]]:
 
 def blow(struck: int, n: int) -> list[Found]:
     """A bar of a metre hits one of so many metres, of n cells a metre."""
-    apart, side, v = 2e-4, 0.01, 2e-3
     unit = rf.StVenantKirchhoff(E=1.0, nu=0.0, rho=1.0)  # c = 1 m/s
-
-    def thrown(x: np.ndarray) -> np.ndarray:
-        return np.where(x[0] > 1 + apart / 2, 0.0, v) * np.array([[1.0], [0.0], [0.0]])
-
-    held = rf.Fixed("first", "yz"), rf.Fixed("second", "yz")
-    contact = rf.Contact("end", against="begin", title="blow")
-    given = [contact, *held, rf.InitialVelocity(function=thrown)]
-    probes = {"end": (1, side / 2, side / 2), "begin": (1 + apart, side / 2, side / 2)}
-    scene = rf.Scene(two_bars(n, apart, struck), unit, given, probes=probes)
+    scene = two_bars(n, unit, unit, struck)
     dt = 1 / n
     force, gap = [], []
     for report in rf.simulate(scene, dt, 2 * struck + 0.6, progress=False):
         touches = report.touches["blow"].force[0] if report.step else 0.0
         force.append(abs(float(touches)))
-        gap.append(apart + float(report.probes["begin"][0] - report.probes["end"][0]))
-    known = side**2 * v / 2
+        gap.append(APART + float(report.probes["begin"][0] - report.probes["end"][0]))
+    known = SIDE**2 * SPEED / 2
     pressed = np.flatnonzero(np.array(force) > known / 2)
     lasts = (pressed[-1] - pressed[0] + 1) * dt
     middle = slice(pressed[0] + int(0.2 / dt), pressed[0] + int(1.6 / dt))
     late = np.arange(len(gap) - int(0.3 / dt), len(gap))
     opening = np.polyfit(late * dt, np.array(gap)[late], 1)
-    parts = float(-opening[1] / opening[0] - apart / v)  # after the first touch
+    parts = float(-opening[1] / opening[0] - APART / SPEED)  # after the first touch
     allowed = 0.03 if n < 100 else 0.02  # of a time: two cells' transit
     title, more = f"on a bar of {struck} L", {"unknowns": report.unknowns}
     return [

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from bench.graded import block_of
+from common import block_of
 
 import rigidfx as rf
 
