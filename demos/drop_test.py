@@ -14,7 +14,7 @@
 
 # +
 import numpy as np
-from common import Pair, Parser, conclude, curve, draw, events_of, positive, say
+from common import Pair, Parser, conclude, draw, positive, say
 
 import rigidfx as rf
 from meshes.device import device
@@ -110,21 +110,14 @@ reports = run.adaptive
 f, unknowns = forces(reports), np.array([r.unknowns for r in reports])
 falling = [r for r in reports if r.t < touch - 1e-9]
 struck = int(np.argmax(f > PRESSED * f.max()))
-books = np.cumsum([r.work_of_loads - sum(r.dissipated.values()) for r in reports])
-balance = np.array([r.energy for r in reports]) - books
 found = hits(reports)
-summary = {
-    "unknowns_flexible": reports[0].unknowns,
+summary = run.summary() | {
     "unknowns_before_touch": falling[-1].unknowns,
     "unknowns_at_touch": reports[struck].unknowns,
-    "steps": len(reports) - 1,
     "steps_of_six_unknowns": int(np.count_nonzero(unknowns == 6)),
     "first_touch": reports[struck - 1].t,
     "first_touch_error": abs(reports[struck - 1].t - touch),
     "hits": found,
-    "energy_drift": float(np.abs(balance - balance[0]).max() / max(r.energy for r in reports)),
-    "events": [f"{1e3 * e.t:.2f} ms: {e.kind} ({e.reason})" for e in events_of(reports)],
-    "wall_s": sum(r.wall for r in reports),
 }
 if options.compare:
     twin = hits(run.flexible)
@@ -136,8 +129,6 @@ if options.compare:
         "rebound_errors": [
             abs(a["rebound"] / b["rebound"] - 1) for a, b in zip(found, twin, strict=True)
         ],
-        "wall_flexible_s": sum(r.wall for r in run.flexible),
-        "time_ratio": summary["wall_s"] / sum(r.wall for r in run.flexible),
     }
 conclude(options.out, summary)
 
@@ -148,12 +139,11 @@ def force(name: str, of: list[rf.Report]) -> Curve:
     return Curve(name, [r.t for r in late], forces(late))
 
 
-both = [("adaptive", reports), *([("all flexible", run.flexible)] if options.compare else [])]
 curves(
     {
-        "Force of the floor": [force(name, of) for name, of in both],
-        "Unknowns": [curve(name, of, "unknowns") for name, of in both],
-        "Energy stored by strains": [curve(name, of, "strain") for name, of in both],
+        "Force of the floor": [force(name, of) for name, of in run.runs.items()],
+        "Unknowns": run.curves("unknowns"),
+        "Energy stored by strains": run.curves("strain"),
     },
     options.out / "motion.png",
     xlabel="time (s)",
@@ -177,7 +167,7 @@ rounding = float(np.finfo(np.float64).eps) * plastic.E * mass / plastic.rho
 assert summary["energy_drift"] < rounding / max(r.energy for r in reports)
 assert summary["first_touch_error"] < 1e-6
 assert summary["unknowns_before_touch"] == 6
-assert summary["unknowns_at_touch"] == summary["unknowns_flexible"]
+assert summary["unknowns_at_touch"] == summary["unknowns_start"]
 if not options.short:
     assert len(found) >= 2
 if options.compare and not options.short:

@@ -15,7 +15,7 @@
 from functools import partial
 
 import numpy as np
-from common import Pair, Parser, conclude, curve, draw, events_of, positive, say
+from common import Pair, Parser, conclude, draw, positive, say
 
 import rigidfx as rf
 from meshes.gong import HUB, MALLET, SIDE, gong
@@ -128,18 +128,11 @@ reports, notes = run.adaptive, run.notes[1:]
 rigid = {part: [found[part] for found in notes] for part in ("plate", "hub")}
 struck = {name: n[f"under {name}"] for name in BLOWS for n in notes if f"under {name}" in n}
 rates = scene.comm.bcast(run.notes_beside[1:])
-books = np.cumsum([r.work_of_loads - sum(r.dissipated.values()) for r in reports])
-balance = np.array([r.energy for r in reports]) - books
-summary = {
-    "unknowns_flexible": reports[0].unknowns,
-    "steps": len(reports) - 1,
+summary = run.summary() | {
     "steps_of_few_unknowns": sum(r.unknowns < FEW * reports[0].unknowns for r in reports),
     "rigid_share": float(np.mean(rigid["plate"]) * (1 - HUB**2) + np.mean(rigid["hub"]) * HUB**2),
     "rigid_share_of_hub": float(np.mean(rigid["hub"])),
     "rigid_when_struck": struck,
-    "energy_drift": float(np.abs(balance - balance[0]).max() / max(r.energy for r in reports)),
-    "events": [f"{1e3 * e.t:.0f} ms: {e.kind} ({e.reason})" for e in events_of(reports)],
-    "wall_s": sum(r.wall for r in reports),
 }
 
 
@@ -174,17 +167,16 @@ if options.compare:
         "quiet_share": quiet_share(),
         "error_of_way": deviation(way(reports), way(run.flexible)),
         "error_of_bend": deviation(bend(reports), bend(run.flexible)),
-        "wall_flexible_s": sum(r.wall for r in run.flexible),
-        "time_ratio": summary["wall_s"] / sum(r.wall for r in run.flexible),
     }
 conclude(options.out, summary)
 
-both = [("adaptive", reports), *([("all flexible", run.flexible)] if options.compare else [])]
 curves(
     {
-        "Way of a corner": [Curve(name, [r.t for r in of], 1e3 * way(of)) for name, of in both],
-        "Energy stored by strains": [curve(name, of, "strain") for name, of in both],
-        "Unknowns": [curve(name, of, "unknowns") for name, of in both],
+        "Way of a corner": [
+            Curve(name, [r.t for r in of], 1e3 * way(of)) for name, of in run.runs.items()
+        ],
+        "Energy stored by strains": run.curves("strain"),
+        "Unknowns": run.curves("unknowns"),
     },
     options.out / "motion.png",
     xlabel="time (s)",

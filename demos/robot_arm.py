@@ -18,18 +18,7 @@
 from functools import partial
 
 import numpy as np
-from common import (
-    Pair,
-    Parser,
-    conclude,
-    curve,
-    draw,
-    energy_jump,
-    events_of,
-    freezes_of,
-    positive,
-    say,
-)
+from common import Pair, Parser, conclude, draw, events_of, freezes_of, positive, say
 
 import rigidfx as rf
 from meshes.robot_arm import HEIGHT, TIP, robot_arm
@@ -151,7 +140,7 @@ def period(t: np.ndarray, y: np.ndarray) -> float:
     return float(2 * np.diff(zeros).mean())
 
 
-reports, flexible, both = run.adaptive, run.flexible, run.matched()
+reports, both = run.adaptive, run.matched()
 t = np.array([r.t for r, _ in both])
 y, reference = (swing([pair[k] for pair in both]) for k in (0, 1))
 events, freezes = events_of(reports), freezes_of(reports)
@@ -160,11 +149,7 @@ rigid = [r for r in reports if r.unknowns < most]
 beside_rigid = [b for a, b in both if a.unknowns < most]
 free = (t > TRAVEL + 1e-9) & (t < BACK - 1e-9)
 last = t > BACK + TRAVEL
-summary = {
-    "cells": int(scene.mesh.topology.index_map(3).size_global),
-    "unknowns_start": most,
-    "unknowns_end": min(r.unknowns for r in reports),
-    "first_rigid_time": freezes[0].t if freezes else None,
+summary = run.summary() | {
     "rigid_shares": shares,
     "period_s": period(t[free], y[free]),
     "period_flexible_s": period(t[free], reference[free]),
@@ -175,17 +160,12 @@ summary = {
         for (a, b), f in zip(both, free | last, strict=True)
         if f
     ),
-    "energy_jump": energy_jump(reports),
-    "wall_adaptive_s": sum(r.wall for r in reports),
-    "wall_flexible_s": sum(r.wall for r in flexible),
     "time_ratio_window": sum(r.wall for r in rigid) / sum(r.wall for r in beside_rigid)
     if rigid
     else None,
-    "cuts": [sum(r.cuts for r in run) for run in (reports, flexible)],
-    "events": [f"{e.t:.3f} s: {e.kind} ({e.reason})" for e in events],
+    "cuts": [sum(r.cuts for r in of) for of in run.runs.values()],
     "order": order,
     "tol": tol,
-    "ranks": scene.comm.size,
 }
 conclude(options.out, summary)
 
@@ -196,14 +176,8 @@ curves(
             Curve("all flexible", t, 1e3 * reference),
             Curve("their distance", t, 1e3 * (y - reference)),
         ],
-        "Total energy": [
-            curve("adaptive", reports, "energy"),
-            curve("all flexible", flexible, "energy"),
-        ],
-        "Unknowns": [
-            curve("adaptive", reports, "unknowns"),
-            curve("all flexible", flexible, "unknowns"),
-        ],
+        "Total energy": run.curves("energy"),
+        "Unknowns": run.curves("unknowns"),
     },
     options.out / "motion.png",
     xlabel="time (s)",

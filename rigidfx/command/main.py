@@ -30,7 +30,7 @@ from rigidfx.base.types import TINY
 from rigidfx.base.warning import worded
 from rigidfx.command.largest import Largest
 from rigidfx.command.options import CAD, GEO, Example, RankParser, ask, say
-from rigidfx.command.pair import Pair, curve, energy_jump, events_of, freezes_of
+from rigidfx.command.pair import Pair
 from rigidfx.decide.settings import StrainRate
 from rigidfx.domain.cad import list_cad, read_cad
 from rigidfx.domain.domain import Domain
@@ -191,7 +191,7 @@ def main(prog: str | None = None, example: Example | None = None) -> dict[str, A
                 recorder.write(report)
                 shapes.add(report)
                 largest.add(report)
-        summary = _summary(scene, run, options) | {"dt": dt, "tol_found": found}
+        summary = _summary(run, options) | {"dt": dt, "tol_found": found}
         summary |= largest.numbers()
         write_json(options.out / "summary.json", summary)
         say("\n".join(largest.lines()))
@@ -270,42 +270,27 @@ def _largest_rate(scene: Scene, dt: float, options: Namespace) -> float:
     return scene.comm.allreduce(largest, op=MPI.MAX)
 
 
-def _summary(scene: Scene, run: Pair, options: Namespace) -> dict[str, Any]:
+def _summary(run: Pair, options: Namespace) -> dict[str, Any]:
     """Numbers of the run, as JSON takes them."""
     reports, flexible = run.adaptive, run.flexible
-    freezes = freezes_of(reports)
     largest = max(*(r.energy for r in reports), TINY)  # J
     deviation = abs(reports[-1].energy - flexible[-1].energy) / largest if flexible else None
     return {
         "file": options.file.name,
-        "cells": int(scene.mesh.topology.index_map(3).size_global),
-        "unknowns_start": reports[0].unknowns,
-        "unknowns_end": min(r.unknowns for r in reports),
-        "first_rigid_time": freezes[0].t if freezes else None,
+        **run.summary(),
         "bodies_end": len(reports[-1].bodies),
-        "events": [f"{e.t:.4g} s: {e.kind} ({e.reason})" for e in events_of(reports)],
-        "energy_jump": energy_jump(reports),
         "energy_deviation": deviation,
-        "wall_adaptive_s": sum(r.wall for r in reports),
-        "wall_flexible_s": sum(r.wall for r in flexible) if flexible else None,
         "tol": options.tol,
         "window": options.window,
         "order": options.order,
-        "ranks": scene.comm.size,
     }
 
 
 def _draw(run: Pair, options: Namespace) -> None:
     """Energy and size of the problem against time."""
-    compared = {"adaptive": run.adaptive}
-    if run.flexible:
-        compared["all flexible"] = run.flexible
     drawn = ("Total energy", "energy"), ("Kinetic energy", "kinetic"), ("Unknowns", "unknowns")
     curves(
-        {
-            heading: [curve(label, of, name) for label, of in compared.items()]
-            for heading, name in drawn
-        },
+        {heading: run.curves(name) for heading, name in drawn},
         options.out / "energy_unknowns.png",
         xlabel="time (s)",
         ylabel=["energy (J)", "energy (J)", "number"],

@@ -49,6 +49,15 @@ def energy_jump(reports: Sequence[Report]) -> float:
     return lost / max(largest, TINY)
 
 
+def energy_drift(reports: Sequence[Report]) -> float:
+    """Largest error of the balance of energy, relative to the largest energy of the run."""
+    energy = np.array([r.energy for r in reports])
+    gained = [r.work_of_loads + r.work_of_supports - sum(r.dissipated.values()) for r in reports]
+    struck = [r.impact.energy if r.impact and r.step else 0.0 for r in reports]
+    off = energy - np.cumsum(np.add(gained, struck))
+    return float(np.abs(off - off[0]).max() / max(float(energy.max()), TINY))
+
+
 def line_of(event: Event) -> str:
     """An event in a line."""
     cells = sum(change.cells_after - change.cells_before for change in event.changes)
@@ -217,6 +226,7 @@ class Pair:
         One of tolerance zero in `beside` has the strain rates of the flexible run measured. Raise
         `SceneError` on every rank if there is nothing to go on from.
         """
+        self._scene = scene
         kept: dict[str, Any] = {"resume": resume, "rigidify": rigidify, "progress": True}
         self._ahead = KeptRun(folder, scene, dt, t_end, note=note, **kept)
         if resume and not self._ahead.goes_on:
@@ -261,6 +271,35 @@ class Pair:
             if abs(times[k] - report.t) <= SAME * max(report.t, times[k]):
                 out.append((report, self.flexible[k]))
         return out
+
+    @property
+    def runs(self) -> dict[str, list[Report]]:
+        """Reports by the names of the runs that there are."""
+        both = {"adaptive": self.adaptive, "all flexible": self.flexible}
+        return {name: reports for name, reports in both.items() if reports}
+
+    def curves(self, name: str) -> list[Curve]:
+        """A number of the reports, by its name, against time, of each run."""
+        return [curve(label, reports, name) for label, reports in self.runs.items()]
+
+    def summary(self) -> dict[str, Any]:
+        """Numbers of any two runs, as JSON takes them."""
+        reports, freezes = self.adaptive, freezes_of(self.adaptive)
+        wall, beside = (sum(r.wall for r in of) for of in (reports, self.flexible))
+        return {
+            "cells": int(self._scene.mesh.topology.index_map(3).size_global),
+            "unknowns_start": reports[0].unknowns,
+            "unknowns_end": min(r.unknowns for r in reports),
+            "steps": len(reports) - 1,
+            "first_rigid_time": freezes[0].t if freezes else None,
+            "events": [f"{e.t:.4g} s: {e.kind} ({e.reason})" for e in events_of(reports)],
+            "energy_jump": energy_jump(reports),
+            "energy_drift": energy_drift(reports),
+            "wall_adaptive_s": wall,
+            "wall_flexible_s": beside if self.flexible else None,
+            "time_ratio": wall / beside if self.flexible else None,
+            "ranks": self._scene.comm.size,
+        }
 
     def _is_behind(self, t: float) -> bool:
         return not self.flexible or self.flexible[-1].t < t * (1 - SAME)
