@@ -52,10 +52,8 @@ class CadEntity:
     def within(self, lower: Sequence[float], upper: Sequence[float]) -> bool:
         """Whether it lies in a box of corners with the least and the greatest coordinates [m]."""
         margin = CLOSE * float(np.max(self.upper - self.lower))
-        inside = (self.lower >= np.asarray(lower) - margin) & (
-            self.upper <= np.asarray(upper) + margin
-        )
-        return bool(inside.all())
+        above = (self.lower >= np.asarray(lower) - margin).all()
+        return bool(above and (self.upper <= np.asarray(upper) + margin).all())
 
     def __str__(self) -> str:
         """One line with all that tells it from others."""
@@ -126,40 +124,40 @@ def named_volumes(
     Labels of the file are names, too. A name that picks nothing, and a volume without a name, are
     refused.
     """
-    inside = [v.number for v in cad.volumes if v.number not in out]
-    picked = _groups(cad, 3, {"body": inside} if wanted is None else wanted)
-    named = {n for own in picked.values() for n in own}
-    missed = sorted(set(inside) - named)
+    meshed = {v.number for v in cad.volumes} - out
+    picked = _groups(cad, 3, {"body": sorted(meshed)} if wanted is None else wanted, meshed)
+    missed = sorted(meshed.difference(*picked.values()))
     if missed:
         raise SceneError(
             f"read_cad: no name and no label stands for volume {', '.join(map(str, missed))}. "
             f"Name it, or leave it out (leave_out).\n{cad.table((3,), ROWS)}"
         )
-    kept = {name: [n for n in own if n not in out] for name, own in picked.items()}
-    return {name: own for name, own in kept.items() if own}
+    return picked
 
 
 def named_surfaces(cad: Cad, wanted: Mapping[str, Which], out: set[int]) -> dict[str, list[int]]:
     """Numbers of the surfaces of each name that bound a volume in the mesh; none is refused."""
-    bounding = {s.number for s in cad.surfaces if set(s.volumes) - out}
-    picked = _groups(cad, 2, wanted)
-    kept = {name: [n for n in own if n in bounding] for name, own in picked.items()}
-    lost = [name for name in wanted if not kept[name]]
+    picked = _groups(cad, 2, wanted, {s.number for s in cad.surfaces if set(s.volumes) - out})
+    lost = [name for name in wanted if name not in picked]
     if lost:
         raise SceneError(
             f"read_cad: '{lost[0]}' picks only surfaces that bound no volume which is meshed "
             f"(leave_out?).\n{cad.table((2,), ROWS)}"
         )
-    return {name: own for name, own in kept.items() if own}
+    return picked
 
 
-def _groups(cad: Cad, dim: int, wanted: Mapping[str, Which]) -> dict[str, list[int]]:
-    """Numbers of the entities of each name, labels of the file among the names."""
+def _groups(
+    cad: Cad, dim: int, wanted: Mapping[str, Which], meshed: set[int]
+) -> dict[str, list[int]]:
+    """Numbers of the entities in the mesh of each name that has some, labels of the file too."""
     groups: dict[str, list[int]] = {}
     for entity in cad.of(dim):
         if entity.label:
             groups.setdefault(entity.label, []).append(entity.number)
-    return groups | {name: numbers_of(cad, dim, f"'{name}'", w) for name, w in wanted.items()}
+    groups |= {name: numbers_of(cad, dim, f"'{name}'", w) for name, w in wanted.items()}
+    kept = {name: [n for n in own if n in meshed] for name, own in groups.items()}
+    return {name: own for name, own in kept.items() if own}
 
 
 def numbers_of(cad: Cad, dim: int, name: str, which: Which) -> list[int]:
@@ -167,17 +165,13 @@ def numbers_of(cad: Cad, dim: int, name: str, which: Which) -> list[int]:
     each = [which] if isinstance(which, str) or not isinstance(which, Iterable) else list(which)
     found: set[int] = set()
     for one in each:
-        if isinstance(one, str):
-            matches = [e.number for e in cad.of(dim) if e.label == one]
-        elif callable(one):
-            matches = [e.number for e in cad.of(dim) if _fulfils(one, e, dim, name)]
-        elif isinstance(one, (int, np.integer)) and not isinstance(one, bool):
-            matches = [e.number for e in cad.of(dim) if e.number == one]
-        else:
+        is_number = isinstance(one, (int, np.integer)) and not isinstance(one, bool)
+        if not (is_number or isinstance(one, str) or callable(one)):
             raise SceneError(
                 f"read_cad: {name} must be a number, a label, a function of a CadEntity or a list "
                 f"of these, got {shown(one)}."
             )
+        matches = [e.number for e in cad.of(dim) if _picks(one, e, name)]
         if not matches:
             asked = f"{one!r}"
             if callable(one):
@@ -193,14 +187,14 @@ def numbers_of(cad: Cad, dim: int, name: str, which: Which) -> list[int]:
     return sorted(found)
 
 
-def _fulfils(
-    condition: Callable[[CadEntity], bool], entity: CadEntity, dim: int, name: str
-) -> bool:
-    """Whether an entity is one that a condition picks; `SceneError` if the condition fails."""
+def _picks(one: Any, entity: CadEntity, name: str) -> bool:
+    """Whether a label, a number or a condition picks an entity; `SceneError` if that fails."""
+    if not callable(one):
+        return bool(one == (entity.label if isinstance(one, str) else entity.number))
     try:
-        return bool(condition(entity))
+        return bool(one(entity))
     except Exception as error:  # whatever a user's function may raise
         raise SceneError(
             f"read_cad: the condition of {name} failed with {type(error).__name__}: {error}, at "
-            f"{CALLED[dim][:-1]} {entity.number} of kind '{entity.kind}'."
+            f"{CALLED[entity.dim][:-1]} {entity.number} of kind '{entity.kind}'."
         ) from error
