@@ -12,7 +12,7 @@ from scipy.special import ellipk
 
 import rigidfx as rf
 
-from .case import ANY, History, between, case, near, release_at
+from .case import ANY, History, between, case, middles, near, release_at
 from .case import Run as AnyRun
 from .twin import PROMISED
 
@@ -147,7 +147,7 @@ def checkerboard(short: bool) -> Iterator[AnyRun]:
     """Bodies of one cell, none of which has a node of another; H, L, J to Newton's tolerance."""
     n = 4 if short else 6
     domain = rf.box((0, 0, 0), (n, n, 2), (n, n, 2))
-    middle = _middles(domain)
+    middle = middles(domain)
     black = np.flatnonzero(np.floor(middle).sum(axis=1) % 2 == 0)
     domain = domain.with_cell_set("black", black)
     scene = rf.Scene(domain, SOFT, [SPIN])
@@ -159,16 +159,6 @@ def checkerboard(short: bool) -> Iterator[AnyRun]:
 
     criterion = rf.StrainRate(0.0, 0.5, tolerances={"black": ANY}, min_cells=1, patience=1)
     yield Run("adaptive", scene, 0.1, 3.0 if short else 30.0, criterion, check=apart)
-
-
-def _middles(domain: rf.Domain) -> np.ndarray:
-    """Middles of all local cells, ghosts included, shape (cells, 3) [m]."""
-    from dolfinx.mesh import compute_midpoints
-
-    cells = domain.mesh.topology.index_map(3)
-    return compute_midpoints(
-        domain.mesh, 3, np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
-    )
 
 
 def _ring(n: int) -> rf.Domain:
@@ -189,7 +179,7 @@ def ring_of_bodies(short: bool) -> Iterator[AnyRun]:
     """H, L and J to Newton's tolerance: a closed chain constrains nothing twice."""
     n = 12
     domain = _ring(n)
-    middle = _middles(domain)
+    middle = middles(domain)
     sector = np.floor(np.mod(np.arctan2(middle[:, 1], middle[:, 0]), 2 * np.pi) / (2 * np.pi / n))
     names = [f"link {k}" for k in range(n // 3)]
     for k, name in enumerate(names):

@@ -14,8 +14,10 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from dolfinx.mesh import compute_midpoints
 from mpi4py import MPI
 
 import rigidfx as rf
@@ -308,6 +310,22 @@ def between(low: float, high: float, axis: int = 0) -> Callable[[np.ndarray], np
     """A marker of a slice across an axis."""
     slack = 1e-9 * max(abs(low), abs(high))
     return lambda x: (x[axis] >= low - slack) & (x[axis] <= high + slack)
+
+
+def middles(domain: rf.Domain) -> np.ndarray:
+    """Middles of all local cells, ghosts included, shape (cells, 3) [m]."""
+    cells = domain.mesh.topology.index_map(3)
+    every = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
+    return compute_midpoints(domain.mesh, 3, every)
+
+
+def both(
+    scene: rf.Scene, dt: float, t_end: float, rule: rf.StrainRate, name: str = "", **how: Any
+) -> Iterator[Run]:
+    """A run that is all flexible, and one in which parts become rigid by a rule."""
+    begin = f"{name}, " if name else ""
+    yield Run(f"{begin}flexible", scene, dt, t_end, **how)
+    yield Run(f"{begin}adaptive", scene, dt, t_end, rule, **how)
 
 
 def release_at(*times: float) -> rf.Release:

@@ -8,12 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from dolfinx.mesh import compute_midpoints
 from mpi4py import MPI
 
 import rigidfx as rf
 
-from .case import ANY, History, Run, between, case, release_at
+from .case import ANY, History, Run, between, case, middles, release_at
 
 MATERIAL = rf.StVenantKirchhoff(E=300.0, nu=0.3, rho=1.0)
 SPIN = rf.InitialVelocity(linear=(0.3, 0.2, -0.1), angular=(0.3, 0.2, 0.5))
@@ -37,12 +36,6 @@ def _compare() -> Callable[[History], str]:
     return is_the_same
 
 
-def _middles(domain: rf.Domain) -> np.ndarray:
-    """Middles of the owned cells, shape (cells, 3) [m]."""
-    owned = domain.mesh.topology.index_map(3).size_local
-    return compute_midpoints(domain.mesh, 3, np.arange(owned, dtype=np.int32))
-
-
 @case("parallel", "a body of one cell: all ranks but one have none")
 def rank_without_cells(short: bool) -> Iterator[Run]:
     """The history is that on one rank to 1e-9, with all balances."""
@@ -61,7 +54,8 @@ def rank_with_frozen_cells_only(short: bool) -> Iterator[Run]:
     world = MPI.COMM_WORLD
     size, cells = (8.0, 2.0, 1.0), (8, 2, 1)
     on_all = rf.box((0, 0, 0), size, cells)
-    theirs = world.bcast(_middles(on_all), root=world.size - 1)
+    owned = on_all.mesh.topology.index_map(3).size_local
+    theirs = world.bcast(middles(on_all)[:owned], root=world.size - 1)
     if world.size == 1:
         theirs = theirs[theirs[:, 0] < 4]
 
@@ -69,35 +63,33 @@ def rank_with_frozen_cells_only(short: bool) -> Iterator[Run]:
         near = np.linalg.norm(points[:, None] - theirs, axis=2).min(axis=1, initial=np.inf) < 1e-6
         return np.flatnonzero(near)
 
+    def frozen(comm: MPI.Intracomm) -> rf.Domain:
+        domain = rf.box((0, 0, 0), size, cells, comm=comm)
+        # A rank marks the cells it owns; those it has as ghosts are marked by their owners.
+        return domain.with_cell_set("frozen", among(middles(domain)))
+
+    criterion = rf.StrainRate(0.0, 0.5, tolerances={"frozen": ANY})
+    yield from _named_and_found(frozen, "frozen", criterion, t_end)
+
+
+def _named_and_found(
+    domain: Callable[[MPI.Intracomm], rf.Domain], name: str, rule: rf.StrainRate, t_end: float
+) -> Iterator[Run]:
+    """Cells of some name are rigid, by this name or by a rule, on one rank and on all."""
     for kind in ("named", "adaptive"):
-        check = _compare()
+        check, given = _compare(), [SPIN, *[rf.Rigid(name)] * (kind == "named")]
         for way, comm in BOTH.items():
-            domain = rf.box((0, 0, 0), size, cells, comm=comm)
-            # A rank marks the cells it owns; those it has as ghosts are marked by their owners.
-            domain = domain.with_cell_set("frozen", among(_with_ghosts(domain)))
-            rigid = [rf.Rigid("frozen")] if kind == "named" else []
-            criterion = rf.StrainRate(0.0, 0.5, tolerances={"frozen": ANY})
-            yield Run(f"{kind}, {way}", rf.Scene(domain, MATERIAL, [SPIN, *rigid]), 0.1, t_end,
-                      criterion if kind == "adaptive" else None, check=check)  # fmt: skip
-
-
-def _with_ghosts(domain: rf.Domain) -> np.ndarray:
-    """Middles of all local cells, shape (cells, 3) [m]."""
-    cells = domain.mesh.topology.index_map(3)
-    every = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
-    return compute_midpoints(domain.mesh, 3, every)
+            scene = rf.Scene(domain(comm), MATERIAL, given)
+            yield Run(f"{kind}, {way}", scene, 0.1, t_end, rule if kind == "adaptive" else None,
+                      check=check)  # fmt: skip
 
 
 @case("parallel", "one body has cells on every rank")
 def body_across_all_ranks(short: bool) -> Iterator[Run]:
     """The history is that on one rank to 1e-9, with all balances."""
-    t_end = 2.4 if short else 5.0
-    for kind in ("named", "adaptive"):
-        check = _compare()
-        for way, comm in BOTH.items():
-            domain = rf.box((0, 0, 0), (9, 1, 1), (9, 1, 1), comm=comm)
-            domain = domain.with_cells("core", between(1, 8))
-            rigid = [rf.Rigid("core")] if kind == "named" else []
-            criterion = rf.StrainRate(0.0, 0.5, tolerances={"core": ANY}, release=release_at(2.0))
-            yield Run(f"{kind}, {way}", rf.Scene(domain, MATERIAL, [SPIN, *rigid]), 0.1, t_end,
-                      criterion if kind == "adaptive" else None, check=check)  # fmt: skip
+
+    def core(comm: MPI.Intracomm) -> rf.Domain:
+        return rf.box((0, 0, 0), (9, 1, 1), (9, 1, 1), comm=comm).with_cells("core", between(1, 8))
+
+    rule = rf.StrainRate(0.0, 0.5, tolerances={"core": ANY}, release=release_at(2.0))
+    yield from _named_and_found(core, "core", rule, 2.4 if short else 5.0)

@@ -9,7 +9,7 @@ from common import on_first_rank
 
 import rigidfx as rf
 
-from .case import ANY, NEWTON, History, Run, case, release_at
+from .case import ANY, NEWTON, History, Run, both, case, release_at
 
 SVK = rf.StVenantKirchhoff
 
@@ -33,9 +33,7 @@ def free_spin(short: bool) -> Iterator[Run]:
         [rf.InitialVelocity(angular=(0.0, 0.0, omega))],
     )
     bounds = {"energy": max(steps * NEWTON, 1e-11), "momentum": max(steps * NEWTON, 1e-11)}
-    yield Run("flexible", scene, dt, steps * dt, **bounds)
-    adaptive = rf.StrainRate(ANY, 10 * dt)
-    yield Run("adaptive", scene, dt, steps * dt, adaptive, **bounds)
+    yield from both(scene, dt, steps * dt, rf.StrainRate(ANY, 10 * dt), **bounds)
 
 
 @case("time", "turns by 2.5 rad per step: u½ is not even half the size of the body")
@@ -56,9 +54,8 @@ def large_rotation_per_step(short: bool) -> Iterator[Run]:
         domain = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1))
         domain = domain.with_cells("left", lambda x: x[0] <= 2 + 1e-9)
         free = rf.Scene(domain, SVK(E=1e9, nu=0.3, rho=1.0), [spin])
-        yield Run(f"{about}, flexible", free, dt, t_end, **bounds, **cut)
         adaptive = rf.StrainRate(ANY, 5 * dt, release=release_at(20 * dt))
-        yield Run(f"{about}, adaptive", free, dt, t_end, adaptive, **bounds, **cut)
+        yield from both(free, dt, t_end, adaptive, about, **bounds, **cut)
         half = rf.Scene(domain, SVK(E=1e9, nu=0.3, rho=1.0), [spin, rf.Rigid("left")])
         yield Run(f"{about}, half rigid", half, dt, t_end, **bounds, **cut)
 
@@ -74,8 +71,7 @@ def steps_far_above_the_highest_period(short: bool) -> Iterator[Run]:
         [rf.InitialVelocity(angular=(1.0, 2.0, 10.0))],
     )
     t_end = dt * (100 if short else 2000)
-    yield Run("flexible", scene, dt, t_end)
-    yield Run("adaptive", scene, dt, t_end, rf.StrainRate(ANY, 20 * dt))
+    yield from both(scene, dt, t_end, rf.StrainRate(ANY, 20 * dt))
 
 
 @case("time", "a blow that lasts one step and strains the struck end by a tenth")
