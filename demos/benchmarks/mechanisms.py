@@ -43,7 +43,7 @@ from bench.drilled import exact_period, rod_numbers, swing
 from bench.flexible_crank import crank_motion, flexible_crank, for_exudyn, motion
 from bench.mechanism_scenes import double_pendulum
 from codes import Found, exudyn
-from common import ROOT, say
+from common import ROOT, Balance, say
 from scipy.integrate import solve_ivp
 
 import rigidfx as rf
@@ -79,21 +79,19 @@ class Followed:
     def __init__(self, scene: rf.Scene, dt: float, t_end: float, end: tuple[str, Array]) -> None:
         """Run it; `end` is a rigid part, and a point of it in its frame at the start [m]."""
         name, arm = end
-        self.drift = self.gap = 0.0
+        self.gap, balance = 0.0, Balance()
         told: list[warnings.WarningMessage]
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
-            began, expected, steps = perf_counter(), 0.0, 0
+            began = perf_counter()
             for report in rf.simulate(scene, dt, t_end):
-                steps += 1
+                balance.follow(report)
                 if report.step == 0:
-                    expected, began = report.energy, perf_counter()
+                    began = perf_counter()
                     continue
-                expected += report.work_of_loads - sum(report.dissipated.values())
-                self.drift = max(self.drift, abs(report.energy - expected))
                 self.gap = max(self.gap, *(joint.gap for joint in report.joints.values()))
-        self.unknowns = report.unknowns
-        self.seconds = (perf_counter() - began) / max(steps - 1, 1)
+        self.unknowns, self.drift = report.unknowns, balance.off
+        self.seconds = (perf_counter() - began) / max(balance.steps, 1)
         implied = [str(w.message) for w in told if "follow from others" in str(w.message)]
         self.redundant = int(implied[0].split()[0]) if implied else 0
         at = {body.data.name: body.motion for body in report.rigid}

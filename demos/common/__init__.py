@@ -10,13 +10,23 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from rigidfx.command.main import conclude, write_json
 from rigidfx.command.options import nonnegative, number, positive, say
-from rigidfx.command.pair import KeptRun, Pair, curve, energy_jump, events_of, freezes_of
+from rigidfx.command.pair import (
+    KeptRun,
+    Pair,
+    curve,
+    energy_drift,
+    energy_jump,
+    events_of,
+    freezes_of,
+)
 
+from .balance import Balance
 from .grids import arrays, block_of, boxes, hexahedra, on_first_rank
 from .start import ROOT, Parser, chosen, comm, draw, write
 
 __all__ = [
-    "ROOT", "KeptRun", "Pair", "Parser", "arrays", "block_of", "boxes", "chosen", "comm",
-    "conclude", "curve", "draw", "energy_jump", "events_of", "freezes_of", "hexahedra",
-    "nonnegative", "number", "on_first_rank", "positive", "say", "write", "write_json",
+    "ROOT", "Balance", "KeptRun", "Pair", "Parser", "arrays", "block_of", "boxes", "chosen",
+    "comm", "conclude", "curve", "draw", "energy_drift", "energy_jump", "events_of", "freezes_of",
+    "hexahedra", "nonnegative", "number", "on_first_rank", "positive", "say", "write",
+    "write_json",
 ]  # fmt: skip

@@ -11,9 +11,20 @@ if (demos := str(Path(__file__).resolve().parents[2])) not in sys.path:
 
 from common import Parser, chosen, conclude, write
 
-from .shared import DT, MATERIAL, PUSH, Turns, bar, cells_of_bar, run_parts, timed, without_mpi
+from .shared import (
+    DT,
+    MATERIAL,
+    PUSH,
+    Turns,
+    bar,
+    by_another_python,
+    cells_of_bar,
+    run_parts,
+    timed,
+    without_mpi,
+)  # fmt: skip
 
 __all__ = [
-    "DT", "MATERIAL", "PUSH", "Parser", "Turns", "bar", "cells_of_bar", "chosen", "conclude",
-    "run_parts", "timed", "without_mpi", "write",
+    "DT", "MATERIAL", "PUSH", "Parser", "Turns", "bar", "by_another_python", "cells_of_bar",
+    "chosen", "conclude", "run_parts", "timed", "without_mpi", "write",
 ]  # fmt: skip

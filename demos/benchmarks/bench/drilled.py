@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from common import Balance
 from scipy.special import ellipk
 
 import rigidfx as rf
@@ -67,13 +68,11 @@ def swing(size: float, dt: float) -> tuple[float, float, float, float, int]:
 
     The period is the time between two passes of the vertical in the same direction.
     """
-    t, angle, drift, gap, wall = [], [], 0.0, 0.0, 0.0
+    t, angle, balance, gap, wall = [], [], Balance(), 0.0, 0.0
     for report in rf.simulate(hung_bar(size), dt, 1.3 * UNIFORM):
+        balance.follow(report)
         if report.step == 0:
-            expected = report.energy
             continue
-        expected += report.work_of_loads
-        drift = max(drift, abs(report.energy - expected))
         gap = max(gap, report.joints["pin"].gap)
         wall += report.wall
         t.append(report.t)
@@ -84,7 +83,7 @@ def swing(size: float, dt: float) -> tuple[float, float, float, float, int]:
         near = slice(k - 2, k + 2)
         time_of = np.polyfit(angle[near], np.array(t[near]) - t[k], 3)
         at.append(t[k] + time_of[-1])
-    return at[1] - at[0], drift, gap, wall / len(t), report.unknowns
+    return at[1] - at[0], balance.off, gap, wall / len(t), report.unknowns
 
 
 def rod_numbers(face: type[rf.MeanFace] | type[rf.RigidFace], size: float) -> dict[str, Any]:

@@ -14,14 +14,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from codes import matrices, part_of
+from common import Balance
 from common.machines import ramp
 from mpi4py import MPI
 
 import rigidfx as rf
 
 from .drilled import drilled
-
-__all__ = ["CrankMotion", "crank_motion", "flexible_crank", "for_exudyn", "motion", "torque"]
 
 Array = npt.NDArray[np.float64]
 CRANK, ROD = 0.08, 0.24  # m, between the axes of holes
@@ -137,23 +136,22 @@ def crank_motion(scene: rf.Scene, dt: float, steps: int) -> CrankMotion:
     nodes = {name: nodes_of(scene, name) for name in PROBES}
     comm = scene.mesh.comm
     paths: dict[str, list[Array]] = {name: [] for name in PROBES}
-    wall, iterations, expected, drift, gap = [], [], 0.0, 0.0, 0.0
+    wall, iterations, balance, gap = [], [], Balance(), 0.0
     for report in rf.simulate(scene, dt, steps * dt, progress=False):
         report.state.rebuild()
         x = X + report.state.u.x.array.reshape(-1, 3)
         for name, path in paths.items():
             path.append(comm.allreduce(np.where(nodes[name][:, None] < 0, 0.0, x[nodes[name]])))
+        balance.follow(report)
         if report.step == 0:
-            expected = report.energy
             continue
-        expected += report.work_of_loads
-        drift = max(drift, abs(report.energy - expected))
         gap = max(gap, *(joint.gap for joint in report.joints.values()))
         wall.append(report.wall)
         iterations.append(report.iterations)
     shapes = max(body.shapes for body in report.bodies)
     found = motion(np.array(paths["crank"]), np.array(paths["rod"]), dt)
-    return CrankMotion(found, report.unknowns, drift, gap, median(wall), mean(iterations), shapes)
+    numbers = report.unknowns, balance.off, gap, median(wall), mean(iterations), shapes
+    return CrankMotion(found, *numbers)
 
 
 def nodes_of(scene: rf.Scene, name: str) -> npt.NDArray[np.int64]:

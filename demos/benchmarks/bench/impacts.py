@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
-from common import block_of, boxes
+from common import Balance, block_of, boxes, energy_drift
 from petsc4py import PETSc
 
 import rigidfx as rf
@@ -22,54 +22,6 @@ def block(*effects: rf.Effect, above: float = 0.02, mass: str = "lumped") -> rf.
     domain = domain.with_cells("all", lambda x: x[0] > -1)
     domain = domain.with_facets("skin", lambda x: np.full(x.shape[1], True))
     return rf.Scene(domain, SOFT, effects, mass=mass)
-
-
-class Balance:
-    """How far energy and momenta of a run are off, relative to their largest values.
-
-    Attributes:
-        energy: |H - H(0) - work + dissipated| by the largest H.
-        linear: Change of the linear momentum, of what is free.
-        angular: Change of the angular momentum about the origin, likewise.
-        touching: Steps in which a contact stored energy.
-        steps: All steps.
-    """
-
-    def __init__(self, free: bool = False) -> None:
-        """Begin with nothing; momenta count if nothing acts from outside."""
-        self._free = free
-        self.energy = self.linear = self.angular = 0.0
-        self.touching = self.steps = 0
-        self._first: rf.Report | None = None
-        self._expected, self._largest, self._scale = 0.0, 0.0, 0.0
-
-    def follow(self, r: rf.Report) -> None:
-        """Take note of a report."""
-        if self._first is None:
-            self._first = r
-        first = self._first
-        self._largest = max(self._largest, r.energy)
-        self._scale = max(self._scale, r.momentum_scale)
-        if r is not first:
-            self.steps += 1
-            self.touching += any(touch.energy > 0 for touch in r.touches.values())
-            self._expected += r.work_of_loads + r.work_of_supports - sum(r.dissipated.values())
-            self._expected += r.impact.energy if r.impact else 0.0
-        off = abs(r.energy - first.energy - self._expected)
-        self.energy = max(self.energy, off / self._largest)
-        if self._free:
-            linear = np.abs(r.linear_momentum - first.linear_momentum).max()
-            angular = np.abs(r.angular_momentum - first.angular_momentum).max()
-            self.linear = max(self.linear, float(linear) / self._scale)
-            self.angular = max(self.angular, float(angular) / self._scale)
-
-
-def drift(reports: list[rf.Report]) -> float:
-    """How far the balance of energy of a run is off."""
-    balance = Balance()
-    for r in reports:
-        balance.follow(r)
-    return balance.energy
 
 
 # Plane waves --------------------------------------------------------------------------------------
@@ -97,7 +49,7 @@ def bar_against_wall(short: bool) -> dict[str, float]:
     known = rho * c * v * S
     rebound = reports[-1].linear_momentum[0] / (rho * L * S)
     return {
-        "energy_drift": drift(reports),
+        "energy_drift": energy_drift(reports),
         "force_error": abs(force[middle].mean() / known - 1),
         "duration_error": abs(duration * c / (2 * L) - 1),
         "rebound_error": abs(rebound / v - 1),
@@ -126,7 +78,7 @@ def bars(short: bool) -> dict[str, float]:
         out[f"{name}_speed_error"] = float(np.abs(np.subtract(of, known)).max())
         change = last.linear_momentum - first.linear_momentum
         worst = max(worst, float(np.abs(change).max() / first.momentum_scale))
-        out["energy_drift"] = max(out.get("energy_drift", 0.0), drift(reports))
+        out["energy_drift"] = max(out.get("energy_drift", 0.0), energy_drift(reports))
     return {**out, "linear_momentum_drift": worst}
 
 
@@ -302,7 +254,7 @@ def friction(short: bool) -> dict[str, float]:
         "way_error": abs(way / (v * v / (2 * mu * g)) - 1),
         "creep_by_theory": speed / fastest,
         "largest_gain_of_energy": max(gains) / slides[0].energy,
-        "energy_drift": max(drift(slides), drift(creeps)),
+        "energy_drift": max(energy_drift(slides), energy_drift(creeps)),
     }
 
 

@@ -11,11 +11,6 @@ from common import boxes
 
 import rigidfx as rf
 
-__all__ = [
-    "Link", "bricard", "double_pendulum", "four_bars", "heavy_top", "hinged", "linked",
-    "with_motor",
-]  # fmt: skip
-
 Array = npt.NDArray[np.float64]
 Z = 0.0, 0.0, 1.0
 DOWN = rf.Gravity((0.0, -9.81, 0.0))

@@ -16,8 +16,6 @@ import rigidfx as rf
 
 from .waking_scenes import Built, Effects, sine
 
-__all__ = ["random_case"]
-
 STEPS = 800
 Draw = np.random.Generator
 

@@ -24,7 +24,7 @@ from functools import partial
 from time import process_time
 
 import numpy as np
-from common import machines
+from common import Balance, machines
 from common.machines import TOUCH, pulse, ramp, travel
 
 import rigidfx as rf
@@ -76,7 +76,7 @@ class Run:
 
 def run(case: Case, parts: tuple[rf.Reduced, ...], rigidify: rf.Criterion | None = None) -> Run:
     """A run of a case, with parts reduced by name, or rigid where a criterion finds them."""
-    start, seen, unknowns, energy, work, looking = process_time(), [], [], [], [], 0.0
+    start, seen, unknowns, balance, looking = process_time(), [], [], Balance(), 0.0
     with warnings.catch_warnings():  # of blows that some of these cells do not resolve
         warnings.simplefilter("ignore", rf.RigidfxWarning)
         scene, set_up = case.scene(*parts), 0.0
@@ -86,13 +86,10 @@ def run(case: Case, parts: tuple[rf.Reduced, ...], rigidify: rf.Criterion | None
             seen.append(case.seen(report))
             looking += process_time() - began
             unknowns.append(report.unknowns)
-            energy.append(report.energy)
-            taken = sum(report.dissipated.values())
-            work.append(report.work_of_loads + report.work_of_supports - taken)
-    off = np.abs(np.array(energy) - energy[0] - np.cumsum(work)).max()
+            balance.follow(report)
     ends = min(unknowns), max(unknowns)
     took = process_time() - start - looking
-    return Run(took, ends, np.array(seen), off / np.abs(energy).max(), set_up)
+    return Run(took, ends, np.array(seen), balance.energy, set_up)
 
 
 def of_way(own: np.ndarray, twin: np.ndarray) -> dict[str, float]:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import subprocess
 from argparse import Namespace
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from functools import partial
+from pathlib import Path
 from statistics import median
 from time import perf_counter
 from typing import Any, Generic, TypeVar
@@ -115,3 +117,28 @@ MINE = "OMPI_COMM", "OMPI_UNIVERSE", "PMIX_", "PMI_", "PRTE_", "HYDRA_"  # of th
 def without_mpi() -> dict[str, str]:
     """The variables that another program of MPI may see: mpirun knows of no other process here."""
     return {name: value for name, value in os.environ.items() if not name.startswith(MINE)}
+
+
+def by_another_python(
+    python: str, script: Path, given: Path, found: Path, *more: str, at_most: float | None = None
+) -> dict[str, Any] | str:
+    """Arrays that a script leaves in a file, run by a Python that has a code, or why it does not.
+
+    It takes so many seconds at most, if that is said.
+    """
+    found.unlink(missing_ok=True)
+    try:
+        run = subprocess.run(
+            [python, "-P", script, given, found, *more],
+            env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": ""},
+            capture_output=True,
+            text=True,
+            timeout=at_most,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return f"it took more than {at_most} s"
+    if not found.exists():
+        return "\n".join((run.stderr + run.stdout).strip().splitlines()[-8:]) or "it wrote nothing"
+    with np.load(found) as arrays:
+        return dict(arrays)

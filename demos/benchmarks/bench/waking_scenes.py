@@ -21,8 +21,6 @@ from meshes.gong import SIDE
 from meshes.mechanism import slider_crank
 from meshes.robot_arm import HEIGHT, TIP, robot_arm
 
-__all__ = ["BASE", "CASES", "LARGE", "Built", "Effects", "bar", "scene", "sine"]
-
 SOFT = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)  # Pa, 1, kg/m³
 MIDDLE = rf.StVenantKirchhoff(E=1e7, nu=0.3, rho=1000.0)
 STIFF = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from bench import by_another_python
 from scipy.sparse import csr_matrix
 
 import rigidfx as rf
 from rigidfx.vibration.problem import Problem
-
-__all__ = ["Found", "exudyn", "matrices", "part_of"]
 
 SCRIPT = Path(__file__).with_name("exudyn_steps.py")
 Found = dict[str, npt.NDArray[Any]]
@@ -27,21 +24,12 @@ def exudyn(python: str, folder: Path, given: dict[str, Any]) -> Found:
     It raises a `RuntimeError` if there is no result.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    asked, found = folder / "given.npz", folder / "found.npz"
-    found.unlink(missing_ok=True)
+    asked = folder / "given.npz"
     np.savez(asked, **given)
-    run = subprocess.run(
-        [python, "-P", SCRIPT, asked, found],
-        env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": ""},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if not found.exists():
-        told = (run.stderr + run.stdout).strip().splitlines()[-8:]
-        raise RuntimeError("Exudyn: " + "\n".join(told or ["it wrote nothing"]))
-    with np.load(found) as arrays:
-        return dict(arrays)
+    found = by_another_python(python, SCRIPT, asked, folder / "found.npz")
+    if isinstance(found, str):
+        raise RuntimeError(f"Exudyn: {found}")
+    return found
 
 
 def matrices(scene: rf.Scene) -> tuple[csr_matrix, csr_matrix]:

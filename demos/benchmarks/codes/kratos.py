@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 from pathlib import Path
 
 import numpy as np
+from bench import by_another_python
 
 from .case import Case, Outcome
 from .here import Energies
@@ -32,16 +31,20 @@ def kratos(case: Case, python: str, folder: Path) -> Outcome:
         material=(material.E, material.nu, material.rho),
         dt=case.dt,
     )
+
+    def call(solver: str) -> tuple[str, Path, Path, Path, str]:
+        return python, SCRIPT, given, given.with_suffix(f".{solver}.npz"), solver
+
     cost = {}
     for solver in SOLVERS:
-        trial = steps(python, given, solver, TRIAL, TRIAL_AT_MOST)
+        trial = by_another_python(*call(solver), str(TRIAL), at_most=TRIAL_AT_MOST)
         if not isinstance(trial, str):
             cost[solver] = float(trial["seconds"][-1])
     if not cost:
         return Outcome(failed=f"no step: {trial}")
     solver = min(cost, key=lambda name: cost[name])
     outcome = Outcome(solver=solver)
-    found = steps(python, given, solver, case.steps)
+    found = by_another_python(*call(solver), str(case.steps))
     if isinstance(found, str):
         outcome.failed = found
         return outcome
@@ -53,26 +56,3 @@ def kratos(case: Case, python: str, folder: Path) -> Outcome:
     if len(found["u"]):
         outcome.probe = case.nodes[case.probe] + found["u"][-1][case.probe]
     return outcome
-
-
-def steps(
-    python: str, given: Path, solver: str, count: int, at_most: float | None = None
-) -> dict[str, np.ndarray] | str:
-    """What the script found in so many steps, or why it found nothing."""
-    found = given.with_suffix(f".{solver}.npz")
-    found.unlink(missing_ok=True)
-    try:
-        run = subprocess.run(
-            [python, SCRIPT, given, found, solver, str(count)],
-            env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": ""},
-            capture_output=True,
-            text=True,
-            timeout=at_most,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return f"{count} steps took more than {at_most} s"
-    if not found.exists():
-        return run.stderr.strip().splitlines()[-1] if run.stderr.strip() else "it wrote nothing"
-    with np.load(found) as arrays:
-        return dict(arrays)

@@ -18,13 +18,12 @@ from common import block_of
 
 import rigidfx as rf
 
-from .row import Found, Problem
-
-__all__ = ["BARS", "CAPSTAN"]
+from .row import Found, problem
 
 SLIP = 0.002  # m: the belt is stretched by 0.0006 m and then slips; 0.004 unwinds it by 0.9 %
 
 
+@problem("two bars", "Plane waves in bars: ρ c A v/2; 2 L/c and 4 L/c")
 def bars(short: bool) -> Iterator[list[Found]]:
     """Force, its duration, and when the ends part."""
     for struck in (2,) if short else (1, 2):
@@ -57,6 +56,7 @@ def blow(struck: int, n: int) -> list[Found]:
     ]
 
 
+@problem("capstan", "J. A. Eytelwein, L. Euler: exp(μ π)")
 def capstan(short: bool) -> Iterator[list[Found]]:
     """Ratio of the tensions of a belt that is pulled over half a drum."""
     radius, thick, wide, mu, pull = 1.0, 0.01, 0.1, 0.3, 100.0
@@ -78,7 +78,3 @@ def capstan(short: bool) -> Iterator[list[Found]]:
     ratio = float(abs(report.reactions["x1"][2])) / pull
     allowed = 0.02 if short else 0.01  # it falls with the length of a cell, squared
     yield [Found("ratio of tensions", float(np.exp(mu * np.pi)), ratio, allowed)]
-
-
-BARS = Problem("Plane waves in bars: ρ c A v/2; 2 L/c and 4 L/c", bars)
-CAPSTAN = Problem("J. A. Eytelwein, L. Euler: exp(μ π)", capstan)

@@ -16,14 +16,12 @@ import numpy as np
 import numpy.typing as npt
 from bench.mechanism_scenes import Link, bricard, four_bars, heavy_top, linked
 from codes import exudyn
-from common import ROOT, comm
+from common import ROOT, Balance, comm
 from mechanisms import Followed, python_with_exudyn
 
 import rigidfx as rf
 
-from .row import Found, Problem
-
-__all__ = ["ANDREWS", "BRICARD", "FOUR_BARS", "HEAVY_TOP"]
+from .row import Found, problem
 
 Array = npt.NDArray[np.float64]
 # Parts, points of them in their frames at the start [m], and where these end [m].
@@ -53,6 +51,7 @@ def components(
     ]
 
 
+@problem("four-bar linkages", "IFToMM's library of multibody benchmarks, A02")
 def four(short: bool) -> Iterator[list[Found]]:
     """Two four-bar linkages after 10 s, and the equations of many that others imply."""
     exact, dt = END_OF_UP, 0.025 if short else 0.005
@@ -73,6 +72,7 @@ def four(short: bool) -> Iterator[list[Found]]:
     yield [Found(title, 3 * n, run.redundant, 0.0, kind="rigid", unknowns=run.unknowns)]
 
 
+@problem("Bricard", "IFToMM's library of multibody benchmarks, A04")
 def cube(short: bool) -> Iterator[list[Found]]:
     """The redundant equation of Bricard's mechanism."""
     run = Followed(bricard(), 0.01, 0.1 if short else 10.0, BAR)
@@ -80,6 +80,7 @@ def cube(short: bool) -> Iterator[list[Found]]:
     yield [Found("redundant equations", 1, run.redundant, 0.0, kind="rigid", unknowns=run.unknowns)]
 
 
+@problem("heavy top", "O. Brüls, A. Cardona, M. Arnold, MMT 48 (2012) 121")
 def top(short: bool) -> Iterator[list[Found]]:
     """The centre of the heavy top after 2 s."""
     dt = 1 / 160 if short else 0.001  # s
@@ -147,25 +148,17 @@ def squeezer() -> rf.Scene:
 
 def angle_of_crank(steps: int) -> float:
     """Andrews' crank at the end [rad]; energy is kept to rounding."""
-    work, first, worst = 0.0, 0.0, 0.0
+    balance = Balance()
     for report in rf.simulate(squeezer(), T_END / steps, T_END, progress=False):
-        work += report.work_of_loads
-        first = first if report.step else report.energy
-        worst = max(worst, abs(report.energy - first - work))
-    assert worst <= 1e-12 * report.energy
+        balance.follow(report)
+    assert balance.off <= 1e-12 * report.energy
     return BETA + report.joints["ground K1"].angle
 
 
+@problem("Andrews' squeezer", "E. Hairer, G. Wanner, Solving ODEs II, Section VII.7")
 def andrews(short: bool) -> Iterator[list[Found]]:
     """The angle of the crank, extrapolated."""
     steps, allowed = ((80, 160), 1e-4) if short else ((300, 600), 1e-5)
     coarse, fine = (angle_of_crank(n) for n in steps)
     title = "angle of the crank, extrapolated [rad]"
     yield [Found(title, CRANK, (4 * fine - coarse) / 3, allowed, kind="rigid")]
-
-
-IFTOMM = "IFToMM's library of multibody benchmarks, "
-FOUR_BARS = Problem(IFTOMM + "A02", four)
-BRICARD = Problem(IFTOMM + "A04", cube)
-HEAVY_TOP = Problem("O. Brüls, A. Cardona, M. Arnold, MMT 48 (2012) 121", top)
-ANDREWS = Problem("E. Hairer, G. Wanner, Solving ODEs II, Section VII.7", andrews)

@@ -25,12 +25,7 @@ from scipy.interpolate import make_interp_spline
 
 import rigidfx as rf
 
-from .row import Found, Problem
-
-__all__ = [
-    "EL_CENTRO", "PENDULUM", "SPIN_UP", "TURNING_BAR", "by_gravity", "by_support", "el_centro",
-    "storey",
-]  # fmt: skip
+from .row import Found, problem
 
 Array = npt.NDArray[np.float64]
 G = 9.81  # m/s²
@@ -42,6 +37,7 @@ DEFORMATION = {0.5: 2.67, 1.0: 5.97, 2.0: 7.47}  # s: in
 RECORD = ROOT / "tests" / "data" / "el_centro_1940_ns.txt"
 
 
+@problem("pendulum", "SimScale, pinned bar; CalculiX's forum, thread 1826")
 def pendulum(short: bool) -> Iterator[list[Found]]:
     """The largest speed of a corner, and its time: flexible, reduced, found and named rigid."""
     dt = 0.02 if short else 0.002
@@ -73,6 +69,7 @@ def pendulum(short: bool) -> Iterator[list[Found]]:
         ]
 
 
+@problem("turning bar", "ρ ω² a³/(3 E)")
 def turning_bar(short: bool) -> Iterator[list[Found]]:
     """The mean stretch of a bar that spins, flexible and reduced."""
     long, thick, rate = 1.0, 0.05, 100.0  # m, m, rad/s
@@ -134,6 +131,7 @@ def by_support(t: Array, a: Array) -> list[rf.Effect]:
     ]
 
 
+@problem("El Centro", "A. K. Chopra, Dynamics of Structures, figure 6.4.1")
 def earthquake(short: bool) -> Iterator[list[Found]]:
     """The largest displacement of the roof against the ground."""
     t, a = el_centro()
@@ -148,11 +146,6 @@ def earthquake(short: bool) -> Iterator[list[Found]]:
         yield [
             Found(title, DEFORMATION[period], float(most / INCH), 0.01, unknowns=report.unknowns)
         ]
-
-
-PENDULUM = Problem("SimScale, pinned bar; CalculiX's forum, thread 1826", pendulum)
-TURNING_BAR = Problem("ρ ω² a³/(3 E)", turning_bar)
-EL_CENTRO = Problem("A. K. Chopra, Dynamics of Structures, figure 6.4.1", earthquake)
 
 
 # A beam that is spun up ---------------------------------------------------------------------------
@@ -214,10 +207,8 @@ def spun(way: str, short: bool) -> list[Found]:
     return rows
 
 
+@problem("spin-up beam", "J. C. Simo, L. Vu-Quoc, J. Appl. Mech. 53 (1986) 855")
 def spin_up(short: bool) -> Iterator[list[Found]]:
     """All ways, one after the other."""
     for way in WAYS[2:3] if short else WAYS:
         yield spun(way, short)
-
-
-SPIN_UP = Problem("J. C. Simo, L. Vu-Quoc, J. Appl. Mech. 53 (1986) 855", spin_up)

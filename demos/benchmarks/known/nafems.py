@@ -18,13 +18,12 @@ from common import block_of
 
 import rigidfx as rf
 
-from .row import Found, Problem
-
-__all__ = ["BEND", "DEEP_BEAM", "PLATE", "THICK_PLATE"]
+from .row import Found, problem
 
 STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=8000.0)
 
 
+@problem("NAFEMS FV52", "NAFEMS FV52, The Standard NAFEMS Benchmarks (1990)")
 def plate(short: bool) -> Iterator[list[Found]]:
     """The first modes that bend, of which two are equal [Hz]."""
 
@@ -38,6 +37,7 @@ def plate(short: bool) -> Iterator[list[Found]]:
     yield [Found(f"frequency {k} [Hz]", f, float(found[k - 1]), 0.02) for k, f in known.items()]
 
 
+@problem("NAFEMS 5T", "NAFEMS 5T, Selected Benchmarks for Forced Vibration, R0016")
 def deep_beam(short: bool) -> Iterator[list[Found]]:
     """The first peak of the middle, its time, and its static deflection."""
     alpha, beta, force = 5.36, 7.46e-5, 2.5e5  # 1/s, s, N/m³
@@ -66,6 +66,7 @@ def deep_beam(short: bool) -> Iterator[list[Found]]:
     yield [Found("static deflection [mm]", 0.538, float(-1e3 * report.probes["middle"][2]), 0.01)]
 
 
+@problem("NAFEMS LE10", "NAFEMS LE10, The Standard NAFEMS Benchmarks (1990)")
 def thick_plate(short: bool) -> Iterator[list[Found]]:
     """Stress across the inner ellipse, at its end on the loaded side [MPa]."""
     n = (8, 12, 4) if short else (12, 18, 6)
@@ -89,6 +90,7 @@ def thick_plate(short: bool) -> Iterator[list[Found]]:
     yield [Found("stress at D [MPa]", -5.38, stress, 0.02)]
 
 
+@problem("NAFEMS 3DNLG-5", "NAFEMS 3DNLG-5, R0024; Abaqus' B32")
 def bend(short: bool) -> Iterator[list[Found]]:
     """The tip of the bend under two loads."""
     radius = 100.0
@@ -111,9 +113,3 @@ def bend(short: bool) -> Iterator[list[Found]]:
             Found(f"{axis} at {load:g}", a, float(b), 0.01, size, unknowns=report.unknowns)
             for axis, a, b in zip("xyz", published, (uy, ux, uz), strict=True)
         ]
-
-
-PLATE = Problem("NAFEMS FV52, The Standard NAFEMS Benchmarks (1990)", plate)
-DEEP_BEAM = Problem("NAFEMS 5T, Selected Benchmarks for Forced Vibration, R0016", deep_beam)
-THICK_PLATE = Problem("NAFEMS LE10, The Standard NAFEMS Benchmarks (1990)", thick_plate)
-BEND = Problem("NAFEMS 3DNLG-5, R0024; Abaqus' B32", bend)

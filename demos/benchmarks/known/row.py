@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-__all__ = ["Found", "Problem"]
-
 
 @dataclass(frozen=True)
 class Found:
@@ -36,6 +34,9 @@ class Found:
         return abs(self.ours - self.published) / abs(self.scale or self.published)
 
 
+Runs = Callable[[bool], Iterator[list[Found]]]
+
+
 @dataclass(frozen=True)
 class Problem:
     """A problem that others publish.
@@ -46,4 +47,17 @@ class Problem:
     """
 
     source: str
-    runs: Callable[[bool], Iterator[list[Found]]]
+    runs: Runs
+
+
+PROBLEMS: dict[str, Problem] = {}  # by name
+
+
+def problem(name: str, source: str) -> Callable[[Runs], Runs]:
+    """Enter a function that yields runs into the problems, with where it is published."""
+
+    def enter(runs: Runs) -> Runs:
+        PROBLEMS[name] = Problem(source, runs)
+        return runs
+
+    return enter

@@ -38,13 +38,12 @@ from scipy.optimize import brentq
 
 import rigidfx as rf
 
-from .row import Found, Problem
-
-__all__ = ["CHAIN", "FIRST_ORDER", "PRESTRESSED", "PRINCETON", "SOFT_CANTILEVER"]
+from .row import Found, problem
 
 G = 9.81  # m/s²
 
 
+@problem("soft cantilever", "Newton and MuJoCo projects; elastica")
 def soft_cantilever(short: bool) -> Iterator[list[Found]]:
     """Deflection of the tip for two moduli."""
     long, wide, high, own, tip = 0.9, 0.07, 0.055, 0.12, 0.2
@@ -62,6 +61,7 @@ def soft_cantilever(short: bool) -> Iterator[list[Found]]:
         yield [Found(title, exact, moved, 0.02, unknowns=report.unknowns)]
 
 
+@problem("prestressed beam", "L. Euler")
 def prestressed(short: bool) -> Iterator[list[Found]]:
     """Squares of frequencies over that without a load."""
     for share in (0.5, 0.98) if short else (0.25, 0.5, 0.75, 0.9, 0.98):
@@ -72,6 +72,7 @@ def prestressed(short: bool) -> Iterator[list[Found]]:
         yield [Found(title, 1 - share, (found / free) ** 2, 0.005, 1.0)]
 
 
+@problem("hanging chain", "Catenary")
 def chain(short: bool) -> Iterator[list[Found]]:
     """Sag of the middle over the span."""
     thick, span = 3e-4, 0.8  # of the length
@@ -97,11 +98,6 @@ def chain(short: bool) -> Iterator[list[Found]]:
     *_, report = rf.static(scene, 5 if short else 10, verbose=False)
     found = radius - low - float(report.probes["middle"][2])
     yield [Found("sag over length", float(sag), found, 0.005, unknowns=report.unknowns)]
-
-
-SOFT_CANTILEVER = Problem("Newton and MuJoCo projects; elastica", soft_cantilever)
-PRESTRESSED = Problem("L. Euler", prestressed)
-CHAIN = Problem("Catenary", chain)
 
 
 # The Princeton beam -------------------------------------------------------------------------------
@@ -177,6 +173,7 @@ def static(load: float, k: int, cells: tuple[int, int, int], **how: Any) -> rf.R
     return report
 
 
+@problem("Princeton beam", "L. Obrezkov et al., Nonlinear Dynamics 109 (2022) 31")
 def princeton(short: bool) -> Iterator[list[Found]]:
     """Statics at all angles, and steps to rest."""
     for load in list(BEAMS)[1:] if short else BEAMS:
@@ -190,6 +187,7 @@ def princeton(short: bool) -> Iterator[list[Found]]:
         yield rows(report.probes["tip"], 13.345, 3, "steps to rest", unknowns=report.unknowns)
 
 
+@problem("its first-order cells", "L. Obrezkov et al., Nonlinear Dynamics 109 (2022) 31; CalculiX")
 def first_order(short: bool) -> Iterator[list[Found]]:
     """Cells of first order beside the tables, and beside CalculiX's where it is installed."""
     if short:
@@ -233,8 +231,3 @@ def reduced() -> list[Found]:
     assert comm.rank > 0 or any("too far for its shapes" in str(one.message) for one in heard)
     found = rows(report.probes["tip"], 13.345, 3, "steps to rest", kind="reduced", allowed=None)
     return [replace(one, unknowns=report.unknowns) for one in found[:2]]
-
-
-SOURCE = "L. Obrezkov et al., Nonlinear Dynamics 109 (2022) 31"
-PRINCETON = Problem(SOURCE, princeton)
-FIRST_ORDER = Problem(f"{SOURCE}; CalculiX", first_order)
