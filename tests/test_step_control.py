@@ -118,6 +118,33 @@ def test_error_is_what_was_asked(make, tol):
     assert reports[-1].ledger.rejected <= max(0.05 * len(reports), 5)
 
 
+@pytest.mark.parametrize("by", ["motor", "support"])
+def test_a_step_errs_in_no_motion_that_is_led(by):
+    """A bar is spun up slowly: with the jerk of its tip, four times its error was told."""
+    box, stiff = rf.box((0, 0, 0), (8, 1, 1), (8, 1, 1)), rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)
+    middle, z = (0, 0.5, 0.5), (0, 0, 1)
+    if by == "motor":
+        hub = rf.Revolute("ground", rf.MeanFace("x0"), middle, z, name="hub")
+        leads = hub, rf.Motor("hub", speed=lambda t: spun_up(t)[1])
+    else:
+        leads = (
+            rf.PrescribedRotation("x0", axis=z, through=middle, angle=lambda t: spun_up(t)[0]),
+        )
+    scene, found = rf.Scene(box, stiff, leads, probes={"tip": (8, 0.5, 0.5)}), []
+    for dt in (0.1, 0.025):
+        found.append(run(scene, rf.StepControl(0.9, "tip", largest=dt, smallest=dt)))
+    own, fine = found
+    off = tips(own) - CubicSpline(times(fine), tips(fine))(times(own))
+    error = np.linalg.norm(off, axis=1).max()
+    assert 0.5 < own[-1].ledger.time.spent / error < 1.5
+
+
+def spun_up(t):
+    """Angle and speed [rad, rad/s]."""
+    s = min(t / 6, 1.0)
+    return 6 * (s**3 - s**4 / 2) + max(t - 6.0, 0.0), 3 * s**2 - 2 * s**3
+
+
 def test_a_breakpoint_is_met_with_even_steps_and_begun_anew():
     """Steps end on it exactly, none is a sliver, and after it they begin small."""
     push = rf.Traction("x1", (0, 0, 200.0), since=1.0, until=3.3)

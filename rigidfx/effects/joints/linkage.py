@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from rigidfx.base.matrices import Matrix, stacked
+from rigidfx.base.matrices import Matrix, dense, stacked
 from rigidfx.base.named import Named, no_such
 from rigidfx.base.types import Array, Ints
 from rigidfx.effects.action import Structure
@@ -301,6 +301,20 @@ class Linkage:
         """Velocities across rows at the step's start (0) or end (1), by those of averages [m/s]."""
         along = partial(self.drives.along, share)
         return np.asarray(self._by_averages(share, along) @ moving.ravel())
+
+    def leading(self, end: int) -> tuple[Array, Array, Array]:
+        """Rows that keep joints closed and motors' motions, at the step's start (0) or end (1).
+
+        Their derivatives by vectors, shape (rows, vectors, 3), where these are, and the rates that
+        rows have [m/s].
+        """
+        drives, share = self.drives, float(end)
+        rows = dense(self._by_vectors(share, partial(drives.along, share)))
+        speeds = [-drive.size * (drive.given or (0.0, 0.0))[end] for drive in drives.each]
+        active = self.rows.active.size
+        bound = np.r_[np.ones(active, dtype=bool), drives.prescribed]
+        rates = np.r_[np.zeros(active), speeds][bound]
+        return rows[bound].reshape(rates.size, -1, 3), self._motion.after(share), rates
 
     def on_vectors(self, multipliers: Array) -> Array:
         """Forces of multipliers on vectors, as a resistance, shape (vectors, 3) [N]."""

@@ -2,24 +2,11 @@
 
 The error of a step is d = c Δt³, and r Δt of it is permitted, so the best length is
 
-    Δt = safety √(r/c) ,                                                                    (1)
+    Δt = safety √(r/c) ,    r = max( (share tol U - E)/(T - t) , (share tol U' - E)/(spread s) )
 
-the deadbeat controller of an error per unit step (Hairer, Nørsett, Wanner, *Solving Ordinary
-Differential Equations I*, 2nd ed., II.4; Söderlind, ACM TOMS 29 (2003) 1, section 3). c is the
-envelope of d/Δt³: the errors of a vibration return, so c rises at once and fades over `memory`
-steps. Inside a dead band Δt does not change, since another Δt costs new tangents. Δt grows only
-after a longer one would have saved the cost of two changes. A step is repeated if d > reject r Δt.
-
-With E the error of the run so far and U the largest displacement, r spends the rest of the budget
-evenly up to the end T of the run, or, while a motion begins, in the time s in which it grows
-fourfold, the step included,
-
-    r = max( (share tol U - E)/(T - t) , (share tol U' - E)/(spread s) ) ,                  (2)
-
-each no less than `poorest` of its value with E = 0. Without the second term a motion that begins
-would have to keep a part of its still small displacement. E is damped
-(`RunError`). U' is the displacement after the longest step, or after 4 s, with
-the present velocity and acceleration; it is at most 4 U, and at most U times its former growth.
+with the error E of the run so far, the largest displacement U, the end T of the run, and the time s
+in which a motion that begins grows fourfold. U' is the displacement that is to come. The rules and
+what they are good for are in docs/theory/time_steps.md#the-next-δt.
 """
 
 from __future__ import annotations
@@ -45,24 +32,18 @@ LEAST = 1e-3  # of d, that the mean part of any account is at least
 
 
 class RunError:
-    """Adds up the errors of steps.
+    """Adds up the errors of steps by octaves, as they decay (docs/theory/time_steps.md).
 
-    An error is a motion. It decays as its vibration does, and the error of a vibration of amplitude
-    A is 2 A at most, when the phase is opposite. So the errors d of steps are split by octaves: E_b
-    is the error of motion slower than ω_b,
+    E_b is the error of motion slower than ω_b. That of faster motion of amplitude A_b is 2 A_b at
+    most, when the phase is opposite:
 
         E_b ← E_b exp(-δ_b Δt) + p_b d ,    δ_b = ½ (α + β min(½ω_b, ω)²) ,
         E = min_b ( max_{a ≤ b} E_a + 2 A_b ) .
 
-    p_b is the part of d/Δt that passes a chain of four exponential means; r takes the mean of late,
-    and all of one step that spends evenly beside: rounding alone tells no part. ω is the frequency
-    at which errors turn (`rigidfx.step.length.time_error`). α and β are the least damping of all
-    cells (`rigidfx.scene.damped`). A_b is the amplitude of motion faster than ω_b: of displacements
-    high-passed four times at ½ω_b, so that both parts together are complete. The last ω_b is
-    infinite. With contacts it is the only one, since they turn fast motion into slow motion.
-
-    Four means pass 1/(1 + ω²/ω_b²)². Divided by δ_b this is largest at ω_b = ω, where it is right
-    for one vibration: 0.9 to 1 between octaves.
+    p_b is the part of d/Δt that passes four exponential means, which is right for one vibration
+    (0.9 to 1 between octaves); r takes the mean of late, and all of one step that spends evenly
+    beside: rounding alone tells no part. The last ω_b is infinite. With contacts it is the only
+    one, since they turn fast motion into slow motion.
 
     Attributes:
         cuts: ω_b [1/s].
@@ -271,7 +252,7 @@ class Controller:
         return left / (NUMBERS.share * self.displacement)
 
     def allowed(self, t: float, dt: float) -> float:
-        """Error per time that a step from t of the length dt [s] may spend, r of (2) [m/s]."""
+        """Error per time that a step from t of the length dt [s] may spend, r [m/s]."""
         rest = max(self._t_end - t, NUMBERS.rest * self._t_end)
         spent = [(self.displacement, rest, self._t_end)]  # with what, in a time of a whole
         growing = self._growing(t) + dt

@@ -20,6 +20,7 @@ from rigidfx.scene.timeline import StepControl, Timeline
 from rigidfx.state import State
 from rigidfx.step.length.controller import Controller, Moves, RunError
 from rigidfx.step.length.given import Breakpoints, Onsets
+from rigidfx.step.length.led import Led
 from rigidfx.step.length.time_error import Blows, Elsewhere, TimeError
 from rigidfx.step.system.system import System
 from rigidfx.step.watches.judge import Attempt, WarnsOnce
@@ -64,6 +65,7 @@ class Tracked:
         self._rows: Ints = np.empty((0, 3), np.int64)  # ... and where in its increments
         self._held: Bools = np.zeros(self._X.shape, dtype=bool)
         self._bodies: tuple[object, ...] = ()
+        self._led = Led(scene)
 
     def bind(self, system: System, bodies: Bodies) -> bool:
         """Find the points in a division; whether there are other bodies than before."""
@@ -88,14 +90,15 @@ class Tracked:
         weights = np.abs(self._sums[: self.asked])
         return float(self._scene.sum((weights @ ~self._held).sum())) < ROUNDING
 
-    def motion(self, system: System, state: State, dt: float) -> tuple[Array, Array, Array]:
+    def motion(self, system: System, state: State, dt: float) -> tuple[Array, ...]:
         """Velocities at both ends of a solved step of Δt [s], displacements at its end. Collective.
 
-        They have the shape (points, 3) each [m/s, m/s, m].
+        And velocities at both ends about the led motion. They have the shape (points, 3) each
+        [m/s, m/s, m, m/s, m/s].
         """
         free, inside = self._free, self._body >= 0
-        local: Array = np.empty((self.nodes.size, 9))
-        v0, v1, moved = local[:, :3], local[:, 3:6], local[:, 6:]
+        local: Array = np.zeros((5, self.nodes.size, 3))
+        v0, v1, moved, *about = local
         v0[:] = v1[:] = state.v.x.array[self._dofs]
         moved[:] = state.u.x.array[self._dofs]
         d = system.d.array_r[self._rows]
@@ -108,8 +111,12 @@ class Tracked:
             for v, bodies in ((v0, increments.start), (v1, end)):
                 v[inside] = (a @ bodies.pose_rate[k])[:, 0]
             moved[inside] = (a @ end.pose[k])[:, 0] - self._X[inside]
-        total = np.asarray(self._scene.sum(self._sums @ local))
-        return total[:, :3], total[:, 3:6], total[:, 6:]
+        local[3:], x = local[:2], np.zeros((len(state.X), 3))
+        led = self._led.rates(system, state.u.x.array, state.t, dt)
+        for v, rates, back in zip(about, led, (dt * (v0 + v1) / 2, 0.0), strict=False):
+            x[self.nodes] = self._X + moved - back
+            v -= np.where(self._held, 0.0, self._led.motions(x, self.nodes) @ rates)
+        return tuple(np.asarray(self._scene.sum(self._sums @ local)))
 
 
 def _found(among: npt.NDArray[np.integer[Any]], nodes: Ints) -> tuple[Ints, Ints]:
@@ -140,7 +147,16 @@ class TimeControl(WarnsOnce):
         WarnsOnce.remembered
         | same("rejected", "jumped", "_objections", "_fresh", "_led")
         | dict.fromkeys(
-            ("length", "_error", "_elsewhere", "_blows", "_run_error", "_onsets", "_breakpoints"),
+            (
+                "length",
+                "_error",
+                "_about",
+                "_elsewhere",
+                "_blows",
+                "_run_error",
+                "_onsets",
+                "_breakpoints",
+            ),
             PART,
         )
     )
@@ -151,6 +167,7 @@ class TimeControl(WarnsOnce):
         self._scene, self._control, self._timeline = scene, control, timeline
         self._tracked = Tracked(scene, control.names)
         self._error = TimeError(self._tracked.count)
+        self._about = TimeError(self._tracked.count)  # of the motion about the led one
         self._elsewhere = Elsewhere(self._tracked.asked)
         self._breakpoints, self._onsets = Breakpoints(scene, timeline), Onsets(scene)
         self._blows = Blows(scene)
@@ -181,7 +198,8 @@ class TimeControl(WarnsOnce):
         """Follow the equations of a division. Collective."""
         first, self._system, self._state = self._system is None, system, state
         if self._tracked.bind(system, state.bodies):
-            self._error.switched()
+            for error in (self._error, self._about):
+                error.switched()
         if first and self._control.names and self._tracked.led:
             names = ", ".join(f"'{name}'" for name in self._control.names)
             warn(
@@ -214,12 +232,13 @@ class TimeControl(WarnsOnce):
     def objection(self, attempt: Attempt) -> StepError | None:
         """An error if a step is to be repeated with a shorter Δt; None to accept it. Collective."""
         t, dt = attempt.t, attempt.dt
-        v0, v1, u = self._tracked.motion(self._system, self._state, dt)
+        v0, v1, u, s0, s1 = self._tracked.motion(self._system, self._state, dt)
         self._elsewhere.look(u)
-        error = self._error
-        lengths = np.vstack([error.look(v0, v1, t, dt), self._run_error.swings(u, dt)])
-        found, *swings = self._elsewhere.worth(lengths)
-        self._found = float(found)
+        errs = self._error.look(v0, v1, t, dt), self._about.look(s0, s1, t, dt)
+        lengths = np.vstack([*errs, self._run_error.swings(u, dt)])
+        found, less, *swings = self._elsewhere.worth(lengths)
+        self._found = float(min(found, less))
+        error = self._about if less < found else self._error
         self._run_error.look(error.jerk, error.swinging, np.array(swings), error.omega, dt)
         asked = slice(self._tracked.asked)
         v0, v1, u = v0[asked], v1[asked], u[asked]
@@ -250,6 +269,7 @@ class TimeControl(WarnsOnce):
         """Accept the step that was looked at last. Collective."""
         young = self._error.young
         self._error.accept()
+        self._about.accept()
         self._elsewhere.accept()
         self._blows.accept()
         if attempt.cuts:
@@ -261,6 +281,7 @@ class TimeControl(WarnsOnce):
         self.jumped = self._timeline.same(attempt.end, self._led)
         if self._fresh:
             self._error.forget()
+            self._about.forget()
 
 
 def _longest(*vectors: npt.NDArray[np.floating[Any]]) -> list[float]:

@@ -1,30 +1,22 @@
 """Error of time integration in a step: of motions, of motions elsewhere, and of impulses.
 
-It follows from the velocities at the ends of a step.
-
 The local error of the midpoint rule is Δt³/12 times the jerk. With a = (v₁ - v₀)/Δt, which belongs
 to the middle of a step, and the divided differences j = Δa/Δt of two steps,
 
-    ĵ = ¼ j_{n-2} + ½ j_{n-1} + ¼ j_n ,    â = ⅛ (a_{n-3} + 3 a_{n-2} + 3 a_{n-1} + a_n) .
-
-These means remove a change of sign from step to step: a vibration that steps do not resolve has
-it, and it is no error of the resolved motion. While there are fewer differences, means of fewer
-replace these.
-
-The jerk of a vibration is zero twice a period, while the error of its phase grows. So the error is
-the root mean square over a period: if the jerk is ĵ now, it is ω â a quarter of a period away, and
-
+    ĵ = ¼ j_{n-2} + ½ j_{n-1} + ¼ j_n ,    â = ⅛ (a_{n-3} + 3 a_{n-2} + 3 a_{n-1} + a_n) ,
     d = Δt³/12 sqrt(½ (|ĵ|² + ω² |â|²)) ,    ω² = ∫ Σ |ĵ|² dt / ∫ Σ |â|² dt ,
 
-with sums over all points and integrals over the last 3/ω, about half a period. Errors of one
-vibration add up to √2 of Σ d, those of a steady rotation to Σ d.
+with sums over all points and integrals over the last 3/ω, about half a period. The means, of fewer
+while there are fewer differences, remove a change of sign from step to step, which is no error of
+the resolved motion. d is the root mean square over a period: if the jerk is ĵ now, it is ω â a
+quarter of a period away. Errors of one vibration add up to √2 of Σ d, those of a steady rotation
+to Σ d.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cache
-from math import comb, exp, inf, nan, sqrt
+from math import exp, inf, nan, sqrt
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -115,15 +107,10 @@ class TimeError:
 
 
 def _mean(values: Array) -> Array:
-    """Repeated mean of two among some values, shape (values, points, 3)."""
-    mean = _binomial(len(values)) @ values.reshape(len(values), -1)
-    return np.asarray(mean.reshape(values.shape[1:]))
-
-
-@cache
-def _binomial(count: int) -> Array:
-    """Weights of repeated means of two among some values: ¼, ½, ¼ of three."""
-    return np.array([comb(count - 1, k) for k in range(count)]) / 2.0 ** (count - 1)
+    """Repeated mean of two among some values: ¼, ½, ¼ of three."""
+    while len(values) > 1:
+        values = (values[1:] + values[:-1]) / 2
+    return np.asarray(values[0])
 
 
 class Elsewhere:
