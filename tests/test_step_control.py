@@ -121,7 +121,8 @@ def test_error_is_what_was_asked(make, tol):
 @pytest.mark.parametrize("by", ["motor", "support"])
 def test_a_step_errs_in_no_motion_that_is_led(by):
     """A bar is spun up slowly: with the jerk of its tip, four times its error was told."""
-    box, stiff = rf.box((0, 0, 0), (8, 1, 1), (8, 1, 1)), rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)
+    box = rf.box((0, 0, 0), (8, 1, 1), (8, 1, 1))
+    stiff = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)
     middle, z = (0, 0.5, 0.5), (0, 0, 1)
     if by == "motor":
         hub = rf.Revolute("ground", rf.MeanFace("x0"), middle, z, name="hub")

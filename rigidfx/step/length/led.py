@@ -1,12 +1,11 @@
-"""The rigid motion that supports and motors lead, in which steps do not err.
+"""The rigid motion s that supports and motors lead, in which steps do not err.
 
-Led places are exact at the ends of steps, and pull errors of what follows back: with a led motion s
+Led places are exact at the ends of steps, and pull errors e of what follows back:
 
-    M ü + K (u - s) = 0 ,    M ë + K e = Δt²/6 M u'''' = -Δt²/6 K (ü - s̈)    for the error e.
+    M ü + K (u - s) = 0 ,    M ë + K e = Δt²/6 M u'''' = -Δt²/6 K (ü - s̈) ,    B ṡ = γ .
 
-So errors come of u as much as of u - s, and e is at most what either adds up to. Where supports,
-joints and motors leave no rigid motion of a connected part free, ṡ are the rigid velocities with
-B ṡ = γ. B are rows of held dofs and joints, γ the rates that supports and motors give.
+So e is at most what u adds up to, and what u - s does. B are rows of held dofs and joints for the
+rigid motions of connected parts, γ the rates that supports and motors give.
 """
 
 from __future__ import annotations
@@ -38,10 +37,9 @@ class Led:
         self._is_place = np.array([v.is_place for v in vectors], dtype=bool)
 
     def rates(self, system: System, u: Array, t: float, dt: float) -> list[Array]:
-        """ṡ by motions of parts at both ends of a step that has been solved, (6 · parts,) [m/s].
+        """ṡ by motions of parts at both ends of a solved step, (6 · parts,); none if not led [m/s].
 
-        It begins at t with displacements u of local dofs, and takes Δt [s, m]; empty if nothing is
-        led. Collective.
+        It begins at t with displacements u of local dofs, and takes Δt [s, m]. Collective.
         """
         linkage, supports, d, found = system.linkage, system.prescribed, np.zeros_like(u), []
         driven = linkage is not None and linkage.drives.prescribed.any()

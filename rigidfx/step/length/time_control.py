@@ -32,10 +32,9 @@ ROUNDING = 1e-9  # of a probe's weights of nodes, which add up to one
 class Tracked:
     """Some probes, and nodes far from each other of the connected parts that these belong to.
 
-    A body's nodes have its motion, whether they take part in a step or not. A node of a support is
-    at its prescribed place at the end of each step, without an error. After a kink of the path the
-    velocity of such a node, 2 Δu/Δt - v, alternates from step to step, which would count as an
-    error at each change of Δt. So such nodes have the mean velocity of a step at both ends.
+    A body's nodes have its motion. A node of a support is at its place at the end of each step.
+    After a kink of the path its velocity, 2 Δu/Δt - v, alternates from step to step, which would
+    count as an error. So such nodes have the mean velocity of a step at both ends.
 
     Attributes:
         asked: Number of the points that are asked for, the first of all: the probes, or all nodes
@@ -93,8 +92,7 @@ class Tracked:
     def motion(self, system: System, state: State, dt: float) -> tuple[Array, ...]:
         """Velocities at both ends of a solved step of Δt [s], displacements at its end. Collective.
 
-        And velocities at both ends about the led motion. They have the shape (points, 3) each
-        [m/s, m/s, m, m/s, m/s].
+        And velocities about the led motion, shape (points, 3) each [m/s, m/s, m, m/s, m/s].
         """
         free, inside = self._free, self._body >= 0
         local: Array = np.zeros((5, self.nodes.size, 3))

@@ -9,8 +9,7 @@ to the middle of a step, and the divided differences j = Δa/Δt of two steps,
 with sums over all points and integrals over the last 3/ω, about half a period. The means, of fewer
 while there are fewer differences, remove a change of sign from step to step, which is no error of
 the resolved motion. d is the root mean square over a period: if the jerk is ĵ now, it is ω â a
-quarter of a period away. Errors of one vibration add up to √2 of Σ d, those of a steady rotation
-to Σ d.
+quarter of a period away. Errors of a vibration add up to √2 Σ d, of a steady rotation to Σ d.
 """
 
 from __future__ import annotations
@@ -116,10 +115,8 @@ def _mean(values: Array) -> Array:
 class Elsewhere:
     """Errors at other places of a structure, which travel to the points where accuracy is asked.
 
-    The tip of a cantilever does not move until the wave from its root arrives: the jerks of many
-    modes cancel there, while each mode has an error. Modes are orthogonal, so they do not cancel in
-    the mean square over a structure. So the root mean square over nodes counts as well, in relation
-    to their displacements:
+    Jerks of modes cancel at a tip until the wave from the root arrives, but not in the mean square
+    over a structure. So the root mean square over nodes counts too, over their displacements:
 
         d = max( d_p , d_s min(1, U_p/U_s) ) ,  d_s = sqrt(mean |d_k|²) ,  U_s² = max mean |u_k|² ,
 
@@ -174,9 +171,8 @@ class Forces(NamedTuple):
 class Blows:
     """The error of an impulse, as the force of a contact changes within a step.
 
-    The motion of a probe hardly shows this error at first: an impulse that is too large causes a
-    small error during the contact, and a growing one afterwards. A step takes the force at its
-    middle for the mean force, so the error of the impulse is
+    It shows little during the contact, and grows afterwards. A step takes the force at its middle
+    for the mean force, so the error of the impulse is
 
         Δt³/24 F'' ≈ Δt/24 |F - F*| ,
 
