@@ -227,16 +227,12 @@ class Body:
         return self.data.shapes.stretched(self.motion.q, self.motion.q_rate)
 
     def with_shapes(self, shapes: Shapes) -> Body:
-        """The body with shapes, of which it has had the first ones; others are at q = q̇ = 0.
-
-        U₀ takes the difference of the energies, where one of them has Γ.
-        """
+        """The body with shapes, of which it has had the first ones; others are at q = q̇ = 0."""
         q, rate = np.zeros((2, len(shapes)))
         q[: self.motion.q.size], rate[: self.motion.q.size] = self.motion.q, self.motion.q_rate
-        data, before = replace(self.data, shapes=shapes), self.data.shapes
-        if before is not None and shapes.tension is not None:
-            left = before.energy(self.motion.q) - shapes.energy(q)
-            data = replace(data, frozen=replace(data.frozen, strain=data.frozen.strain + left))
+        if self.data.shapes is not None:
+            shapes = shapes.begun(q, self.data.shapes, self.motion.q)
+        data = replace(self.data, shapes=shapes)
         return Body(data, replace(self.motion, q=q, q_rate=rate))
 
 

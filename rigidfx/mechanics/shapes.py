@@ -19,7 +19,7 @@ coordinates are given.
 
 Stresses stiffen, as strains are of second order in displacements. With
 
-    U(q) = U₀ + f₀·q + ½ e·Ωe,    e = q + ½ Ω⁻¹Γqq,    Γ_ajk = ∫ S'[φ_a] : sym(∇φ_jᵀ∇φ_k),
+    U(q) = U₀ + f₀·q + ½ e·Ωe,    e = q - b + ½ Ω⁻¹Γqq,    Γ_ajk = ∫ S'[φ_a] : sym(∇φ_jᵀ∇φ_k),
 
 and the stress S'[φ] that a displacement adds, this is the energy of the cells to third order. Of
 the fourth order it has the strains that shapes can relieve. The others are taken for relieved: a
@@ -39,7 +39,7 @@ Bodies may have different numbers of shapes: what a body lacks up to the largest
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -63,6 +63,8 @@ class Shapes:
         images: K Φ at the nodes, of a body that may get more shapes, shape (nodes, m, 3) [N/m].
         tension: Γ of the first n shapes, by which stretches stiffen, (n, n, n) [N/m²]; None where
             they do not.
+        shorter: b, by how much shapes do not get shorter, as they had bent before they had Γ, shape
+            (m,) [m]; None without Γ.
         drift: Of a body whose frame is held, by how much its centre of mass moves in the frame per
             coordinate, shape (m, 3); None of a body that moves freely.
         given: Number of the first shapes whose coordinates supports give.
@@ -75,6 +77,7 @@ class Shapes:
     force: Array
     drift: Array | None = None
     tension: Array | None = None
+    shorter: Array | None = None
     images: Array = field(default_factory=lambda: np.array([]))
     given: int = 0
 
@@ -105,7 +108,19 @@ class Shapes:
         gained = np.zeros((len(self), 2))
         gained[:n] = np.stack([self.tension @ x[:n] @ q[:n] for x in (0.5 * q, rate)], axis=1)
         relieved = np.linalg.solve(self.stiffness, gained).T
-        return q + relieved[0], rate + relieved[1]
+        return self.free(q) + relieved[0], rate + relieved[1]
+
+    def free(self, q: Array) -> Array:
+        """q where shapes had always got shorter, q - b, shape (m,) [m]."""
+        return q if self.shorter is None else q - self.shorter
+
+    def begun(self, q: Array, before: Shapes, q_before: Array) -> Shapes:
+        """Shapes that go on with the stretches of others, which are the first ones."""
+        if self.tension is None:
+            return self
+        e, _ = before.stretched(q_before, q_before)
+        now, _ = replace(self, shorter=None).stretched(q, q)
+        return replace(self, shorter=now - np.pad(e, (0, len(now) - len(e))))
 
     def tightened(self, q: Array) -> Array:
         """Ω with what the stretch at q adds, shape (m, m) [N/m]."""
@@ -114,11 +129,6 @@ class Shapes:
         out, n = self.stiffness.copy(), len(self.tension)
         out[:n, :n] += np.tensordot(self.stretched(q, q)[0][:n], self.tension, 1)
         return out
-
-    def energy(self, q: Array) -> float:
-        """U(q) - U₀ [J]."""
-        e, _ = self.stretched(q, q)
-        return float(self.force @ q + 0.5 * e @ self.stiffness @ e)
 
     @property
     def whole(self) -> Array:
@@ -163,16 +173,17 @@ class ShapesOfBodies:
             self.stiffness[k, :n, :n], self.force[k, :n] = own.stiffness, own.force
         self.couplings = axial(self.moments[:, 1:, 1:])
         self.mass = np.einsum("bklii->bkl", self.moments[:, 1:, 1:])
-        self.relieved = self._of_tension(each)
+        self.relieved, self._shorter = self._of_tension(each)
         self._rows = self.moments.reshape(len(self.some), m + 1, -1)
         self._inner = self.moments[:, 1:, 1:].reshape(len(self.some), m * m, 9)
         self._coupled = self.couplings.reshape(len(self.some), m, -1)
         seal(self)
 
-    def _of_tension(self, each: Sequence[Shapes | None]) -> Array | None:
-        """Ω⁻¹Γ of each, shape (some, most, most, most); None if no body has Γ."""
+    def _of_tension(self, each: Sequence[Shapes | None]) -> tuple[Array | None, Array]:
+        """Ω⁻¹Γ of each, shape (some, most, most, most), None if no body has Γ, and b."""
+        shorter = np.zeros((self.some.size, self.most))
         if all(own is None or own.tension is None for own in each):
-            return None
+            return None, shorter
         out = np.zeros((self.some.size, *3 * (self.most,)))
         for k, body in enumerate(self.some):
             own = each[int(body)]
@@ -182,7 +193,8 @@ class ShapesOfBodies:
                 out[k, :n, :n, :n] = own.tension
                 flat = out[k, :m, :m, :m].reshape(m, m * m)
                 out[k, :m, :m, :m] = np.linalg.solve(own.stiffness, flat).reshape(m, m, m)
-        return out
+                shorter[k, :m] = own.shorter
+        return out, shorter
 
     @cached_property
     def known(self) -> Bools:
@@ -245,7 +257,9 @@ class ShapesOfBodies:
 
     def stretched(self, q: Array) -> Array:
         """e(q), shape (some, most) [m]."""
-        return q if self.relieved is None else q + 0.5 * times(self._slopes(q), q)
+        if self.relieved is None:
+            return q
+        return q - self._shorter + 0.5 * times(self._slopes(q), q)
 
     def _slopes(self, q: Array) -> Array:
         """Ω⁻¹Γ q = ∂e/∂q - 1, shape (some, most, most)."""
@@ -263,6 +277,14 @@ class ShapesOfBodies:
         out = by_e + self._slopes(q).swapaxes(1, 2) @ by_e
         return np.asarray(out + out @ self._slopes(q1))
 
+    def linear(self, q: Array, e: Array) -> Array:
+        """Coordinates whose linear forces Ωq are those of stretches e at q, shape (some, most)."""
+        if self.relieved is None:
+            return e
+        s = times(self.stiffness, e)
+        tension = self.on_coordinates(q, s) - s
+        return e + times(np.linalg.pinv(self.stiffness, hermitian=True), tension)
+
     def turned(self, s: Array) -> Array | float:
         """Their derivative by q with s, shape (some, most, most) [N/m]."""
         if self.relieved is None:
@@ -272,7 +294,7 @@ class ShapesOfBodies:
 
     def even_force(self, q: Array) -> Array:
         """What Γ adds to Ωq to second order, shape (some, most) [N]."""
-        added = times(self.stiffness, self.stretched(q) - q)
+        added = times(self.stiffness, self.stretched(q) - q + self._shorter)
         return added + self.on_coordinates(q, times(self.stiffness, q)) - times(self.stiffness, q)
 
     def energy(self, q: Array) -> Array:

@@ -7,7 +7,7 @@ or grown eightfold, for named parts far below the bound. q·Dq counts for these,
 displacements are bounded, and so does the size of forces that shapes lack.
 
 A strip that is pulled is harder to bend, and so is one that spins on a hinge, pulled by its own
-inertia. Where stresses change the stiffness of any shape by more than `BOUND`, the body gets Γ,
+inertia. Where stresses change the stiffness of any shape by more than 3 `BOUND`, a body gets Γ,
 see `rigidfx.mechanics.shapes`, which takes an assembly for each shape. If these are stresses of a
 displacement that shapes lack, it becomes a shape before. Above the bound of ν cells of bodies that
 were found wake; for named parts the run warns.
@@ -59,7 +59,7 @@ def tightens(body: Body, part: Expanded, d: Array) -> bool:
     assert shapes is not None
     change = part.tension_by(d, shapes.whole.swapaxes(1, 2))
     parts = np.linalg.eigvals(np.linalg.solve(shapes.tightened(body.motion.q), change))
-    return bool(np.abs(parts).max() > BOUND)
+    return bool(np.abs(parts).max() > off_by(BOUND))
 
 
 def lacks_tension(body: Body) -> bool:

@@ -104,7 +104,8 @@ class Excess:
         self._about, self._energy, even = about, part.energy(e), part.even(e)
         on_shapes = part.dot(shapes.whole.swapaxes(1, 2), even[:, :, None])[:, 0]
         respond = about.responses.of_nodes(part.nodes, about.Q)
-        w = part.whole(self.d, part.beyond(shapes, even), respond)
+        free = deformed(body, shapes.free(body.motion.q))
+        w = part.whole(free, part.beyond(shapes, even), respond)
         missed = part.missed(e, w)
         self._dense = np.abs(missed) / self._scene.averaging_mass[part.nodes]
         energy = abs(float(self._scene.sum(missed.sum())))

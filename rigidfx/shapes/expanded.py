@@ -174,8 +174,10 @@ class Expanded:
         """Forces of second order less those by which shapes with Γ follow. Collective."""
         if shapes.tension is None:
             return even
-        modes = shapes.whole.swapaxes(1, 2)
-        along = np.linalg.solve(shapes.stiffness, self.dot(modes, even[:, :, None])[:, 0])
+        n = len(shapes.tension)
+        modes = shapes.whole[:, :n].swapaxes(1, 2)
+        follow = self.dot(modes, even[:, :, None])[:, 0]
+        along = np.linalg.solve(shapes.stiffness[:n, :n], follow)
         return np.asarray(even - self.times_stiffness(modes) @ along)
 
     def followed(self, shapes: Shapes, forces: Array, d: Array) -> float:

@@ -245,11 +245,14 @@ class FoundBodies:
         """δ of the whole structure as a body bends, in space, (owned nodes, 3) [m]. Collective."""
         found, about = self._of(body.data)
         F = np.zeros((self._scene.owned_nodes, 3, 1))
-        if body.data.shapes is not None:
-            shapes = body.data.shapes
+        shapes = body.data.shapes
+        if shapes is not None:
             even = found.even(shapes.bent(body.stretched[0]))
             F[body.data.nodes, :, 0] = found.beyond(shapes, even) @ about.Q
-        return np.asarray(-self.responses.solve(F)[:, :, 0] @ (body.motion.R @ about.Q).T)
+        out = np.asarray(-self.responses.solve(F)[:, :, 0] @ (body.motion.R @ about.Q).T)
+        if shapes is not None and shapes.shorter is not None:
+            out[body.data.nodes] -= shapes.bent(shapes.shorter) @ body.motion.R.T
+        return out
 
     def keep(self, vector: Array) -> None:
         """Give a shape, (owned nodes, 3, 1), to bodies that will be found."""

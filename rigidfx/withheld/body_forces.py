@@ -116,7 +116,7 @@ class Withheld:
         self._follow(increments)
         loads = self._loads_of(t, dt, self._stepper.system.acting)
         resisted, on_nodes = self._resisted(gained, dt), loads.reshape(-1, 3)
-        half = 0.5 * (start.stretched + end.stretched)[self._of]
+        half = _middle(start, end)[self._of]
         known, products = [], []
         for k, (fields, at) in enumerate(zip(self.fields, self._parts.at, strict=True)):
             if fields is not None:
@@ -205,6 +205,15 @@ class Withheld:
         """Free the PETSc objects. Collective."""
         for item in (self._actions, self._d, self._f, self._mass):
             item.destroy()
+
+
+def _middle(start: Bodies, end: Bodies) -> Array:
+    """Coordinates with the elastic forces in the middle of a step, shape (bodies, m) [m]."""
+    e, shapes = 0.5 * (start.stretched + end.stretched), end.of.shapes
+    if shapes is not None:
+        at = shapes.some
+        e[at] = shapes.linear(0.5 * (start.q + end.q)[at], e[at])
+    return e
 
 
 class BodyForces(Watch):
