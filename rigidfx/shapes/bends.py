@@ -36,7 +36,6 @@ from rigidfx.state import State
 BOUND = 0.003  # of ν, above which cells wake, and a run warns: amplitudes err by 0.9 %
 # The same where displacements are bounded by 3 ν of the bend: as far as that has been compared.
 FARTHEST = 0.03
-DRIFT = 3.5  # see below
 # Factors of ½ q·Ωq or q·Dq after which ν is looked at again: near its bound, and far below it.
 NEAR = 2.0
 FAR = NEAR * NEAR * NEAR
@@ -78,48 +77,6 @@ def tense(body: Body, part: Expanded) -> Body:
     shapes = body.data.shapes
     assert shapes is not None
     return body.with_shapes(replace(shapes, tension=part.tension(shapes.whole.swapaxes(1, 2))))
-
-
-class Drift:
-    """How far bodies that bend have drifted off, as their frequencies err: by `DRIFT` ∫ ν |ḋ| dt.
-
-    The frequency of a vibration of amplitude A errs by ¾ ν, with ν at A: it is off by 4.7 ν A more
-    in each period. ν goes with q·Dq, so that the integral is 4/3 ν A a period. In tension ν stays
-    as A falls, and the drift is larger than this.
-    """
-
-    remembered: ClassVar[Remembered] = same("_of")
-
-    def __init__(self) -> None:
-        """Nothing has bent."""
-        # Of each body, by number: 3½ ν |d| over (q·Dq)^1½, and its drift [m].
-        self._of: dict[int, tuple[float, float]] = {}
-
-    def of(self, number: int) -> float:
-        """The drift of a body [m]."""
-        return self._of.get(number, (0.0, 0.0))[1]
-
-    def looked(self, body: Body, nu: float, size: float) -> None:
-        """ν of a body was found, where it has moved so far [m]."""
-        _, square = _sizes(body)
-        self._of[body.data.number] = (
-            DRIFT * nu * size / (square * float(np.sqrt(square))),
-            self.of(body.data.number),
-        )
-
-    def advance(self, bodies: Bodies, dt: float) -> float:
-        """Follow bodies in a step that ended so; the largest drift [m]."""
-        for body in bodies:
-            number, shapes = body.data.number, body.data.shapes
-            if number in self._of and shapes is not None:
-                (slope, drift), (_, square) = self._of[number], _sizes(body)
-                rate = float(body.motion.q_rate @ shapes.mass @ body.motion.q_rate)
-                self._of[number] = slope, drift + slope * square * float(np.sqrt(rate)) * dt
-        return max((drift for _, drift in self._of.values()), default=0.0)
-
-    def forget(self, number: int) -> None:
-        """Forget a body that is no more."""
-        self._of.pop(number, None)
 
 
 class Looks:

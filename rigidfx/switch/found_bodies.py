@@ -26,7 +26,6 @@ from rigidfx.shapes.bends import (
     BOUND,
     FARTHEST,
     NEAR,
-    Drift,
     Looks,
     at_cells,
     lacks_tension,
@@ -91,7 +90,6 @@ class FoundBodies:
     remembered: ClassVar[Remembered] = same("bends", "nu", "_modes", "_cut") | {
         "known": Each(Known),
         "_looks": PART,
-        "_drift": PART,
         "_pressing": PART,
         "_start": ON_DOFS,
         "vectors": ON_NODES,
@@ -101,7 +99,7 @@ class FoundBodies:
         """None is found: the present state is the start; dt is the nominal Δt [s]."""
         self._stepper, self._forces, self._dt, self._scene = stepper, forces, dt, stepper.scene
         self.known: dict[int, Known] = {}
-        self.bends, self._looks, self._drift = 0.0, Looks(), Drift()
+        self.bends, self._looks = 0.0, Looks()
         self.nu: dict[str, float] = {}
         self._start: Array = stepper.state.u.x.array[: 3 * self._scene.owned_nodes].copy()
         self._linear: Linear | None = None
@@ -287,40 +285,39 @@ class FoundBodies:
     def bent(
         self,
         bodies: Bodies,
-        allowed: float,
-        free: bool,
+        allowed: float | None,
+        by_rates: bool,
         withheld: Sequence[tuple[Fields, Force]],
         pull: float,
     ) -> Looked | None:
         """Cells whose energy is not that of shapes, or bodies with more; None if none. Collective.
 
-        Displacements may err by what is allowed [m], or by a part of themselves if they are free:
-        bounded by nothing, or not yet. The motion of a body that cells join to supports errs as a
-        whole, that of others as they bend. What is withheld of forces, of the size `pull`
-        [N/√kg], stiffens bodies, too.
+        Displacements may err by what is allowed [m], or by a part of themselves if that is None, as
+        nothing bounds them yet. The motion of a body that cells join to supports errs as a whole,
+        that of others as they bend. What is withheld of forces, of the size `pull` [N/√kg],
+        stiffens bodies, too. Where strain rates are bounded, that counts if cells would wake.
         """
         for body in bodies:
-            data, drift = body.data, self._drift.of(body.data.number)
-            due = self._looks.due(body, pull) or (drift > allowed and not free)
-            if not (due and self.grows(data)):
+            data = body.data
+            if not (self.grows(data) and self._looks.due(body, pull)):
                 continue
             _, about = self._of(data)
-            own = [each for each in withheld if each[0].data is data]
-            if data.number not in self._tense and (more := self._tensed(body, own)) is not None:
-                self._tense.add(data.number)
-                return Looked(more)
-            found = Excess(about, body)
+            found, grown = Excess(about, body), NEAR
             nu = found.nu
             errs = self.moved(body) if about.on_supports else about.beside.apart(found.d @ about.Q)
             far = self._scene.comm.allreduce(float(np.abs(errs).max(initial=0.0)), op=MPI.MAX)
-            size = off_by(nu) * far + drift
-            grown = NEAR
-            if size > 0 and not free:  # 3 ν |d| goes with |d|³
+            size = off_by(nu) * far
+            small = nu <= BOUND if allowed is None else nu <= FARTHEST and size <= allowed
+            if not (small and by_rates) and data.number not in self._tense:
+                own = [each for each in withheld if each[0].data is data]
+                if (more := self._tensed(body, own)) is not None:
+                    self._tense.add(data.number)
+                    return Looked(more)
+            if size > 0 and allowed is not None:  # 3 ν |d| goes with |d|³
                 grown = min(NEAR, max(allowed / size, 1.0) ** (2 / 3))
             self._looks.looked(body, grown, pull)
-            self._drift.looked(body, nu, far)
             self.nu[data.name] = nu
-            if nu <= BOUND if free else nu <= FARTHEST and size <= allowed:
+            if small:
                 self.bends = max(self.bends, size)
                 continue
             words = "bends by more than its shapes follow"
@@ -353,9 +350,8 @@ class FoundBodies:
         )
         return Bodies.of_each(now)
 
-    def advance(self, bodies: Bodies, dt: float) -> None:
-        """Add how far bodies drift off in a step of dt [s] that ended so."""
-        self.bends = max(self.bends, self._drift.advance(bodies, dt))
+    def accept(self) -> None:
+        """A step has been accepted: bodies may get Γ, or a shape for tension, once more."""
         self._tense.clear()
 
     # Where they leave their shapes ----------------------------------------------------------------
@@ -415,7 +411,6 @@ class FoundBodies:
     def _forget(self, number: int) -> None:
         """Forget how a body that is no more has bent."""
         self._looks.forget(number)
-        self._drift.forget(number)
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

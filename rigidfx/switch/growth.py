@@ -86,9 +86,10 @@ class Growth(Watch):
         wakes = now is not None and now.rates is None
         found = self.found.pressed(self._stepper.state.bodies, pressing, attempt.dt, wakes)
         if found is None and now is not None:
-            bodies, free = attempt.increments.end, now.rates is not None or now.begins
-            allowed = 0.0 if now.rates is not None else self._allowed(now)
-            found = self.found.bent(bodies, allowed, free, self._withheld, size)
+            by_rates = now.rates is not None
+            allowed = None if by_rates or now.begins else self._allowed(now)
+            bodies = attempt.increments.end
+            found = self.found.bent(bodies, allowed, by_rates, self._withheld, size)
         if found is not None:
             return found
         known = self._since + 1 < EVERY and not self._added
@@ -231,7 +232,7 @@ class Growth(Watch):
         """See `Watch`."""
         lacking = {number: own.lacking for number, own in self.found.known.items()}
         self._resonance.advance(self._lacks_modes(), lacking, attempt.dt)
-        self.found.advance(attempt.increments.end, attempt.dt)
+        self.found.accept()
         self._added = {}
         self._since += 1
 
