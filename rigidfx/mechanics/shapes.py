@@ -283,7 +283,8 @@ class ShapesOfBodies:
             return e
         s = times(self.stiffness, e)
         tension = self.on_coordinates(q, s) - s
-        return e + times(np.linalg.pinv(self.stiffness, hermitian=True), tension)
+        flexibility = np.asarray(np.linalg.pinv(self.stiffness, hermitian=True), dtype=np.float64)
+        return np.asarray(e + times(flexibility, tension))
 
     def turned(self, s: Array) -> Array | float:
         """Their derivative by q with s, shape (some, most, most) [N/m]."""
