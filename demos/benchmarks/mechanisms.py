@@ -41,7 +41,7 @@ import numpy.typing as npt
 from bench import Parser, chosen, conclude
 from bench.drilled import exact_period, rod_numbers, swing
 from bench.flexible_crank import crank_motion, flexible_crank, for_exudyn, motion
-from bench.mechanism_scenes import double_pendulum
+from bench.mechanism_scenes import hinged
 from codes import Found, exudyn
 from common import ROOT, Balance, say
 from scipy.integrate import solve_ivp
@@ -113,8 +113,8 @@ def pendulum(asked: Asked) -> list[Row]:
     a, b = solution.y[:2, -1]
     exact = np.array([np.cos(a) + np.cos(b), np.sin(a) + np.sin(b), 0.0])
     steps = (0.008, 0.004) if asked.short else (0.002, 0.001)
-    end = "lower", np.array([0.5, 0, 0])
-    coarse, fine = (Followed(double_pendulum(), dt, 2.0, end) for dt in steps)
+    end = "bar 1", np.array([0.5, 0, 0])
+    coarse, fine = (Followed(hinged(2), dt, 2.0, end) for dt in steps)
     off = [float(np.linalg.norm(run.end - exact)) for run in (coarse, fine)]
     order = float(np.log(off[0] / off[1]) / np.log(steps[0] / steps[1]))
     assert abs(order - 2) <= 0.3

@@ -16,7 +16,7 @@ SPIN = rf.InitialVelocity(angular=(0.2, 0.3, 1.0))
 RELEASED = rf.StrainRate(ANY, 1.0, release=release_at(2.0), patience=1)
 
 
-def _two_halves(short: bool, stiff: rf.Material, soft: rf.Material, *effects: rf.Effect):
+def two_halves(short: bool, stiff: rf.Material, soft: rf.Material, *effects: rf.Effect):
     """A bar of 8 m, the left half of one material, the right half of another."""
     domain = rf.box((0, 0, 0), (8, 2, 2), (4, 1, 1) if short else (8, 2, 2))
     domain = domain.with_cells("stiff", between(0, 4)).with_cells("soft", between(4, 8))
@@ -38,7 +38,7 @@ def stiff_and_heavy_beside_soft_and_light(short: bool) -> Iterator[Run]:
         t_end = 2.0 if short else 20.0
         bound = t_end / 0.1 * (1e-10 if rho < 1 else 1e-12) + 1e-9
         options = {"energy": bound, "momentum": bound}
-        scene = _two_halves(short, stiff, soft, SPIN)
+        scene = two_halves(short, stiff, soft, SPIN)
         adaptive = rf.StrainRate(0.0, 0.5, tolerances={"stiff": ANY},
                                  release=release_at(1.5), patience=1)  # fmt: skip
         yield from both(scene, 0.1, t_end, adaptive, way, **options)
@@ -50,7 +50,7 @@ def stiff_half_as_a_body(short: bool) -> Iterator[Run]:
     soft = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
     for way, rho in (("equally heavy", 10.0), ("1e6 times as light", 1e-5)):
         stiff = rf.StVenantKirchhoff(E=1e12, nu=0.3, rho=rho)
-        scene = _two_halves(short, stiff, soft, SPIN, rf.Rigid("stiff"))
+        scene = two_halves(short, stiff, soft, SPIN, rf.Rigid("stiff"))
         yield Run(f"{way}, named rigid", scene, 0.1, 2.0 if short else 20.0, tangents=5)
 
 

@@ -22,24 +22,18 @@ from petsc4py import PETSc
 import rigidfx as rf
 from rigidfx.mechanics.rotation import skew
 
+from .extremes import SPIN, two_halves
+
 E, NU, RHO = 1e4, 0.3, 10.0  # Pa, 1, kg/m³; of the soft half
 DT = 0.1  # s
 STEPS = 3  # steps before the tangent is looked at
 PENALTY = 1e3  # p over the largest diagonal entry
-SPIN = rf.InitialVelocity(angular=(0.2, 0.3, 1.0))  # rad/s
 
 
 def scene(ratio: float, rigid: bool, short: bool) -> rf.Scene:
     """The bar with its stiff half rigid or flexible."""
-    domain = rf.box((0, 0, 0), (8, 2, 2), (4, 1, 1) if short else (8, 2, 2))
-    domain = domain.with_cells("stiff", lambda x: x[0] <= 4 + 1e-9)
-    domain = domain.with_cells("soft", lambda x: x[0] >= 4 - 1e-9)
-    materials = {
-        "stiff": rf.StVenantKirchhoff(E=ratio * E, nu=NU, rho=RHO),
-        "soft": rf.StVenantKirchhoff(E=E, nu=NU, rho=RHO),
-    }
-    effects = [SPIN, rf.Rigid("stiff")] if rigid else [SPIN]
-    return rf.Scene(domain, materials, effects)
+    stiff, soft = (rf.StVenantKirchhoff(E=k * E, nu=NU, rho=RHO) for k in (ratio, 1.0))
+    return two_halves(short, stiff, soft, SPIN, *[rf.Rigid("stiff")] * rigid)
 
 
 class KeepingLU:

@@ -137,13 +137,3 @@ def heavy_top() -> rf.Scene:
         rf.InitialVelocity(angular=(0.0, 150.0, -4.61538), centre=(0, 0, 0)),
     ]
     return rf.Scene(linked([top]), SOFT, effects)
-
-
-def double_pendulum() -> rf.Scene:
-    """Two thin bars of 1 m and 1 kg, let go from the horizontal."""
-    links = [Link("upper", (0, 0, 0), (1, 0, 0)), Link("lower", (1, 0, 0), (2, 0, 0))]
-    pins = [
-        rf.Revolute("ground", "upper", (0, 0, 0), Z, name="top"),
-        rf.Revolute("upper", "lower", (1, 0, 0), Z, name="elbow"),
-    ]
-    return rf.Scene(linked(links), SOFT, [*(link.thin(1.0) for link in links), *pins, DOWN])
