@@ -283,8 +283,12 @@ class ShapesOfBodies:
             return e
         s = times(self.stiffness, e)
         tension = self.on_coordinates(q, s) - s
-        flexibility = np.asarray(np.linalg.pinv(self.stiffness, hermitian=True), dtype=np.float64)
-        return np.asarray(e + times(flexibility, tension))
+        return np.asarray(e + times(self._flexibility, tension))
+
+    @cached_property
+    def _flexibility(self) -> Array:
+        """Ω⁻¹ of the shapes that there are, shape (some, most, most) [m/N]."""
+        return np.asarray(np.linalg.pinv(self.stiffness, hermitian=True), dtype=np.float64)
 
     def turned(self, s: Array) -> Array | float:
         """Their derivative by q with s, shape (some, most, most) [N/m]."""

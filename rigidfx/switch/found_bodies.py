@@ -107,7 +107,7 @@ class FoundBodies:
         self._modes, self._cut = 0, np.inf  # modes of the whole, and the lowest ω that these lack
         self.vectors: Array = np.zeros((self._scene.owned_nodes, 3, 0))
         self._pressing = Pressing(self._scene)
-        self._tense: set[int] = set()  # bodies that have got Γ in this step
+        self._taut: set[int] = set()  # bodies that have got Γ in this step
         self._cells = self._scene.mesh.topology.index_map(3).size_local  # owned ones
 
     def linear(self) -> Linear:
@@ -308,10 +308,10 @@ class FoundBodies:
             far = self._scene.comm.allreduce(float(np.abs(errs).max(initial=0.0)), op=MPI.MAX)
             size = off_by(nu) * far
             small = nu <= BOUND if allowed is None else nu <= FARTHEST and size <= allowed
-            if not (small and by_rates) and data.number not in self._tense:
+            if not (small and by_rates) and data.number not in self._taut:
                 own = [each for each in withheld if each[0].data is data]
                 if (more := self._tensed(body, own)) is not None:
-                    self._tense.add(data.number)
+                    self._taut.add(data.number)
                     return Looked(more)
             if size > 0 and allowed is not None:  # 3 ν |d| goes with |d|³
                 grown = min(NEAR, max(allowed / size, 1.0) ** (2 / 3))
@@ -352,7 +352,7 @@ class FoundBodies:
 
     def accept(self) -> None:
         """A step has been accepted: bodies may get Γ, or a shape for tension, once more."""
-        self._tense.clear()
+        self._taut.clear()
 
     # Where they leave their shapes ----------------------------------------------------------------
 
