@@ -272,6 +272,8 @@ class TimeControl(WarnsOnce):
         self._blows.accept()
         if attempt.cuts:
             self.length.wanted = attempt.dt
+        elif self._objections:  # it was made again, with more shapes: nothing is known of these
+            self.length.begin()
         unknowns = self._system.prolongation.size
         self.length.accept(self._found, attempt.end, attempt.dt, self._end, young, unknowns)
         self.rejected, self._objections = self.rejected + self._objections, 0

@@ -62,8 +62,7 @@ class TimeError:
     def switched(self) -> None:
         """Bodies have changed: jerks are no errors until three differences are known.
 
-        Cells that wake spring into the shape that forces give them, faster than steps resolve: that
-        rings from step to step, and only the mean of three is blind to it.
+        Cells that wake ring from step to step, and only the mean of three is blind to it.
         """
         self.forget()
         self._patient = True
