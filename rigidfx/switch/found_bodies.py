@@ -295,7 +295,7 @@ class FoundBodies:
         Displacements may err by what is allowed [m], or by a part of themselves if that is None, as
         nothing bounds them yet. The motion of a body that cells join to supports errs as a whole,
         that of others as they bend. What is withheld of forces, of the size `pull` [N/√kg],
-        stiffens bodies, too. Where strain rates are bounded, that counts if cells would wake.
+        stiffens bodies, but where strain rates are bounded: cells wake there.
         """
         for body in bodies:
             data = body.data
@@ -308,7 +308,7 @@ class FoundBodies:
             far = self._scene.comm.allreduce(float(np.abs(errs).max(initial=0.0)), op=MPI.MAX)
             size = off_by(nu) * far
             small = nu <= BOUND if allowed is None else nu <= FARTHEST and size <= allowed
-            if not (small and by_rates) and data.number not in self._taut:
+            if not (by_rates or data.number in self._taut):
                 own = [each for each in withheld if each[0].data is data]
                 if (more := self._tensed(body, own)) is not None:
                     self._taut.add(data.number)
