@@ -76,36 +76,37 @@ class LinearForms:
         if self._stiffness is None:
             V, element = self._scene.space, self._scene.element
             strained = fem.Function(V)
-            work = ufl.derivative(self._strained_elsewhere(strained), strained, self._trial)
+
+            def stiff(i: int, c: MaterialClass) -> Any:
+                C = element.right_cauchy_green(strained)
+                S = second_piola_kirchhoff(c.law.energy, C, c.law.parameters)
+                portion = Portion("elastic", strained)
+                return element.virtual_work(S, (portion,), (self.shape,), self._test)
+
+            work = ufl.derivative(self._forces.integrate(stiff), strained, self._trial)
             step = (self.shape,), strained, 1.0, None, self._test, self._trial
             work += self._forces.integrate(lambda i, c: element.eliminated(*step))
             self._stiffness = strained, Kernel(work, [V, V], self._scene.mesh)
         strained, kernel = self._stiffness
         return kernel.bind(cells, instead={strained: self.shape})
 
-    def _strained_elsewhere(self, strained: fem.Function, degree: int | None = None) -> Any:
-        """Work of the stresses of other strains on the strains of the shape."""
-        element = self._scene.element
-
-        def work(i: int, c: MaterialClass) -> Any:
-            C = element.right_cauchy_green(strained)
-            S = second_piola_kirchhoff(c.law.energy, C, c.law.parameters)
-            portion = Portion("elastic", strained)
-            return element.virtual_work(S, (portion,), (self.shape,), self._test)
-
-        return self._forces.integrate(work, degree)
-
     def tension(self, cells: Cells, along: Array) -> fem.Form:
-        """∫ S'[along] : sym(∇wᵀ∇v): what stresses by a displacement add to the stiffness.
+        """∫ S'[along] : ∇wᵀ∇v by one point a cell: what stresses add to the stiffness.
 
-        The displacement is at the owned dofs [m].
+        They are those of a displacement at the owned dofs [m], without what elements do to it.
         """
         if self._tension is None:
             V = self._scene.space
             strained, moved = fem.Function(V), fem.Function(V)
-            work = ufl.derivative(self._strained_elsewhere(strained, 0), self.shape, self._trial)
-            work = ufl.derivative(work, strained, moved)
-            self._tension = strained, moved, Kernel(work, [V, V], self._scene.mesh)
+            slopes = ufl.grad(self._test).T * ufl.grad(self._trial)
+
+            def work(i: int, c: MaterialClass) -> Any:
+                F = ufl.Identity(3) + ufl.grad(strained)
+                S = second_piola_kirchhoff(c.law.energy, F.T * F, c.law.parameters)
+                return ufl.inner(S, slopes)
+
+            form = ufl.derivative(self._forces.integrate(work, 0), strained, moved)
+            self._tension = strained, moved, Kernel(form, [V, V], self._scene.mesh)
         strained, moved, kernel = self._tension
         moved.x.array[: along.size] = along
         moved.x.scatter_forward()

@@ -9,7 +9,8 @@ displacements are bounded, and so does the size of forces that shapes lack.
 A strip that is pulled is harder to bend, and so is one that spins on a hinge, pulled by its own
 inertia. Where stresses change the stiffness of any shape by more than 3 `BOUND`, a body gets Γ,
 see `rigidfx.mechanics.shapes`, which takes an assembly for each shape. If these are stresses of a
-displacement that shapes lack, it becomes a shape before. Above the bound of ν cells of bodies that
+displacement that shapes lack, it becomes a shape before. Named parts are asked in each step, as a
+pull may have little energy beside that of a bend. Above the bound of ν cells of bodies that
 were found wake; for named parts the run warns.
 """
 
@@ -41,6 +42,7 @@ NEAR = 2.0
 FAR = NEAR * NEAR * NEAR
 SHARE = 0.3  # part of the largest miss of any node, by mass, above which cells wake
 LEAST = 1e-6  # part of the largest ½ q·Ωq so far up to which ν is not looked at
+SOFTEST = 3  # shapes of a named part whose stiffness is asked for in each step
 ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))  # of q, over the length of a body
 
 
@@ -135,6 +137,9 @@ class Spent:
         self.nu: dict[str, float] = {}
         self._rise: dict[str, float] = {}  # ν over q·Dq when it was looked at [1/(kg m²)]
         self._large: frozenset[str] = frozenset()  # parts of whose ν has been warned
+        self._stiffer: dict[
+            tuple[str, int], Array
+        ] = {}  # by how much stretches stiffen, per e [1/m]
         self._taut: frozenset[str] = frozenset()  # parts that get Γ before the next step
 
     def follow(
@@ -147,16 +152,28 @@ class Spent:
         for body in state.bodies if state.bodies.of.shapes is not None else ():
             if body.data.named and body.data.shapes is not None:
                 name, (_, square) = body.data.name, _sizes(body)
+                if tenses and self._tightens(body, about):
+                    self._taut |= {name}
+                    continue
                 if self._looks.due(body):
-                    own = about(body)
-                    if tenses and lacks_tension(body) and tightens(body, own.part, stresses(body)):
-                        self._taut |= {name}
-                        continue
-                    found = Excess(own, body)
+                    found = Excess(about(body), body)
                     self._look(state.t, body, found)
                     self._rise[name] = found.nu / square
                 self.nu[name] = max(self.nu.get(name, 0.0), self._rise.get(name, 0.0) * square)
         return dict(self.nu)
+
+    def _tightens(self, body: Body, about: Callable[[Body], About]) -> bool:
+        """Whether stresses stiffen one of the softest shapes by much, without Γ. Collective."""
+        shapes, q = body.data.shapes, body.motion.q
+        assert shapes is not None
+        if not lacks_tension(body) or np.abs(q).max() <= ROUNDING * body.data.length:
+            return False
+        key = body.data.name, len(shapes)
+        if key not in self._stiffer:
+            own = np.diag(shapes.stiffness)[shapes.given :]
+            soft = shapes.given + np.argsort(own, kind="stable")[:SOFTEST]
+            self._stiffer[key] = about(body).part.stiffer(shapes, soft)
+        return bool(np.abs(self._stiffer[key] @ body.stretched[0]).max() > off_by(BOUND))
 
     def tensed(self, bodies: Bodies, about: Callable[[Body], About]) -> Bodies | None:
         """The bodies with Γ of parts that tension stiffens; None if there are none. Collective."""

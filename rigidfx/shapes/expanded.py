@@ -16,11 +16,12 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from rigidfx.base.types import Array, Bools, Indices
+from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.linear_forms import LinearForms
+from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.mechanics.rigid_motions import free_motions, rigid_motions
 from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.scene import Scene
@@ -142,6 +143,16 @@ class Expanded:
         found = 0.5 * (self.forces(d) + self.forces(-d)) - self.internal
         moving = self.dot(self.motions, found[:, :, None])[:, 0]
         return np.asarray(found - self._momenta @ moving)
+
+    def stiffer(self, shapes: Shapes, which: Ints) -> Array:
+        """Part by which each stretch e stiffens some shapes, per e, (shapes, m). Collective.
+
+        It is φ_k·K'[φ_j] φ_j over Ω_jj, of forces of second order along φ_j.
+        """
+        h, modes = np.sqrt(SMALL_WAY) * self._scene.mean_cell_size, shapes.whole.swapaxes(1, 2)
+        each = [2 * self.even(h * modes[:, :, j]) / h**2 for j in which]
+        own = np.diag(shapes.stiffness)[which]
+        return self.dot(np.stack(each, axis=2), modes) / own[:, None]
 
     def tension(self, modes: Array) -> Array:
         """Γ of shapes, (nodes, 3, m), shape (m, m, m) [N/m²]: see `Shapes`. Collective."""
