@@ -9,8 +9,8 @@ displacements are bounded, and so does the size of forces that shapes lack.
 A strip that is pulled is harder to bend, and so is one that spins on a hinge, pulled by its own
 inertia. Where stresses change the stiffness of any shape by more than 3 `BOUND`, a body gets Γ,
 see `rigidfx.mechanics.shapes`, which takes an assembly for each shape. If these are stresses of a
-displacement that shapes lack, it becomes a shape before. Named parts are asked in each step, as a
-pull may have little energy beside that of a bend. Above the bound of ν cells of bodies that
+displacement that shapes lack, it becomes a shape before. Named parts are asked in each step, with
+`BOUND`, as a pull may have little energy beside that of a bend. Above the bound of ν cells of bodies that
 were found wake; for named parts the run warns.
 """
 
@@ -173,7 +173,7 @@ class Spent:
             own = np.diag(shapes.stiffness)[shapes.given :]
             soft = shapes.given + np.argsort(own, kind="stable")[:SOFTEST]
             self._stiffer[key] = about(body).part.stiffer(shapes, soft)
-        return bool(np.abs(self._stiffer[key] @ body.stretched[0]).max() > off_by(BOUND))
+        return bool(np.abs(self._stiffer[key] @ body.stretched[0]).max() > BOUND)
 
     def tensed(self, bodies: Bodies, about: Callable[[Body], About]) -> Bodies | None:
         """The bodies with Γ of parts that tension stiffens; None if there are none. Collective."""
