@@ -10,8 +10,8 @@ A strip that is pulled is harder to bend, and so is one that spins on a hinge, p
 inertia. Where stresses change the stiffness of any shape by more than 3 `BOUND`, a body gets Γ,
 see `rigidfx.mechanics.shapes`, which takes an assembly for each shape. If these are stresses of a
 displacement that shapes lack, it becomes a shape before. Named parts are asked in each step, with
-`BOUND`, as a pull may have little energy beside that of a bend. Above the bound of ν cells of bodies that
-were found wake; for named parts the run warns.
+`BOUND`, as a pull may have little energy beside that of a bend. Above the bound of ν cells of
+bodies that were found wake; for named parts the run warns.
 """
 
 from __future__ import annotations
