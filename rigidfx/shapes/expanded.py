@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
+from mpi4py import MPI
 
 from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.coupling.mass import Mass
@@ -88,6 +89,11 @@ class Expanded:
         """aᵀb of all columns of fields, shape (k, l). Collective."""
         return np.asarray(self._scene.sum(columns(a).T @ columns(b)))
 
+    def largest(self, u: Array) -> float:
+        """The largest value of any node. Collective."""
+        here = float(np.abs(u).max(initial=0.0))
+        return float(self._scene.comm.allreduce(here, op=MPI.MAX))
+
     def sizes(self, u: Array, images: Array) -> Array:
         """The size of each of some fields by their images M u, shape (k,). Collective."""
         return np.sqrt(np.asarray(self._scene.sum(np.einsum("nak,nak->k", u, images))))
@@ -153,11 +159,6 @@ class Expanded:
         each = [2 * self.even(h * modes[:, :, j]) / h**2 for j in which]
         own = np.diag(shapes.stiffness)[which]
         return self.dot(np.stack(each, axis=2), modes) / own[:, None]
-
-    def tension(self, modes: Array) -> Array:
-        """Γ of shapes, (nodes, 3, m), shape (m, m, m) [N/m²]: see `Shapes`. Collective."""
-        each = [self.tension_by(own, modes) for own in np.moveaxis(modes, 2, 0)]
-        return np.stack(each) if each else np.zeros((0, 0, 0))
 
     def tension_by(self, d: Array, modes: Array) -> Array:
         """What the stresses of d, (nodes, 3) [m], add to Ω, shape (m, m) [N/m]. Collective."""

@@ -307,10 +307,11 @@ class FoundBodies:
             errs = self.moved(body) if about.on_supports else about.beside.apart(found.d @ about.Q)
             far = self._scene.comm.allreduce(float(np.abs(errs).max(initial=0.0)), op=MPI.MAX)
             size = off_by(nu) * far
-            small = nu <= BOUND if allowed is None else nu <= FARTHEST and size <= allowed
+            bound = BOUND if allowed is None or about.on_supports else FARTHEST
+            small = nu <= bound and (allowed is None or size <= allowed)
             if not (by_rates or data.number in self._taut):
                 own = [each for each in withheld if each[0].data is data]
-                if (more := self._tensed(body, own)) is not None:
+                if (more := self._tensed(body, own, allowed)) is not None:
                     self._taut.add(data.number)
                     return Looked(more)
             if size > 0 and allowed is not None:  # 3 ν |d| goes with |d|³
@@ -327,7 +328,9 @@ class FoundBodies:
             return Looked(woken=woken, reason="they bend by more than their shapes follow")
         return None
 
-    def _tensed(self, body: Body, withheld: Sequence[tuple[Fields, Force]]) -> Bodies | None:
+    def _tensed(
+        self, body: Body, withheld: Sequence[tuple[Fields, Force]], allowed: float | None
+    ) -> Bodies | None:
         """The bodies, one with Γ of its shapes, and with one more for a tension that these lack.
 
         None if it needs none of both, where it comes in a step. Collective.
@@ -337,13 +340,13 @@ class FoundBodies:
         e = self.responses.solve(self.at_start(withheld)[:, :, None])
         d, out = self._within(body.data, e)[1][:, :, 0], now[k]
         lacks = lacks_tension(body)
-        if not tightens(body, part, d + stresses(body) if lacks else d):
+        if lacks and not tightens(body, part, d + stresses(body)):
             return None
-        if self.grown(body.data) < MOST and not (lacks and not tightens(body, part, d)):
+        if self.grown(body.data) < MOST and tightens(body, part, d, allowed):
             out = self.more(out, e) or out
         if out is now[k] and not lacks:
             return None
-        now[k] = tense(out, part)
+        now[k] = tense(out, part, 0 if lacks else body.data.deforms_by)
         tell(
             self._scene.comm,
             f"{body.data.name}: tension stiffens its {len(now[k].motion.q)} shapes",
