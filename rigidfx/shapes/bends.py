@@ -65,7 +65,8 @@ def tightens(body: Body, part: Expanded, d: Array, allowed: float | None = None)
     change = part.tension_by(d, shapes.whole.swapaxes(1, 2))
     stiffness = shapes.tightened(q)
     if allowed is not None:
-        return part.largest(deformed(body, np.linalg.solve(stiffness, change @ q))) > allowed
+        bend = np.asarray(np.linalg.solve(stiffness, change @ q), dtype=np.float64)
+        return part.largest(deformed(body, bend)) > allowed
     parts = np.linalg.eigvals(np.linalg.solve(stiffness, change))
     return bool(np.abs(parts).max() > off_by(BOUND))
 
@@ -92,6 +93,7 @@ def tense(body: Body, part: Expanded, known: int = 0) -> Body:
     modes = shapes.whole.swapaxes(1, 2)
     tension = np.zeros(3 * (len(shapes),))
     if known:
+        assert shapes.tension is not None
         tension[:known, :known, :known] = shapes.tension
     for k in range(known, len(shapes)):
         tension[k] = part.tension_by(modes[:, :, k], modes)
