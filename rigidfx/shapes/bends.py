@@ -1,17 +1,16 @@
 """How far shapes hold, as bodies of a run bend.
 
-ν is how far a body is from the expansion that its shapes have. It grows with the energy of these,
-½ q·Ωq, and with q·Dq, the square of their displacement by mass: the energy of a bar that is
-stretched hardly changes as it begins to bend. It is looked at again once one of them has doubled,
-or grown eightfold, for named parts far below the bound. q·Dq counts for these, and where
-displacements are bounded, and so does the size of forces that shapes lack.
+ν is how far a body is from the energy that its shapes have. It grows with ½ e·Ωe, and with q·Dq,
+the square of their displacement by mass: the energy of a bar that is stretched hardly changes as it
+begins to bend. It is looked at again once one of them has doubled, or grown eightfold, for named
+parts far below the bound; where displacements are bounded, also once forces that shapes lack have.
 
 A strip that is pulled is harder to bend, and so is one that spins on a hinge, pulled by its own
 inertia. Where stresses change the stiffness of any shape by more than 3 `BOUND`, a body gets Γ,
-see `rigidfx.mechanics.shapes`, which takes an assembly for each shape. If these are stresses of a
-displacement that shapes lack, it becomes a shape before. Named parts are asked in each step, with
-`BOUND`, as a pull may have little energy beside that of a bend. Above the bound of ν cells of
-bodies that were found wake; for named parts the run warns.
+see `rigidfx.mechanics.shapes`, which takes an assembly for each shape. A displacement that shapes
+lack becomes a shape where its stresses bend the body by more than is allowed. Named parts are asked
+in each step, with `BOUND`, as a pull may have little energy beside that of a bend. Above the bound
+of ν cells of bodies that were found wake; for named parts the run warns.
 """
 
 from __future__ import annotations
@@ -156,9 +155,8 @@ class Spent:
         self.nu: dict[str, float] = {}
         self._rise: dict[str, float] = {}  # ν over q·Dq when it was looked at [1/(kg m²)]
         self._large: frozenset[str] = frozenset()  # parts of whose ν has been warned
-        self._stiffer: dict[
-            tuple[str, int], Array
-        ] = {}  # by how much stretches stiffen, per e [1/m]
+        # How stretches stiffen the softest shapes, per e, by name and number of shapes [1/m].
+        self._stiffer: dict[tuple[str, int], Array] = {}
         self._taut: frozenset[str] = frozenset()  # parts that get Γ before the next step
 
     def follow(

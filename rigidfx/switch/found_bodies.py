@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from mpi4py import MPI
 
 from rigidfx.base.log import tell
 from rigidfx.base.remembered import ON_DOFS, ON_NODES, PART, Each, Remembered, same
@@ -286,16 +285,15 @@ class FoundBodies:
         self,
         bodies: Bodies,
         allowed: float | None,
-        by_rates: bool,
-        withheld: Sequence[tuple[Fields, Force]],
+        withheld: Sequence[tuple[Fields, Force]] | None,
         pull: float,
     ) -> Looked | None:
         """Cells whose energy is not that of shapes, or bodies with more; None if none. Collective.
 
         Displacements may err by what is allowed [m], or by a part of themselves if that is None, as
         nothing bounds them yet. The motion of a body that cells join to supports errs as a whole,
-        that of others as they bend. What is withheld of forces, of the size `pull` [N/√kg],
-        stiffens bodies, but where strain rates are bounded: cells wake there.
+        that of others as they bend. Forces that are withheld, of the size `pull` [N/√kg], stiffen
+        bodies, and so do their own stresses; they are None where cells wake instead.
         """
         for body in bodies:
             data = body.data
@@ -305,11 +303,11 @@ class FoundBodies:
             found, grown = Excess(about, body), NEAR
             nu = found.nu
             errs = self.moved(body) if about.on_supports else about.beside.apart(found.d @ about.Q)
-            far = self._scene.comm.allreduce(float(np.abs(errs).max(initial=0.0)), op=MPI.MAX)
+            far = about.part.largest(errs)
             size = off_by(nu) * far
             bound = BOUND if allowed is None or about.on_supports else FARTHEST
             small = nu <= bound and (allowed is None or size <= allowed)
-            if not (by_rates or data.number in self._taut):
+            if withheld is not None and data.number not in self._taut:
                 own = [each for each in withheld if each[0].data is data]
                 if (more := self._tensed(body, own, allowed)) is not None:
                     self._taut.add(data.number)

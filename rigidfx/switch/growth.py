@@ -86,10 +86,12 @@ class Growth(Watch):
         wakes = now is not None and now.rates is None
         found = self.found.pressed(self._stepper.state.bodies, pressing, attempt.dt, wakes)
         if found is None and now is not None:
-            by_rates = now.rates is not None
-            allowed = None if by_rates or now.begins else self._allowed(now)
             bodies = attempt.increments.end
-            found = self.found.bent(bodies, allowed, by_rates, self._withheld, size)
+            if now.rates is not None:
+                found = self.found.bent(bodies, None, None, 0.0)
+            else:
+                allowed = None if now.begins else self._allowed(now)
+                found = self.found.bent(bodies, allowed, self._withheld, size)
         if found is not None:
             return found
         known = self._since + 1 < EVERY and not self._added
