@@ -1,7 +1,5 @@
 """Accuracy as a user states it: one per cent of the motion of a probe."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing

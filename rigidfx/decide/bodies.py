@@ -5,8 +5,6 @@ body, so only the cost decides whether quiet parts freeze where bodies get shape
 that a switch costs, and those that a part has been quiet for.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

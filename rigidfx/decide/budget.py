@@ -9,8 +9,6 @@ cells freeze again, the displacement that a freeze would lose is estimated by
 with their largest strains so far, S, and strains s that are withheld (docs/theory/waking.md).
 """
 
-from __future__ import annotations
-
 from math import inf, isnan, nan, pi, sqrt
 from typing import ClassVar
 

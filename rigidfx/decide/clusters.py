@@ -15,8 +15,6 @@ The rules of bodies that never form a hinge or a chain:
 Components are named by the least of their cells' numbers in the mesh file, as on any ranks.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

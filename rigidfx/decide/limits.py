@@ -1,7 +1,5 @@
 """Limits of what bodies may withhold, beyond which they grow or cells wake."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

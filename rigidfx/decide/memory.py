@@ -19,8 +19,6 @@ A window has to exceed the period of the lowest excited mode and that of the loa
 the lowest peak in spectra of the loads, and of distances between a few nodes far from each other.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field

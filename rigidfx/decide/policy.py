@@ -7,8 +7,6 @@ Bodies that grow lose the cells that their shapes do not follow. Then a new wind
 of Δt, of numerical damping or of the output release nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Releases that a user asks for: at given times, on a condition, of a set of cells."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Any

@@ -5,8 +5,6 @@ one tolerance; by others in named sets, or by a part of the largest rate so far.
 as given, or a little longer than the longest period.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import nan

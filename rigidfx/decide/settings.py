@@ -1,7 +1,5 @@
 """When parts of a structure become rigid, and when they are released: what the user states."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf

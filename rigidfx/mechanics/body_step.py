@@ -8,8 +8,6 @@ increments of the kinetic energy. In the vector of unknowns θ is multiplied by 
 over the bodies; m is the largest number of shapes, n = 4 + 3 m.
 """
 
-from __future__ import annotations
-
 from functools import cached_property, partial
 from itertools import accumulate
 from math import prod

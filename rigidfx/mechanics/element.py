@@ -5,8 +5,6 @@ for them and form none of their own. An element whose strain depends on more tha
 the displacement gives the loss of tangents by elimination within a cell besides.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Protocol

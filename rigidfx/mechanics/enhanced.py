@@ -12,8 +12,6 @@ quadratic, and those of assumed strains. `rigidfx.flexible.elimination` computes
 of them within the kernel of a form.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce

@@ -10,8 +10,6 @@ the warped stiffness of corotational methods (M. Müller et al., SCA 2002; F. He
 the singular vectors of M tell.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

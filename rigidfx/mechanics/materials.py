@@ -8,8 +8,6 @@ number never compiles anything anew.
 A user's own energy is a `Hyperelastic` record or a subclass of `Material`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar

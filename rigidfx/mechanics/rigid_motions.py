@@ -1,7 +1,5 @@
 """The rigid motions of places of a body: which are free, and which fits best or is determined."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

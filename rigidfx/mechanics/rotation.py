@@ -5,8 +5,6 @@ increment below π is finite, and no series or special case near φ = 0 is neede
 K. K. Wong, IJNME 31 (1991) 19, doi:10.1002/nme.1620310103.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

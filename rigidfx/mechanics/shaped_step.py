@@ -22,8 +22,6 @@ The derivative is complete, forces on nodes included: with v₁ = R₁ (V + Φ q
 Bodies without shapes take the step of rigid ones; arrays named (some, ...) are of the others.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np
