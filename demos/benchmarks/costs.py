@@ -13,8 +13,6 @@
     ./fenicsx python3 demos/benchmarks/costs.py --unknowns 27000
 """
 
-from __future__ import annotations
-
 from argparse import Namespace
 from contextlib import closing
 from functools import partial

@@ -8,8 +8,6 @@
 rebound at v; lateral motion is blocked), and the numbers of each case in `cases`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from bench import Parser, chosen, conclude

@@ -15,8 +15,6 @@ Rows of `summary.json` have the value, the reference and the relative error.
     ./fenicsx python3 demos/benchmarks/known_answers.py --only statics
 """
 
-from __future__ import annotations
-
 import warnings
 from argparse import Namespace
 from collections.abc import Callable

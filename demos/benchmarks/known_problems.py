@@ -15,8 +15,6 @@ beam, on one rank, as `peers.py` says. `summary.json` has the rows, `errors.png`
 their bounds.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import warnings

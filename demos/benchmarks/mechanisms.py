@@ -24,8 +24,6 @@ or name the Python that has it by --exudyn. Then
     ./fenicsx python3 demos/benchmarks/mechanisms.py
 """
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 import warnings

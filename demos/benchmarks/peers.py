@@ -29,8 +29,6 @@ missing, and is not in `summary.json`: a list with code, case, unknowns, seconds
 newton (mean of the steps), energy_drift and survives.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path

@@ -28,8 +28,6 @@ not run again, and those of other scenes and sizes are in the table as well. A m
 no twin here: their run tells seconds and memory.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

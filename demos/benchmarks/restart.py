@@ -18,8 +18,6 @@ their own.
     ./fenicsx python3 demos/benchmarks/restart.py
 """
 
-from __future__ import annotations
-
 import csv
 import os
 import random

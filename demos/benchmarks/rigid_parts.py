@@ -14,8 +14,6 @@ Runs take their steps in turn, so that a change of the machine's speed hits them
     ./fenicsx python3 demos/benchmarks/rigid_parts.py --along 160 --across 2 --bodies 40
 """
 
-from __future__ import annotations
-
 from argparse import Namespace
 from collections.abc import Callable
 from statistics import mean, median

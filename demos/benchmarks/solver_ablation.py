@@ -11,8 +11,6 @@ cost without it over that with all of them.
     ./fenicsx python3 demos/benchmarks/solver_ablation.py --only plate links --rules secants
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from contextlib import ExitStack

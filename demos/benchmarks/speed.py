@@ -18,8 +18,6 @@
     ./fenicsx mpirun -n 2 python3 demos/benchmarks/speed.py --only ranks --cases L --unknowns 200000
 """
 
-from __future__ import annotations
-
 import os
 from argparse import Namespace
 from collections.abc import Callable, Iterator
@@ -70,7 +68,7 @@ def tumbling(unknowns: int, rigid: bool = False, order: int = 1, ranks: Any = co
     refine = min(range(1, 25), key=lambda r: abs(count(r) - unknowns))
     domain = tumbling_l(refine, comm=ranks).with_cells("rigid", lambda x: x[1] <= 8.7 + 1e-9)
     loads = {"top": TRACTION, "side": -TRACTION}
-    effects: list[rf.Effect] = [rf.Traction(name, tuple(t)) for name, t in loads.items()]
+    effects: list[rf.effects.Effect] = [rf.Traction(name, tuple(t)) for name, t in loads.items()]
     material = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
     return rf.Scene(domain, material, effects + [rf.Rigid("rigid")] * rigid, order=order)
 

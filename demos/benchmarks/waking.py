@@ -23,8 +23,6 @@ Runs outside the gate are told. The mean of what is missed has to keep to MISSED
     ./fenicsx python3 demos/benchmarks/waking.py --short --seeds 0-9       # random scenes instead
 """
 
-from __future__ import annotations
-
 import warnings
 from argparse import ArgumentTypeError
 from collections.abc import Sequence

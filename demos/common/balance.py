@@ -1,7 +1,5 @@
 """How far the balances of a run are off."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import rigidfx as rf

@@ -1,7 +1,5 @@
 """Meshes of hexahedra, by arrays that are alike on any ranks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

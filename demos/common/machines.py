@@ -1,7 +1,5 @@
 """Structures of the demos as scenes, for benchmarks and studies of them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -41,7 +39,10 @@ def pulse(start: float, length: float) -> Time:
 
 
 def gong_struck(
-    across: int, blows: Mapping[str, float], *more: rf.Effect, probes: Mapping[str, Sequence[float]]
+    across: int,
+    blows: Mapping[str, float],
+    *more: rf.effects.Effect,
+    probes: Mapping[str, Sequence[float]],
 ) -> rf.Scene:
     """The plate of `gong.py` in soft springs, in which it swings; a time [s] for each blow."""
     push = (0.0, 0.0, -500.0 / MALLET**2)  # Pa
@@ -65,7 +66,7 @@ def device_above_floor(size: float) -> rf.Domain:
     return device(size, up=(0.060, 0.035, 0.036), height=FALL)
 
 
-def device_dropped(body: rf.Domain, *more: rf.Effect, **how: Any) -> rf.Scene:
+def device_dropped(body: rf.Domain, *more: rf.effects.Effect, **how: Any) -> rf.Scene:
     """Its fall, and the floor."""
     materials = {
         "shell": rf.NeoHooke(E=2.4e9, nu=0.35, rho=1200.0),
@@ -82,7 +83,7 @@ def device_dropped(body: rf.Domain, *more: rf.Effect, **how: Any) -> rf.Scene:
 
 
 def arm_moved(
-    size: float, way: Callable[[float], tuple[float, float, float]], *more: rf.Effect
+    size: float, way: Callable[[float], tuple[float, float, float]], *more: rf.effects.Effect
 ) -> rf.Scene:
     """The arm of `robot_arm.py`, whose axis goes some way [m]."""
     return rf.Scene(
@@ -95,7 +96,7 @@ def arm_moved(
     )
 
 
-def crank_joints(speed: Time) -> list[rf.Effect]:
+def crank_joints(speed: Time) -> list[rf.effects.Effect]:
     """The slider-crank's joints at mean faces, and a motor by speed [rad/s]."""
     face, z, wrist = rf.MeanFace, (0.0, 0.0, 1.0), (RADIUS + LENGTH, 0.0, 0.0)
     return [
@@ -107,14 +108,14 @@ def crank_joints(speed: Time) -> list[rf.Effect]:
     ]
 
 
-def crank_driven(speed: Time) -> list[rf.Effect]:
+def crank_driven(speed: Time) -> list[rf.effects.Effect]:
     """The same with a stop before the dead centre, and damping, as in `mechanism.py`."""
     stop = rf.Stop("guide", low=-2 * RADIUS + 5e-4, stiffness=2e7)  # N/m
     return [*crank_joints(speed), stop, rf.NumericalDamping(0.1)]
 
 
 def crank_scene(
-    size: float, effects: Sequence[rf.Effect], probes: Mapping[str, Sequence[float]]
+    size: float, effects: Sequence[rf.effects.Effect], probes: Mapping[str, Sequence[float]]
 ) -> rf.Scene:
     """The slider-crank of steel, of second-order cells."""
     steel = rf.StVenantKirchhoff(E=2.1e11, nu=0.3, rho=7800.0)
@@ -122,7 +123,7 @@ def crank_scene(
     return rf.Scene(mesh, steel, effects, order=2, mass="consistent", probes=probes)
 
 
-def block_thrown(*more: rf.Effect) -> rf.Scene:
+def block_thrown(*more: rf.effects.Effect) -> rf.Scene:
     """The block with a cantilever of `free_flying_body.py`, by loads on faces; probe "end"."""
     domain = block_with_cantilever()
     domain = domain.with_facets("block", lambda x: (x[0] < 9.01) & (np.abs(x[2] - 3.0) > 2.99))
@@ -135,7 +136,7 @@ def block_thrown(*more: rf.Effect) -> rf.Scene:
     return rf.Scene(domain, material, [*loads, *more], probes={"end": (23.0, 2.7, 3.0)})
 
 
-def frame_shocked(coarse: int, probe: str, *more: rf.Effect, **load: Any) -> rf.Scene:
+def frame_shocked(coarse: int, probe: str, *more: rf.effects.Effect, **load: Any) -> rf.Scene:
     """The frame of `spatial_frame.py`, pushed at its side."""
     effects = [
         rf.Fixed("feet"),

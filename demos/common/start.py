@@ -1,7 +1,5 @@
 """How a demo starts, with its options and its folder, and how it ends."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Rigid bodies: where and when they may form, and what must not disturb them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -82,7 +80,7 @@ def _free_top_period(J: np.ndarray, omega: np.ndarray) -> float:
     return float(4 * ellipk(k2) / rate)
 
 
-def _bar(*effects: rf.Effect, cells=(6, 2, 2), **options) -> rf.Scene:
+def _bar(*effects: rf.effects.Effect, cells=(6, 2, 2), **options) -> rf.Scene:
     """A bar of 6 m × 2 m × 2 m in unit cells, and names for some of them."""
     domain = rf.box((0, 0, 0), (6, 2, 2), cells)
     domain = domain.with_cells("cell", lambda x: x.max(axis=0) <= 1 + 1e-9)

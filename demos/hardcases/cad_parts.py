@@ -1,7 +1,5 @@
 """Parts from CAD: cells of both kinds, orders and masses, found rigid by every criterion."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 from itertools import product
@@ -37,7 +35,7 @@ def _lug(size: float, cell: str, gmsh: Any) -> None:
 
 
 def lug_scene(
-    size: float, order: int, mass: str, load: rf.Effect = PULL, cell: str = "tetrahedron"
+    size: float, order: int, mass: str, load: rf.effects.Effect = PULL, cell: str = "tetrahedron"
 ) -> rf.Scene:
     """The lug, fixed at one end and loaded at the other for half a second."""
     effects = [rf.Fixed("left"), load, rf.NumericalDamping(0.02)]

@@ -7,8 +7,6 @@ close to a reference where there is one. A run that is to fail is stable if it f
 error it should.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing

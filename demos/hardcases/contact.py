@@ -1,7 +1,5 @@
 """Contact: what falls deep in one step, a corner first, between walls, stuck and torn loose."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -14,7 +12,7 @@ SOFT = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)
 FLOOR = rf.Plane((0, 0, 0), (0, 0, 1))
 
 
-def _block(*effects: rf.Effect, above: float = 0.02) -> rf.Scene:
+def _block(*effects: rf.effects.Effect, above: float = 0.02) -> rf.Scene:
     domain = rf.box((0, 0, above), (0.4, 0.2, above + 0.2), (4, 2, 2))
     domain = domain.with_facets("skin", lambda x: np.full(x.shape[1], True))
     return rf.Scene(domain, SOFT, effects, mass="consistent")
@@ -64,7 +62,7 @@ def ring_meets_itself(short: bool) -> Iterator[Run]:
             yield Run(way, scene, 1e-3, steps * 1e-3, energy=1e-10, cuts=20, tangents=25)
 
 
-def _ring(t: float, *effects: rf.Effect) -> rf.Scene:
+def _ring(t: float, *effects: rf.effects.Effect) -> rf.Scene:
     box = rf.box((0.1, 0.0, 0.4 - t), (2 * np.pi - 0.1, 0.1, 0.4), (24, 1, 1))  # angle, y, radius
     angle, y, r = box.mesh.geometry.x.T.copy()
     box.mesh.geometry.x[:] = np.c_[r * np.cos(angle), y, r * np.sin(angle)]

@@ -5,8 +5,6 @@ loads are so small against the stiffness that strains stay at some per cent; all
 so that many drafts contradict themselves.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections import Counter
 from contextlib import closing
@@ -138,7 +136,7 @@ def build(
     c, E0 = np.sqrt(min(E) / max(rho)), min(E)
     dt = float(edges.min() / c * 10 ** draft["dt"])
     slow = 1e-3 * c * min(1.0, edges.min() / size.max()) ** 2
-    effects: list[rf.Effect] = [rf.NumericalDamping(draft["xi"])]
+    effects: list[rf.effects.Effect] = [rf.NumericalDamping(draft["xi"])]
     if draft["speed"]:
         linear = tuple(slow * np.array(draft["linear"]))
         angular = tuple(5 * slow / size.max() * np.array(draft["angular"]))
@@ -171,7 +169,7 @@ def _times(window: Any, dt: float) -> dict[str, float]:
     return {} if window is None else {"since": window[0] * dt, "until": window[1] * dt}
 
 
-def _load(load: Draft, dt: float, pressure: float, size: Any, rho: float) -> rf.Effect:
+def _load(load: Draft, dt: float, pressure: float, size: Any, rho: float) -> rf.effects.Effect:
     time = {
         "constant": None,
         "ramp": rf.Table((0.0, 3.3 * dt, 7.1 * dt), (0.0, 1.0, 0.3)),
@@ -194,7 +192,7 @@ def _load(load: Draft, dt: float, pressure: float, size: Any, rho: float) -> rf.
     return rf.Gravity(tuple(pressure / size.max() / rho * value), **options)
 
 
-def _support(support: Draft, dt: float, slow: float, size: float) -> rf.Effect:
+def _support(support: Draft, dt: float, slow: float, size: float) -> rf.effects.Effect:
     times, where = _times(support["window"], dt), support["where"]
     if support["kind"] == "Fixed":
         return rf.Fixed(where, support["components"], **times)
@@ -221,7 +219,7 @@ def _support(support: Draft, dt: float, slow: float, size: float) -> rf.Effect:
     )
 
 
-def _contact(contact: Draft, dt: float, slow: float, size: Any) -> rf.Effect:
+def _contact(contact: Draft, dt: float, slow: float, size: Any) -> rf.effects.Effect:
     """A face against an obstacle before it, or a little inside it, which refuses what is deeper.
 
     Or all faces against each other: they do not meet, but they are looked at, and wake.

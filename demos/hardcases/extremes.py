@@ -1,7 +1,5 @@
 """Extremes of materials, shapes and units: soft beside stiff, thin, slender, badly meshed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -16,7 +14,7 @@ SPIN = rf.InitialVelocity(angular=(0.2, 0.3, 1.0))
 RELEASED = rf.StrainRate(ANY, 1.0, release=release_at(2.0), patience=1)
 
 
-def two_halves(short: bool, stiff: rf.Material, soft: rf.Material, *effects: rf.Effect):
+def two_halves(short: bool, stiff: rf.Material, soft: rf.Material, *effects: rf.effects.Effect):
     """A bar of 8 m, the left half of one material, the right half of another."""
     domain = rf.box((0, 0, 0), (8, 2, 2), (4, 1, 1) if short else (8, 2, 2))
     domain = domain.with_cells("stiff", between(0, 4)).with_cells("soft", between(4, 8))

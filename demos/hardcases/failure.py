@@ -1,7 +1,5 @@
 """Failures: an error that names the place, on all ranks, and nothing lost of what was before."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from mpi4py import MPI
@@ -13,7 +11,7 @@ from .case import ANY, Run, both, case
 SVK = rf.StVenantKirchhoff(E=1e5, nu=0.3, rho=100.0)
 
 
-def _bar(material: rf.Material, *effects: rf.Effect) -> rf.Scene:
+def _bar(material: rf.Material, *effects: rf.effects.Effect) -> rf.Scene:
     """A bar of 4 m that is fixed at its left end."""
     domain = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1))
     return rf.Scene(domain, material, [rf.Fixed("x0"), rf.Gravity((0.0, 0.0, -1.0)), *effects])

@@ -1,7 +1,5 @@
 """Scenes that people try in their first week: right, or told where they answer another question."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from functools import partial

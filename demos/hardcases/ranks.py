@@ -3,8 +3,6 @@
 Each scene is run on all ranks and, as a reference, by every rank alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Time: long runs, large rotations, steps that see nothing of what vibrates, sudden loads."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -157,7 +155,7 @@ def snap_through(short: bool) -> Iterator[Run]:
         low = history.probe("crown")[:, 2].min()
         return "" if low < -1.5 * rise else f"the crown came down by {-low:.3g} m only"
 
-    def scene(*effects: rf.Effect) -> rf.Scene:
+    def scene(*effects: rf.effects.Effect) -> rf.Scene:
         return rf.Scene(
             _arch(cells, rise),
             SVK(E=2e8, nu=0.3, rho=2000.0),

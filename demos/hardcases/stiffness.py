@@ -10,8 +10,6 @@ these condition numbers:
          100 000 000         15.4      1.5e9   8.8e12                 1.1e5
 """
 
-from __future__ import annotations
-
 from contextlib import closing
 from typing import Any
 

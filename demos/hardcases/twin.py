@@ -1,7 +1,5 @@
 """Parts that hardly bend beside flexible twins: by their lever, near resonances, at two speeds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
@@ -44,7 +42,7 @@ def beside_its_twin(
 
 
 def _bar(
-    cut: float, E: tuple[float, float], *effects: rf.Effect, across: int = 2, **how: Any
+    cut: float, E: tuple[float, float], *effects: rf.effects.Effect, across: int = 2, **how: Any
 ) -> rf.Scene:
     """A damped bar of 8 m, of two moduli [Pa] before and behind a cut [m]."""
     domain = rf.box((0, 0, 0), (8, 1, 1), (16, across, across))

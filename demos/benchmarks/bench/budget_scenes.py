@@ -4,8 +4,6 @@ Damping is by a viscosity that does not depend on Δt (a numerical one would cha
 finer run be another structure).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Bars with holes: one that swings on a pin, and a connecting rod between faces."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 
@@ -45,7 +43,7 @@ def _bar(length: float, holes: tuple[float, ...], size: float, gmsh: Any) -> Non
     model.mesh.generate(3)
 
 
-def hung_bar(size: float, *effects: rf.Effect, joined: bool = True) -> rf.Scene:
+def hung_bar(size: float, *effects: rf.effects.Effect, joined: bool = True) -> rf.Scene:
     """The bar, of cells of some size [m]; its pin, if joined, finds place and axis in the hole."""
     domain = rf.from_gmsh(partial(_bar, HUNG, (0.0,), size))
     domain = domain.with_facets("hole", lambda x: np.hypot(x[0], x[1]) < 1.01 * RADIUS)
@@ -94,7 +92,7 @@ def rod_numbers(face: type[rf.MeanFace] | type[rf.RigidFace], size: float) -> di
         domain = domain.with_facets(name, hole)
     near, far = face("near"), face("far")
 
-    def scene(*effects: rf.Effect) -> rf.Scene:
+    def scene(*effects: rf.effects.Effect) -> rf.Scene:
         return rf.Scene(domain, STEEL, effects, order=2, mass="consistent")
 
     out: dict[str, Any] = {}

@@ -4,8 +4,6 @@ The crank turns about the z axis at the origin, the rod lies between the pins at
 x = CRANK + ROD, and a rigid slider goes along x. Both bars lie in one plane: nothing touches.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from statistics import mean, median
@@ -75,7 +73,7 @@ def _parts(names: tuple[str, ...], size: float, gmsh: Any) -> None:
 
 
 def flexible_crank(
-    size: float, *more: rf.Effect, comm: MPI.Intracomm = MPI.COMM_WORLD, **options: Any
+    size: float, *more: rf.effects.Effect, comm: MPI.Intracomm = MPI.COMM_WORLD, **options: Any
 ) -> rf.Scene:
     """The whole, of cells of some size [m] and further effects, with mean faces in all holes."""
     face, wrist = rf.MeanFace, (CRANK + ROD, 0.0, 0.0)

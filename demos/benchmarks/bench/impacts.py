@@ -1,7 +1,5 @@
 """Impacts with known answers, for `impact.py`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import pairwise
 
@@ -15,7 +13,7 @@ SOFT = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)
 FLOOR = rf.Plane((0, 0, 0), (0, 0, 1))
 
 
-def block(*effects: rf.Effect, above: float = 0.02, mass: str = "lumped") -> rf.Scene:
+def block(*effects: rf.effects.Effect, above: float = 0.02, mass: str = "lumped") -> rf.Scene:
     """A block over the floor, all of its boundary named."""
     domain = rf.box((0, 0, above), (0.4, 0.2, above + 0.2), (4, 2, 2))
     domain = domain.with_cells("part", lambda x: x[0] <= 0.2 + 1e-9)

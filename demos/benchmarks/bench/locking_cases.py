@@ -4,8 +4,6 @@ R.H. MacNeal and R.L. Harder, Finite Elements in Analysis and Design 1 (1985) 3;
 and S.H. Lo, Finite Elements in Analysis and Design 40 (2004) 1551.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
@@ -74,7 +72,7 @@ class Problem:
     domain: rf.Domain
     E: float
     nu: float
-    effects: tuple[rf.Effect, ...]
+    effects: tuple[rf.effects.Effect, ...]
     steps: int = 0
 
     def scene(self, element: str) -> rf.Scene:

@@ -1,7 +1,5 @@
 """Mechanisms of rigid bars of given mass between pins."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -11,8 +11,6 @@
   90. A cube is the worst case for factors.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from time import perf_counter
 

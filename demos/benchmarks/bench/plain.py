@@ -1,7 +1,5 @@
 """The energy-momentum method as one would write it in DOLFINx and petsc4py, without rigidfx."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 

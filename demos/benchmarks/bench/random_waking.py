@@ -4,8 +4,6 @@ Each is of two materials, held at one side, and acted on by one of six loads; a 
 same scene everywhere.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -15,8 +15,6 @@
 * `tumbling`: a body of twelve shapes, with energy and momenta over ten thousand steps.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -74,7 +72,7 @@ class Run:
     set_up: float = 0.0
 
 
-def run(case: Case, parts: tuple[rf.Reduced, ...], rigidify: rf.Criterion | None = None) -> Run:
+def run(case: Case, parts: tuple[rf.Reduced, ...], rigidify: rf.StrainRate | None = None) -> Run:
     """A run of a case, with parts reduced by name, or rigid where a criterion finds them."""
     start, seen, unknowns, balance, looking = process_time(), [], [], Balance(), 0.0
     with warnings.catch_warnings():  # of blows that some of these cells do not resolve

@@ -9,8 +9,6 @@
   the limit; the reference is the greatest reaction when the crown's displacement is prescribed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """CalculiX (`ccx`): total Lagrangian, its direct solver; Newmark without damping, and statics."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

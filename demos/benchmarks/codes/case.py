@@ -1,7 +1,5 @@
 """Two structures under loads that end, and the numbers that a code gives for them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path

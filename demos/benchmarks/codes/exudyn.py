@@ -1,7 +1,5 @@
 """Exudyn (J. Gerstmayr's multibody code), run by the Python that has it."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 from typing import Any

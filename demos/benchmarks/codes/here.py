@@ -1,7 +1,5 @@
 """rigidfx as it comes, and the same scheme in DOLFINx with the better of two linear solvers."""
 
-from __future__ import annotations
-
 from contextlib import closing
 
 import numpy as np

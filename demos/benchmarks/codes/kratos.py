@@ -1,7 +1,5 @@
 """Kratos (`KratosStructuralMechanicsApplication`), run by the Python that has it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -8,8 +8,6 @@
 * *Capstan*: a belt lies on half of a drum and slips; its tensions are in the ratio exp(μ π).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -8,8 +8,6 @@ error falls with Δt². Exudyn is a peer of two four-bar linkages where it is in
 `mechanisms.py` says, in the plane by its generalised α.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -14,8 +14,6 @@
   1940, north-south (A. K. Chopra, Dynamics of Structures, figure 6.4.1: 5.97 in).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -98,7 +96,7 @@ def el_centro() -> tuple[Array, Array]:
     return 0.02 * np.arange(a.size), a
 
 
-def storey(period: float, effects: list[rf.Effect]) -> rf.Scene:
+def storey(period: float, effects: list[rf.effects.Effect]) -> rf.Scene:
     """A storey without mass, whose walls shear, under a level roof of a tonne."""
     height, width, mass = 10.0, 10.0, 1000.0
     stiffness = mass * (2 * np.pi / period) ** 2  # N/m, = G A/h
@@ -113,12 +111,12 @@ def storey(period: float, effects: list[rf.Effect]) -> rf.Scene:
     return rf.Scene(cell, walls, effects, probes={"roof": (5, 5, 10)})
 
 
-def by_gravity(t: Array, a: Array) -> list[rf.Effect]:
+def by_gravity(t: Array, a: Array) -> list[rf.effects.Effect]:
     """In the frame of the ground, where it is a load on all mass."""
     return [rf.Fixed("z0"), rf.Gravity((-1.0, 0.0, 0.0), time=rf.Table(t, a))]
 
 
-def by_support(t: Array, a: Array) -> list[rf.Effect]:
+def by_support(t: Array, a: Array) -> list[rf.effects.Effect]:
     """The record, integrated twice, moves the foot."""
     path = make_interp_spline(t, a, k=1).antiderivative(2)
     speed = path.derivative()
@@ -171,7 +169,7 @@ def speed(t: float) -> float:
     return RATE * min(t, UP) / UP - RATE / (2 * np.pi) * float(np.sin(2 * np.pi * min(t, UP) / UP))
 
 
-def driven(way: str) -> list[rf.Effect]:
+def driven(way: str) -> list[rf.effects.Effect]:
     """A way to turn the beam."""
     axis = 0.0, 0.0, 1.0
     if way == "support":

@@ -9,8 +9,6 @@
   of Abaqus' B32, which three elements of it share to 1.3 %.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -42,7 +40,7 @@ def deep_beam(short: bool) -> Iterator[list[Found]]:
     """The first peak of the middle, its time, and its static deflection."""
     alpha, beta, force = 5.36, 7.46e-5, 2.5e5  # 1/s, s, N/m³
 
-    def beam(*damping: rf.Effect) -> rf.Scene:
+    def beam(*damping: rf.effects.Effect) -> rf.Scene:
         domain = rf.box((0, -1, -1), (10, 1, 1), (10 if short else 20, 2, 2))
         domain = domain.with_edges("axis", lambda x: (np.abs(x[2]) < 1e-9) & (x[0] < 1e-9))
         holds = [rf.Fixed("x0", "z"), rf.Fixed("x1", "z"), rf.Fixed("axis", "xy")]

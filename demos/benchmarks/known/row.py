@@ -1,7 +1,5 @@
 """A published number beside ours."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 

@@ -22,8 +22,6 @@ rows contradict each other, too: a rod of theory has them at loads of 99.5 % at 
 As a reduced part the beam bends too far for its shapes, of which a run warns.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
@@ -143,7 +141,11 @@ def pulled(load: float, degrees: float) -> np.ndarray:
 
 
 def beam(
-    load: float, degrees: float, cells: tuple[int, int, int], *effects: rf.Effect, **how: Any
+    load: float,
+    degrees: float,
+    cells: tuple[int, int, int],
+    *effects: rf.effects.Effect,
+    **how: Any,
 ) -> rf.Scene:
     """The beam under a load at its tip [N]."""
     y, z = WIDE / 2, THIN / 2
