@@ -12,14 +12,24 @@
 # `accuracy_vs_time.png` and, with all numbers, `accuracy_vs_time.csv` and `summary.json`.
 
 # +
-from dataclasses import asdict
+import inspect
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from hashlib import sha256
 from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from accuracy import Setting, Structure, draw, measured
-from common import Parser, chosen, conclude, machines, say, write, write_json
+from common import Parser, chosen, comm, conclude, machines, say, write, write_json
+from matplotlib.ticker import LogLocator
+from scipy.interpolate import CubicSpline
 
 import rigidfx as rf
+from rigidfx.plot import figure_of, on_first_rank, save
+from rigidfx.plot.curves import DPI
 
 parser = Parser(__file__, "What accuracy costs in time.", "few runs, short")
 parser.add_only("structures")
@@ -77,34 +87,151 @@ def crank(*parts: rf.Reduced) -> rf.Scene:
 
 
 # +
-def structure(name, scene, at, of, t_end, dt, reduced, quiet=0.0) -> Structure:
-    """A structure with its ways; Δt is that of the middle points."""
-    halved = (2.0, 1.0) if options.short else (2.0, 1.0, 0.5)
-    budgets = (0.05,) if options.short else (0.05, 0.01)
-    ways = {
-        "all flexible": [Setting(k * dt) for k in halved],
-        "parts reduced by name": [Setting(k * dt, reduced=True) for k in halved],
-        "asked for": [Setting(4 * dt, budget=budget) for budget in budgets],
-    }
-    reference = Setting(halved[-1] * dt / (2 if options.short else 4))
-    parts = tuple(map(rf.Reduced, reduced))
-    return Structure(name, scene, at, of, t_end, quiet, reference, ways, parts)
+@dataclass(frozen=True)
+class Setting:
+    """The choices of a run.
+
+    Attributes:
+        dt: Δt, or the longest one with a budget [s].
+        budget: Of `Accuracy`, which chooses Δt and bodies; neither is chosen if 0.
+        reduced: Whether the structure's parts are reduced.
+    """
+
+    dt: float
+    budget: float = 0.0
+    reduced: bool = False
 
 
+@dataclass(frozen=True)
+class Structure:
+    """A structure, and its runs.
+
+    Attributes:
+        name: Its name.
+        scene: Makes the problem, of parts that are reduced.
+        at: The probe that is compared.
+        of: Length that errors are parts of [m].
+        t_end: End of its runs [s].
+        dt: That of the middle points [s].
+        parts: The parts that may be reduced.
+        quiet: Time up to which Δt is ten times as long [s].
+    """
+
+    name: str
+    scene: Callable[..., rf.Scene]
+    at: str
+    of: float
+    t_end: float
+    dt: float
+    parts: tuple[rf.Reduced, ...]
+    quiet: float = 0.0
+
+    @property
+    def reference(self) -> Setting:
+        """The setting that errors are against."""
+        return Setting(HALVED[-1] * self.dt / (2 if options.short else 4))
+
+    @property
+    def ways(self) -> dict[str, list[Setting]]:
+        """Name of a curve → the settings along it, the fastest first."""
+        return {
+            "all flexible": [Setting(k * self.dt) for k in HALVED],
+            "parts reduced by name": [Setting(k * self.dt, reduced=True) for k in HALVED],
+            "asked for": [Setting(4 * self.dt, budget=budget) for budget in BUDGETS],
+        }
+
+
+HALVED = (2.0, 1.0) if options.short else (2.0, 1.0, 0.5)
+BUDGETS = (0.05,) if options.short else (0.05, 0.01)
 short, touch = options.short, machines.TOUCH
-parts = "crank", "rod", "block"
+named = lambda *names: tuple(map(rf.Reduced, names))  # noqa: E731
+all_three = named("crank", "rod", "block")
 STRUCTURES = [
-    structure("robot arm", arm, "tip", 0.018, 0.06 if short else 0.2, 5e-4, ("link", "head")),
-    structure("drop test", drop, "top", 0.05, touch + 0.012, 1e-4, (None,), quiet=touch - 1e-3),
-    structure("slider-crank", crank, "block", 6e-5, 0.01 if short else 0.04, 2e-4, parts),
-    structure("free-flying body", body, "end", 1.7, 4.0 if short else 30.0, 0.05, ("block",)),
+    Structure("robot arm", arm, "tip", 0.018, 0.06 if short else 0.2, 5e-4, named("link", "head")),
+    Structure("drop test", drop, "top", 0.05, touch + 0.012, 1e-4, named(None), quiet=touch - 1e-3),
+    Structure("slider-crank", crank, "block", 6e-5, 0.01 if short else 0.04, 2e-4, all_three),
+    Structure("free-flying body", body, "end", 1.7, 4.0 if short else 30.0, 0.05, named("block")),
 ]
 STRUCTURES = [s for s in STRUCTURES if s.name in chosen(options, [s.name for s in STRUCTURES])]
 # -
 
 # ## The runs
+#
+# A run is taken from its file, if there is one of the same scene and setting. Forms are compiled
+# before its time is measured.
+
 
 # +
+@dataclass(frozen=True)
+class Run:
+    """A run in numbers.
+
+    Attributes:
+        t: Ends of its steps [s].
+        path: Places of the probe then, a list of three each [m].
+        cpu_s: Time of the processor, set-up included [s].
+        unknowns: At the start.
+        saved: Unknowns that were saved, as a part of unknowns × time.
+    """
+
+    t: list[float]
+    path: list[list[float]]
+    cpu_s: float
+    unknowns: int
+    saved: float
+
+    def error(self, reference: "Run", of: float) -> float:
+        """Largest distance of the probe from that of a reference, as a part of a length."""
+        exact = CubicSpline(reference.t, reference.path)(self.t)
+        return float(np.linalg.norm(self.path - exact, axis=1).max() / of)
+
+
+def measured(structure: Structure, setting: Setting, folder: Path) -> Run:
+    """A run, out of its file in a folder if there is one for the same scene and setting.
+
+    Collective.
+    """
+    source = inspect.getsource(structure.scene) + inspect.getsource(machines)
+    text = f"{source} {structure.t_end} {structure.parts} {setting} {comm.size}"
+    path = folder / f"{structure.name} {sha256(text.encode()).hexdigest()[:12]}.json"
+    found = None
+    if comm.rank == 0 and path.exists():
+        found = json.loads(path.read_text(encoding="utf-8"))["run"]
+    found = comm.bcast(found)
+    if found is not None:
+        return Run(**found)
+    run = _carried_out(structure, setting)
+    write_json(path, {"setting": asdict(setting), "run": asdict(run)}, indent=None)
+    return run
+
+
+def _carried_out(structure: Structure, setting: Setting) -> Run:
+    parts, rule = structure.parts if setting.reduced else (), {}
+    dt: float | dict[float, float] = setting.dt
+    if setting.budget:
+        rule["accuracy"] = rf.Accuracy(setting.budget, structure.at, of=structure.of)
+    elif structure.quiet:
+        dt = {0.0: 10 * setting.dt, structure.quiet: setting.dt}
+    given = dt, structure.t_end
+    next(rf.simulate(structure.scene(*parts), *given, **rule))  # compiles forms, which stay
+    began = time.process_time()
+    scene = structure.scene(*parts)
+    reports = rf.simulate(scene, *given, **rule)
+    first = next(reports)
+    t, path, saved = [first.t], [_place(scene, first, structure.at)], 0.0
+    for report in reports:
+        t.append(report.t)
+        path.append(_place(scene, report, structure.at))
+        saved += report.dt * (1 - report.unknowns / first.unknowns)
+    cpu = time.process_time() - began
+    # All ranks take over the time of rank 0.
+    return comm.bcast(Run(t, path, cpu, first.unknowns, saved / structure.t_end))
+
+
+def _place(scene: rf.Scene, report: rf.Report, at: str) -> list[float]:
+    return list(map(float, scene.probes[at] + report.probes[at]))
+
+
 # If nothing can be written, then now:
 write_json(options.out / "plan.json", {s.name: asdict(s.reference) for s in STRUCTURES})
 rows, panels = [], {}
@@ -127,6 +254,57 @@ for s in STRUCTURES:
 columns = list(rows[0])
 lines = [columns, *([row[name] for name in columns] for row in rows)]
 write(options.out / "accuracy_vs_time.csv", "".join(",".join(map(str, r)) + "\n" for r in lines))
+# -
+
+# ## The picture
+
+
+# +
+COLOURS = {
+    "all flexible": "0.45",
+    "asked for": "#0072b2",
+    "parts reduced by name": "#009e73",
+}
+
+
+def draw(panels: Mapping[str, Sequence[Mapping[str, Any]]], path: Path) -> None:
+    """Draw curves of rows with `way`, `cpu_s`, `error` and `asked`, by titles of panels.
+
+    Collective.
+    """
+
+    def picture() -> None:
+        title = "Error against computing time: down and to the left is better"
+        figure, axes = figure_of(-(-len(panels) // 2), min(len(panels), 2), (9.2, 8.4), title)
+        figure.set_dpi(DPI)
+        for ax, (name, rows) in zip(axes.flat, panels.items(), strict=False):
+            _panel(ax, name, rows)
+        for ax in axes[:, 0]:
+            ax.set_ylabel("error of the probe (%)")
+        axes[0, 0].legend(frameon=False, loc="lower left")
+        save(figure, path)
+
+    on_first_rank(comm, picture, path.stem)
+
+
+def _panel(ax: Any, name: str, rows: Sequence[Mapping[str, Any]]) -> None:
+    ax.set(title=name, xlabel="time of one core (s)", xscale="log", yscale="log")
+    for way, colour in COLOURS.items():
+        if not (along := [row for row in rows if row["way"] == way]):
+            continue
+        x, y = ([row[key] for row in along] for key in ("cpu_s", "percent"))
+        ax.plot(x, y, marker="o", color=colour, linewidth=2.5, label=way)
+        for k, row in enumerate(row for row in along if row["asked"]):
+            text, place = f"{100 * row['asked']:g} % asked", (row["cpu_s"], row["percent"])
+            beside = 7, 8 - 12 * (k % 2)  # in turn above and below
+            ax.annotate(text, place, beside, textcoords="offset points", color=colour)
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.minorticks_off()
+    ax.margins(0.25)
+
+
 draw(panels, options.out / "accuracy_vs_time.png")
 
 

@@ -12,10 +12,9 @@
 # `fields.pvd` for ParaView, `history.csv`, `events.csv`, pictures, and `summary.json`.
 
 # +
-from functools import partial
-
 import numpy as np
-from common import Pair, Parser, conclude, draw, positive, say
+from common import Pair, Parser, conclude, draw, positive, say, share_of
+from common.machines import pulse
 
 import rigidfx as rf
 from meshes.gong import HUB, MALLET, SIDE, gong
@@ -41,15 +40,8 @@ BLOWS = {"corner": 0.1, "side": 0.4}  # s; on which facets, and when they begin
 LENGTH, PEAK = 0.01, 500.0  # s, N
 plastic = rf.StVenantKirchhoff(E=3e9, nu=0.3, rho=1200.0)  # Pa, 1, kg/m³
 steel = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)
-
-
-def blow(begin: float, t: float) -> float:
-    """A smooth push of height one."""
-    return float(begin < t < begin + LENGTH) * np.sin(np.pi * (t - begin) / LENGTH) ** 2
-
-
 pressure = (0.0, 0.0, -PEAK / MALLET**2)  # Pa
-blows = [rf.Traction(name, pressure, time=partial(blow, t)) for name, t in BLOWS.items()]
+blows = [rf.Traction(name, pressure, time=pulse(t, LENGTH)) for name, t in BLOWS.items()]
 swing = rf.InitialVelocity(linear=(0, 0, 0.05))  # m/s
 damping = rf.StiffnessDamping(ratio=0.3, frequency=20.0)
 scene = rf.Scene(
@@ -75,20 +67,13 @@ measuring = rf.StrainRate(0.0, 1e9, wake="none")
 owned = scene.mesh.topology.index_map(3).size_local
 
 
-def share(name: str, of: rf.Report) -> float:
-    """Part of the cells of a set that are in rigid bodies."""
-    own = scene.domain.find(name, (3,), "share").entities
-    own = own[own < owned]
-    inside = np.count_nonzero(of.state.body_numbers()[own] > 0)
-    return float(scene.sum(float(inside)) / scene.sum(float(own.size)))
-
-
 def shares(report: rf.Report) -> dict[str, float]:
     """Rigid shares in a step, and of what is below the mallet where a blow begins in it."""
     if not report.step:
         return {}
     below = [name for name, t in BLOWS.items() if t < report.t < t + 1.5 * DT]
-    return {name: share(name, report) for name in ("plate", "hub", *(f"under {n}" for n in below))}
+    names = "plate", "hub", *(f"under {name}" for name in below)
+    return {name: share_of(name, scene, report) for name in names}
 
 
 def all_rates(report: rf.Report) -> np.ndarray | None:

@@ -16,7 +16,8 @@
 
 # +
 import numpy as np
-from common import Pair, Parser, conclude, draw, events_of, freezes_of, positive, say
+from common import Pair, Parser, conclude, draw, events_of, freezes_of, positive, say, share_of
+from common.machines import ramp
 
 import rigidfx as rf
 from meshes.mechanism import FILLET, LENGTH, RADIUS, slider_crank
@@ -49,15 +50,9 @@ wrist = RADIUS + LENGTH, 0.0, 0.0
 face = rf.MeanFace
 
 
-def ramp(t: float) -> float:
-    """From 0 to 1 within RAMP seconds."""
-    s = min(max(t / RAMP, 0.0), 1.0)
-    return s * s * (3 - 2 * s)
-
-
 def speed(t: float) -> float:
     """Speed of the crank [rad/s]."""
-    return SPEED * (ramp(t) - ramp(t - BRAKE))
+    return SPEED * (ramp(t / RAMP) - ramp((t - BRAKE) / RAMP))
 
 
 scene = rf.Scene(
@@ -90,14 +85,12 @@ t_end = BRAKE + (0.0 if options.short else RAMP + 0.01)  # s
 rule = rf.StrainRate(options.tol, WINDOW)
 stops = [0.043 + k * 2 * np.pi / SPEED for k in range(3)]  # s
 shapes = Shapes(scene, [t for t in (0.03, *stops, 0.08, 0.15, 0.2) if t < t_end], colour="rigid")
-cells = scene.mesh.topology.index_map(3).size_global
 
 
 def share(report: rf.Report) -> dict[str, float]:
     """Part of the cells that are in rigid bodies, and the stress at the fillet [Pa]."""
-    own = report.state.body_numbers()[: scene.mesh.topology.index_map(3).size_local]
     stress = report.stresses["fillet"].von_mises if report.step else 0.0
-    return {"rigid": float(scene.sum(float((own > 0).sum()))) / cells, "stress": float(stress)}
+    return {"rigid": share_of(None, scene, report), "stress": float(stress)}
 
 
 say(f"Δt = {DT:g} s to t = {t_end:.3g} s on {scene.comm.size} rank(s)")

@@ -18,7 +18,8 @@
 from functools import partial
 
 import numpy as np
-from common import Pair, Parser, conclude, draw, events_of, freezes_of, positive, say
+from common import Pair, Parser, conclude, draw, events_of, freezes_of, positive, say, share_of
+from common.machines import travel
 
 import rigidfx as rf
 from meshes.robot_arm import HEIGHT, TIP, robot_arm
@@ -52,8 +53,7 @@ order = 1 if options.short else 2
 
 def way(begin: float, distance: float, t: float) -> tuple[float, float, float]:
     """A smooth way along y that begins at a time [s]: the displacement at t [m]."""
-    s = np.clip((t - begin) / TRAVEL, 0.0, 1.0)
-    return 0.0, distance * (s - np.sin(2 * np.pi * s) / (2 * np.pi)), 0.0
+    return 0.0, distance * travel((t - begin) / TRAVEL), 0.0
 
 
 there, back = partial(way, 0.0, DISTANCE), partial(way, BACK, -DISTANCE)
@@ -91,20 +91,11 @@ if not options.short:
 shapes = Shapes(scene, times, colour="rigid")
 
 
-def share(name: str, report: rf.Report) -> float:
-    """Part of the cells of a set that are in rigid bodies."""
-    owned = scene.mesh.topology.index_map(3).size_local
-    cells = scene.domain.find(name, (3,), "share").entities
-    cells = cells[cells < owned]
-    rigid = (report.state.body_numbers()[cells] > 0).sum()
-    return float(scene.sum(float(rigid)) / scene.sum(float(cells.size)))
-
-
 def frozen(report: rf.Report) -> dict[str, float]:
     """These parts of some sets where something has been frozen."""
     if not any(event.kind == "freeze" for event in report.events):
         return {}
-    return {name: share(name, report) for name in ("arm", "link", "leaf", "head")}
+    return {name: share_of(name, scene, report) for name in ("arm", "link", "leaf", "head")}
 
 
 say(f"Δt = {DT:g} s to t = {t_end:g} s on {scene.comm.size} rank(s), tolerance {tol:g} 1/s")

@@ -21,12 +21,5 @@ from rigidfx.command.pair import (
 )
 
 from .balance import Balance
-from .grids import arrays, block_of, boxes, hexahedra, on_first_rank
-from .start import ROOT, Parser, chosen, comm, draw, write
-
-__all__ = [
-    "ROOT", "Balance", "KeptRun", "Pair", "Parser", "arrays", "block_of", "boxes", "chosen",
-    "comm", "conclude", "curve", "draw", "energy_drift", "energy_jump", "events_of", "freezes_of",
-    "hexahedra", "nonnegative", "number", "on_first_rank", "positive", "say", "write",
-    "write_json",
-]  # fmt: skip
+from .grids import arrays, block_of, boxes, hexahedra, on_first_rank, ring
+from .start import ROOT, Parser, chosen, comm, draw, share_of, write

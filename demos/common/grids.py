@@ -36,6 +36,19 @@ def hexahedra(*lines: npt.ArrayLike) -> tuple[Array, Ints]:
     return points.reshape(-1, 3), np.stack(corners, axis=1)
 
 
+def ring(n: int, inner: float, outer: float, width: float, turned: float = 0.0) -> rf.Domain:
+    """A closed ring of n cells about the z axis, from an angle on [rad]. Collective.
+
+    x of a cell runs outwards, y along the ring, z up.
+    """
+    angle = 2 * np.pi * np.arange(n) / n + turned
+    sections = [np.c_[r * np.cos(angle), r * np.sin(angle), np.full(n, z)]
+                for z in (0.0, width) for r in (inner, outer)]  # fmt: skip
+    k, after = np.arange(n), (np.arange(n) + 1) % n
+    square = np.stack([k, k + n, after, after + n], axis=1)
+    return on_first_rank(np.concatenate(sections), np.concatenate([square, square + 2 * n], axis=1))
+
+
 def arrays(*ends: Any) -> tuple[Array, Ints]:
     """Points and cells of boxes that share no node, each from corner to corner in so many cells."""
     every, first = [], 0

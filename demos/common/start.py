@@ -5,8 +5,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mpi4py import MPI
 
+import rigidfx as rf
 from rigidfx.base.text_files import write_text
 from rigidfx.command.options import RankParser, say
 from rigidfx.plot import Shapes
@@ -56,6 +58,15 @@ def chosen(
     if options.short and short and not options.only:
         return list(short)
     return [name for name in names if options.only in name]
+
+
+def share_of(name: str | None, scene: rf.Scene, report: rf.Report) -> float:
+    """Part of the cells of a set, of all if None, that are in rigid bodies. Collective."""
+    owned = scene.mesh.topology.index_map(3).size_local
+    cells = np.arange(owned) if name is None else scene.domain.find(name, (3,), "share").entities
+    cells = cells[cells < owned]
+    inside = np.count_nonzero(report.state.body_numbers()[cells] > 0)
+    return float(scene.sum(float(inside)) / scene.sum(float(cells.size)))
 
 
 def draw(shapes: Shapes, path: Path, **how: Any) -> None:

@@ -2,8 +2,3 @@
 
 from . import bodies, cad_parts, contact, extremes, failure, first_week, ranks, stepping, twin
 from .case import CASES, Case, Result, Run, carry_out, follow, judge
-
-__all__ = [
-    "CASES", "Case", "Result", "Run", "bodies", "cad_parts", "carry_out", "contact", "extremes",
-    "failure", "first_week", "follow", "judge", "ranks", "stepping", "twin",
-]  # fmt: skip

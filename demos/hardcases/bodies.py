@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from common import on_first_rank
+from common import ring
 from scipy.special import ellipk
 
 import rigidfx as rf
@@ -159,24 +159,11 @@ def checkerboard(short: bool) -> Iterator[AnyRun]:
     yield Run("adaptive", scene, 0.1, 3.0 if short else 30.0, criterion, check=apart)
 
 
-def _ring(n: int) -> rf.Domain:
-    """A ring of n cells, square in section."""
-    angle = 2 * np.pi * np.arange(n) / n
-    sections = [np.stack([r * np.cos(angle), r * np.sin(angle), np.full(n, z)], axis=1)
-                for z in (0.0, 1.0) for r in (3.0, 4.0)]  # fmt: skip
-    points = np.concatenate(sections)
-    i, j = np.arange(n), (np.arange(n) + 1) % n
-    # x of a cell runs outwards, y along the ring, z up
-    corners = [i + (2 * z + r) * n if s == 0 else j + (2 * z + r) * n
-               for z in (0, 1) for s in (0, 1) for r in (0, 1)]  # fmt: skip
-    return on_first_rank(points, np.stack(corners, axis=1))
-
-
 @case("rigid bodies", "a closed ring of bodies with one flexible cell between each two")
 def ring_of_bodies(short: bool) -> Iterator[AnyRun]:
     """H, L and J to Newton's tolerance: a closed chain constrains nothing twice."""
     n = 12
-    domain = _ring(n)
+    domain = ring(n, 3.0, 4.0, 1.0)
     middle = middles(domain)
     sector = np.floor(np.mod(np.arctan2(middle[:, 1], middle[:, 0]), 2 * np.pi) / (2 * np.pi / n))
     names = [f"link {k}" for k in range(n // 3)]

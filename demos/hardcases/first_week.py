@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
-from common import on_first_rank
+from common import on_first_rank, ring
 
 import rigidfx as rf
 
@@ -21,16 +21,8 @@ SOFT_STOP = 2e9  # N/m³
 
 def drum(n: int) -> rf.Domain:
     """A ring of n flat facets that lies on one of them; radii 0.6 m and 1 m, 0.5 m wide."""
-    phi = 2 * np.pi * (np.arange(n) + 0.5) / n - np.pi / 2
-    rings = [(r, z) for z in (0.0, 0.5) for r in (0.6, 1.0)]
-    points = np.concatenate(
-        [np.c_[r * np.cos(phi), r * np.sin(phi), np.full(n, z)] for r, z in rings]
-    )
-    k, after = np.arange(n), (np.arange(n) + 1) % n
-    square = np.stack([k, k + n, after, after + n], axis=1)
-    cells = np.concatenate([square, square + 2 * n], axis=1)
-    ring = on_first_rank(points, cells)
-    return ring.with_facets("skin", lambda x: np.hypot(x[0], x[1]) > 0.9)
+    lying = ring(n, 0.6, 1.0, 0.5, np.pi / n - np.pi / 2)
+    return lying.with_facets("skin", lambda x: np.hypot(x[0], x[1]) > 0.9)
 
 
 def _on_a_slope(n: int, degrees: float) -> rf.Scene:

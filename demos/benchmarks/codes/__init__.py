@@ -5,8 +5,3 @@ from .case import Case, Outcome, metal_bracket, nearest, soft_l
 from .exudyn import Found, exudyn, matrices, part_of
 from .here import plain_dolfinx, rigidfx
 from .kratos import kratos
-
-__all__ = [
-    "Case", "Found", "Outcome", "calculix", "calculix_static", "calculix_there", "exudyn", "kratos",
-    "matrices", "metal_bracket", "nearest", "part_of", "plain_dolfinx", "rigidfx", "soft_l",
-]  # fmt: skip

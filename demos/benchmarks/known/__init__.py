@@ -2,5 +2,3 @@
 
 from . import slender, motions, machines, nafems, contacts  # noqa: I001 (the order of the table)
 from .row import PROBLEMS, Found, Problem
-
-__all__ = ["PROBLEMS", "Found", "Problem", "contacts", "machines", "motions", "nafems", "slender"]

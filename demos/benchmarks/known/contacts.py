@@ -11,8 +11,8 @@
 from collections.abc import Iterator
 
 import numpy as np
-from bench.impacts import APART, SIDE, SPEED, two_bars
 from common import block_of
+from impact import APART, SIDE, SPEED, two_bars
 
 import rigidfx as rf
 
