@@ -216,15 +216,11 @@ class Stepper:
         kept = self.state.stored - before.stored
         if jump is None and kept == 0.0 and not followed:
             return None
-        after, u = self.measure(), self.state.u.x.array
-        return Impact(
-            self.state.t,
-            tuple(support.where for support in supports),
-            after.kinetic - before.kinetic + kept,
-            after.linear_momentum - before.linear_momentum,
-            after.angular_momentum - before.angular_momentum,
-            0.0 if jump is None else following_energy(self.scene, *jump, u),
-        )
+        u, names = self.state.u.x.array, (support.where for support in supports)
+        following = 0.0 if jump is None else following_energy(self.scene, *jump, u)
+        after = self.measure()
+        energy, gained = after.kinetic - before.kinetic + kept, after.momenta_since(before)
+        return Impact(self.state.t, tuple(names), energy, *gained, following)
 
     def press(self, contacts: Sequence[Contact], before: Measures) -> Impact | None:
         """The energy that contacts which begin or end bring in, if any. Collective."""

@@ -159,7 +159,7 @@ class FoundBodies:
             return body
         self.linear()  # finds the modes of the whole
         found, vectors = self._within(data, self.vectors)
-        self._forget(data.number)
+        self._looks.forget(data.number)
         self._pressing.forget()
         self.nu.pop(data.name, None)
         begun, lacking = self._modes, self._cut
@@ -389,17 +389,15 @@ class FoundBodies:
         state, forces, none = self._stepper.state, self._stepper.forces, Bodies.of_each(())
         cells = np.sort(np.concatenate([body.data.cells for body in bodies]))
         strain, u = forces.bind_energy(forces.cells(cells)), state.u.x.array
-        energy, momentum = self._stepper.system.energies.gained(state, d)
-        kept, found = state.snapshot(), []
-        for way in (0.0 * d, d):
-            state.shift(rows.dofs, way.reshape(-1))
+
+        def further() -> list[float]:
             stored = np.sum(actions.stored(Instant(none, u[rows.dofs], state.t)))
-            found.append([stored, integral(strain)])
-        state.restore(kept)
-        (first, before), (last, after) = np.asarray(self._scene.sum(np.array(found)))
-        gained = energy + last - first
-        wanted = float(Bodies.of_each(bodies).strain_of_each.sum())
-        return Shift(d, gained, momentum), before - wanted, after + gained - wanted
+            return [float(stored), integral(strain)]
+
+        before, after = self._stepper.system.energies.both(state, d, further)
+        more, wanted = after - before, float(Bodies.of_each(bodies).strain_of_each.sum())
+        gained = more[0] + more[4]
+        return Shift(d, gained, more[1:4]), before[5] - wanted, after[5] + gained - wanted
 
     def bind(self) -> None:
         """Forget bodies that are no more. Collective."""
@@ -407,11 +405,7 @@ class FoundBodies:
         self.known = {number: own for number, own in self.known.items() if number in numbers}
         for number in sorted(self._expanded.keys() - numbers):
             self._expanded.pop(number)[2].destroy()
-            self._forget(number)
-
-    def _forget(self, number: int) -> None:
-        """Forget how a body that is no more has bent."""
-        self._looks.forget(number)
+            self._looks.forget(number)
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

@@ -7,40 +7,150 @@ part of what accuracy is relative to, up to the end of the step, or of the large
 shape: that is the motion to come where a load begins.
 """
 
-from collections.abc import Callable
-from typing import ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import isclose
+from typing import Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
 from rigidfx.base.log import tell
-from rigidfx.base.remembered import PART, Remembered, same
+from rigidfx.base.remembered import PART, Each, Record, Remembered, same
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.decide.limits import Limits, part_of
 from rigidfx.flexible.strain_rate import CellStrains, Indicator
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.scene.scene import Scene
 from rigidfx.shapes.bends import SHARE, at_cells
 from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt, Watch
 from rigidfx.switch.found_bodies import FoundBodies, Looked
-from rigidfx.switch.resonance import Resonance
 from rigidfx.withheld.body_forces import BodyForces
-from rigidfx.withheld.fields import Fields, Force
+from rigidfx.withheld.fields import Fields, Force, dots
 from rigidfx.withheld.fields import size as size_of
 
 OUTGROWN = "forces strain them otherwise than their shapes can"
 
-
 # Numbers of the loop, from runs of demos/benchmarks/waking.py beside flexible twins.
 GATE = 0.5  # part of the tolerance up to which no response is solved for, by the last ratio
-EVERY = 20  # steps after which one is solved for in any case
+EVERY = 20  # steps after which one is solved for in any case, and over which Ω is a mean
 WAKES = 3.0  # tolerances above which cells wake, if two more shapes in a step have not halved it
 GROWN = 24  # shapes beside the modes with which a body is full
 WOKEN = 0.5  # tolerances above which a cell wakes then
 # Periods in which a vibration falls to 1/e, as with 1.6 % of critical damping: what is in tune, or
 # out of phase, adds up for as long.
 PERIODS = 10.0
+# ΩΔt that rounding may make of none.
+LEAST = float(np.sqrt(np.finfo(np.float64).eps))
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """What a body may have built up, and what tells the frequency of its forces."""
+
+    origin: Array  # the body's; if it loses cells it is another one
+    momenta: Force  # s [kg m/s]
+    off: Force  # w [kg m/s]
+    last: Force  # ρ⊥ of the last step [N]
+    change: Force  # its change in that step
+    before: Force  # that in the step before
+    square: float = 0.0  # sums of products of changes
+    product: float = 0.0  # likewise
+    steps: int = 0  # how many there were in steps of one length ...
+    dt: float = 0.0  # ... which this is [s]
+    frequency: float = 0.0  # Ω, 0 while unknown [1/s]
+
+    def followed(self, fields: Fields) -> "Tuned":
+        """The same with the fields that the body has now. Collective."""
+        names = ("momenta", "off", "last", "change", "before")
+        forces: dict[str, Any] = {name: fields.followed(getattr(self, name)) for name in names}
+        return replace(self, **forces)
+
+
+_FORCE = Record(Force, "beside")
+
+
+class Resonance:
+    """Momenta that withheld forces may have built up in modes which bodies lack.
+
+    In the worst case all that is withheld is in tune with a mode that is not known, and has gained
+    by now the momenta s of one oscillator at each node,
+
+        ṡ = -Ω w ,  ẇ = Ω s - ρ̇⊥/Ω ,    cos ΩΔt = Σ d₁·(d₀ + d₂) / (2 Σ d₁·d₁) ,
+
+    with w how far it is off its balance, times its mass and Ω, and with Ω by three changes d of ρ⊥
+    from step to step, in steps of one length. Ω is a mean over some steps.
+    """
+
+    remembered: ClassVar[Remembered] = {
+        "_of": Each(Tuned, momenta=_FORCE, off=_FORCE, last=_FORCE, change=_FORCE, before=_FORCE)
+    }
+
+    def __init__(self, scene: Scene) -> None:
+        """Nothing has built up."""
+        self._scene = scene
+        self._of: dict[int, Tuned] = {}  # by number
+
+    def lasting(self, fields: Fields) -> tuple[float, Force] | None:
+        """Ω [1/s], and the forces 2 Ω s on a body; None while Ω is not known. Collective."""
+        known = self._known(fields)
+        if known is None or not known.frequency > 0:
+            return None
+        return known.frequency, 2 * known.frequency * fields.followed(known.momenta)
+
+    def _known(self, fields: Fields) -> Tuned | None:
+        known = self._of.get(fields.data.number)
+        same = known is not None and np.array_equal(known.origin, fields.data.origin)
+        return known if same else None
+
+    def advance(
+        self, forces: Sequence[tuple[Fields, Force]], lacking: Mapping[int, float], dt: float
+    ) -> None:
+        """Advance by Δt with ρ⊥ of bodies and the lowest ω that each lacks [1/s]. Collective."""
+        known, pairs, out = [], [], {}
+        for fields, force in forces:
+            none = 0.0 * force
+            before = self._known(fields) or Tuned(fields.data.origin, none, none, none, none, none)
+            own = before.followed(fields)
+            change = force - own.last
+            known.append((fields.data.number, force, own, change))
+            pairs += [(fields, 2.0 * own.change, own.change)]
+            pairs += [(fields, change + own.before, own.change)]
+        products = dots(self._scene, pairs).reshape(-1, 2)
+        for (number, force, own, change), new in zip(known, products, strict=True):
+            even = isclose(dt, own.dt)
+            kept = np.array([own.square, own.product]) * (1 - 1 / EVERY) * even
+            square, product = kept + new * (even and own.steps > 2)
+            omega = own.frequency
+            if square > 0:
+                angle = float(np.arccos(np.clip(product / square, -1.0, 1.0)))
+                omega = max(angle, LEAST) / dt
+            momenta, off = self._built_up(own, float(omega > lacking[number]) * change, omega, dt)
+            out[number] = Tuned(
+                own.origin,
+                momenta,
+                off,
+                last=force,
+                change=change,
+                before=own.change,
+                square=float(square),
+                product=float(product),
+                steps=1 + own.steps * int(even),
+                dt=dt,
+                frequency=omega,
+            )
+        self._of = out
+
+    def _built_up(self, own: Tuned, change: Force, omega: float, dt: float) -> tuple[Force, Force]:
+        """s and w of a body after a step in which its force has changed at its start."""
+        if not omega > 0:
+            return own.momenta, own.off
+        s, w = own.momenta, own.off - (1 / omega) * change
+        c, sine = np.cos(omega * dt), np.sin(omega * dt)
+        left = np.exp(-omega * dt / 2 / np.pi / PERIODS)
+        return left * (c * s - sine * w), left * (c * w + sine * s)
 
 
 class Growth(Watch):
@@ -62,7 +172,7 @@ class Growth(Watch):
         self.found = FoundBodies(stepper, forces, dt)
         self._strains = CellStrains(self._scene, stepper.forces, indicator)
         self._cells = self._scene.mesh.topology.index_map(3).size_local  # owned ones
-        self._resonance = Resonance(self._scene, EVERY, PERIODS)
+        self._resonance = Resonance(self._scene)
         self._swing = np.inf
         self._withheld: list[tuple[Fields, Force]] = []  # ρ⊥ as last seen
         self._ratio, self._since = np.inf, 0

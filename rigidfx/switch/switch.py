@@ -229,17 +229,9 @@ class Switch:
         gained = self._exchange.close(state, stepper.system.prescribed.mask)
         if gained == 0.0:
             return impact
-        after, titles = stepper.measure(), tuple(j.title for j in scene.named(Joint))
-        if started:
-            titles = tuple(motor.owner for motor in started)
-        own = Impact(
-            state.t,
-            titles,
-            gained,
-            after.linear_momentum - before.linear_momentum,
-            after.angular_momentum - before.angular_momentum,
-            0.0,
-        )
+        titles = [motor.owner for motor in started] or [j.title for j in scene.named(Joint)]
+        changes = stepper.measure().momenta_since(before)
+        own = Impact(state.t, tuple(titles), gained, *changes, 0.0)
         if not started:
             warn(
                 scene.comm,
@@ -299,8 +291,7 @@ class Switch:
         after = stepper.measure()
         # Bodies and free nodes keep their momenta: what held dofs gain is what supports give.
         impulse, angular_impulse = stepper.system.energies.held_momenta(stepper.state) - held_before
-        linear = after.linear_momentum - before.linear_momentum - impulse
-        angular = after.angular_momentum - before.angular_momentum - angular_impulse
+        linear, angular = np.subtract(after.momenta_since(before), (impulse, angular_impulse))
         if self._grounded:  # the ground gives what is left, by impulses of joints
             impulse, angular_impulse = impulse + linear, angular_impulse + angular
             linear, angular = np.zeros(3), np.zeros(3)

@@ -1,5 +1,6 @@
 """Read-only numbers of a state: energies and momenta, already summed over ranks."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +43,11 @@ class Measures:
     def energy(self) -> float:
         """H = kinetic + strain + stored + springs + contact [J]."""
         return self.kinetic + self.strain + self.stored + self.springs + self.contact
+
+    def momenta_since(self, before: "Measures") -> tuple[Array, Array]:
+        """Changes of both momenta since a state before."""
+        linear = self.linear_momentum - before.linear_momentum
+        return linear, self.angular_momentum - before.angular_momentum
 
 
 class Energies:
@@ -94,19 +100,19 @@ class Energies:
         held = np.where(self._held, p.reshape(-1), 0.0).reshape(-1, 3)
         return np.asarray(self._scene.sum(np.stack([held.sum(axis=0), axial(x.T @ held)])))
 
-    def gained(self, state: State, d: Array) -> tuple[float, Array]:
-        """What flexible cells gain where the owned nodes move, shape (nodes, 3) [m]. Collective.
+    def both(self, state: State, d: Array, further: Callable[[], Sequence[float]]) -> Array:
+        """Numbers of flexible cells before and after the owned nodes move by d [m]. Collective.
 
-        That is energy [J] and angular momentum, shape (3,) [kg m²/s].
+        These are, shape (2, 4 + n), energy [J], angular momentum [kg m²/s], and further ones of a
+        rank, which are summed over ranks as well. d has the shape (nodes, 3).
         """
         kept, found = state.snapshot(), []
         for way in (0.0 * d, d):
             state.shift(np.arange(d.size), way.reshape(-1))
             p, x = self._momenta(state)
-            found.append(np.r_[integral(self._energy), axial(x.T @ p)])
+            found.append(np.r_[integral(self._energy), axial(x.T @ p), further()])
         state.restore(kept)
-        gained = np.asarray(self._scene.sum(found[1] - found[0]))
-        return float(gained[0]), gained[1:]
+        return np.asarray(self._scene.sum(np.array(found)))
 
     def _momenta(self, state: State) -> tuple[Array, Array]:
         """M v and x of the active nodes, shapes (nodes, 3) [kg m/s, m]. Collective."""
