@@ -89,42 +89,25 @@ def crank(*parts: rf.Reduced) -> rf.Scene:
 # +
 @dataclass(frozen=True)
 class Setting:
-    """The choices of a run.
+    """The choices of a run."""
 
-    Attributes:
-        dt: Δt, or the longest one with a budget [s].
-        budget: Of `Accuracy`, which chooses Δt and bodies; neither is chosen if 0.
-        reduced: Whether the structure's parts are reduced.
-    """
-
-    dt: float
-    budget: float = 0.0
-    reduced: bool = False
+    dt: float  # Δt, or the longest one with a budget [s]
+    budget: float = 0.0  # of `Accuracy`, which chooses Δt and bodies; neither is chosen if 0
+    reduced: bool = False  # whether the structure's parts are reduced
 
 
 @dataclass(frozen=True)
 class Structure:
-    """A structure, and its runs.
+    """A structure, and its runs."""
 
-    Attributes:
-        name: Its name.
-        scene: Makes the problem, of parts that are reduced.
-        at: The probe that is compared.
-        of: Length that errors are parts of [m].
-        t_end: End of its runs [s].
-        dt: That of the middle points [s].
-        parts: The parts that may be reduced.
-        quiet: Time up to which Δt is ten times as long [s].
-    """
-
-    name: str
-    scene: Callable[..., rf.Scene]
-    at: str
-    of: float
-    t_end: float
-    dt: float
-    parts: tuple[rf.Reduced, ...]
-    quiet: float = 0.0
+    name: str  # its name
+    scene: Callable[..., rf.Scene]  # makes the problem, of parts that are reduced
+    at: str  # the probe that is compared
+    of: float  # length that errors are parts of [m]
+    t_end: float  # end of its runs [s]
+    dt: float  # that of the middle points [s]
+    parts: tuple[rf.Reduced, ...]  # the parts that may be reduced
+    quiet: float = 0.0  # time up to which Δt is ten times as long [s]
 
     @property
     def reference(self) -> Setting:
@@ -164,21 +147,13 @@ STRUCTURES = [s for s in STRUCTURES if s.name in chosen(options, [s.name for s i
 # +
 @dataclass(frozen=True)
 class Run:
-    """A run in numbers.
+    """A run in numbers."""
 
-    Attributes:
-        t: Ends of its steps [s].
-        path: Places of the probe then, a list of three each [m].
-        cpu_s: Time of the processor, set-up included [s].
-        unknowns: At the start.
-        saved: Unknowns that were saved, as a part of unknowns × time.
-    """
-
-    t: list[float]
-    path: list[list[float]]
-    cpu_s: float
-    unknowns: int
-    saved: float
+    t: list[float]  # ends of its steps [s]
+    path: list[list[float]]  # places of the probe then, a list of three each [m]
+    cpu_s: float  # time of the processor, set-up included [s]
+    unknowns: int  # at the start
+    saved: float  # unknowns that were saved, as a part of unknowns × time
 
     def error(self, reference: "Run", of: float) -> float:
         """Largest distance of the probe from that of a reference, as a part of a length."""

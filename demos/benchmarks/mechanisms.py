@@ -60,14 +60,10 @@ def line(case: str, **known: Any) -> Row:
 
 @dataclass(frozen=True)
 class Asked:
-    """How the cases run.
+    """How the cases run."""
 
-    Attributes:
-        short: Longer steps, shorter.
-        exudyn: Lets Exudyn run a mechanism; None if it is not there.
-    """
-
-    short: bool
+    short: bool  # longer steps, shorter
+    # lets Exudyn run a mechanism; None if it is not there
     exudyn: Callable[[dict[str, Any]], Found] | None
 
 

@@ -47,27 +47,18 @@ WINDOW = 20  # steps
 
 @dataclass(frozen=True)
 class Record:
-    """What is kept of a run, step by step; the initial state is in places and tips alone.
+    """What is kept of a run, step by step; the initial state is in places and tips alone."""
 
-    Attributes:
-        unknowns: Number of unknowns at the start.
-        places: Places of nodes, shape (steps + 1, nodes, 3) [m]; of a twin alone.
-        rates: Strain rate of each cell, shape (steps, cells) [1/s].
-        bodies: Whether each cell is in a body at the end of each step, of the same shape.
-        lost: How fast each cell strains otherwise than in the twin, of the same shape [1/s].
-        woken: Cells that forces have woken in each step.
-        tips: Displacement of the probe, shape (steps + 1, 3) [m].
-        seconds: Processor time of the steps [s].
-    """
-
-    unknowns: int
+    unknowns: int  # number of unknowns at the start
+    # places of nodes, shape (steps + 1, nodes, 3) [m]; of a twin alone
     places: Sequence[np.ndarray]
-    rates: np.ndarray
-    bodies: np.ndarray
+    rates: np.ndarray  # strain rate of each cell, shape (steps, cells) [1/s]
+    bodies: np.ndarray  # whether each cell is in a body at the end of each step, of the same shape
+    # how fast each cell strains otherwise than in the twin, of the same shape [1/s]
     lost: np.ndarray
-    woken: Sequence[np.ndarray]
-    tips: np.ndarray
-    seconds: float
+    woken: Sequence[np.ndarray]  # cells that forces have woken in each step
+    tips: np.ndarray  # displacement of the probe, shape (steps + 1, 3) [m]
+    seconds: float  # processor time of the steps [s]
 
 
 def judged(twin: Record, ours: Record, tol: float) -> dict[str, float | int]:

@@ -109,77 +109,46 @@ Check = Callable[[History], str]  # "" if all is well, else what is not
 
 @dataclass(frozen=True)
 class Run:
-    """One way to run a case.
+    """One way to run a case."""
 
-    Attributes:
-        way: "flexible", "adaptive", or what else distinguishes it.
-        scene: The problem, or what makes it, where that is to fail or to warn.
-        dt: Δt [s], or what chooses it.
-        t_end: End [s].
-        rigidify: As of `simulate`.
-        energy: Bound of the energy's drift, relative.
-        momentum: Bound of the momenta's drift, relative; None where loads or supports act.
-        tangents: Most tangents that a step assembles, one for each iteration of Newton's method;
-            iterations with a tangent that is kept are cheap.
-        cuts: How often steps may be cut, where step control is the remedy.
-        freezes: Whether something has to become rigid, where there is a criterion; None where
-            either is right.
-        check: Compares the answer with a reference.
-        fails: Error that has to end the run.
-        says: What its message has to contain.
-        warns: What a warning of the run has to contain.
-        known: What is known to go wrong: this is in its verdict.
-        why: Why it does, and what helps.
-        stress_at: Probe whose stress the check asks for, if any.
-    """
-
-    way: str
+    way: str  # "flexible", "adaptive", or what else distinguishes it
+    # the problem, or what makes it, where that is to fail or to warn
     scene: rf.Scene | Callable[[], rf.Scene]
-    dt: float | rf.StepControl
-    t_end: float
-    rigidify: rf.StrainRate | rf.Accuracy | None = None
-    energy: float = 1e-10
+    dt: float | rf.StepControl  # Δt [s], or what chooses it
+    t_end: float  # end [s]
+    rigidify: rf.StrainRate | rf.Accuracy | None = None  # as `simulate` has it
+    energy: float = 1e-10  # bound of the energy's drift, relative
+    # bound of the momenta's drift, relative; None where loads or supports act
     momentum: float | None = 1e-10
+    # most tangents that a step assembles, one for each iteration of Newton's method; iterations
+    # with a tangent that is kept are cheap
     tangents: int = 8
-    cuts: int = 0
+    cuts: int = 0  # how often steps may be cut, where step control is the remedy
+    # whether something has to become rigid, where there is a criterion; None where either is right
     freezes: bool | None = True
-    check: Check | None = None
-    fails: type[Exception] | None = None
-    says: tuple[str, ...] = ()
-    warns: str = ""
-    known: str = ""
-    why: str = ""
-    stress_at: str = ""
+    check: Check | None = None  # compares the answer with a reference
+    fails: type[Exception] | None = None  # error that has to end the run
+    says: tuple[str, ...] = ()  # what its message has to contain
+    warns: str = ""  # what a warning of the run has to contain
+    known: str = ""  # what is known to go wrong: this is in its verdict
+    why: str = ""  # why it does, and what helps
+    stress_at: str = ""  # probe whose stress the check asks for, if any
 
 
 @dataclass(frozen=True)
 class Case:
-    """A hard case.
+    """A hard case."""
 
-    Attributes:
-        name: Its name.
-        group: What kind of difficulty it is.
-        hard: What makes it hard.
-        bound: Which bounds the theory gives.
-        runs: Yields its runs; takes whether they are to be short.
-    """
-
-    name: str
-    group: str
-    hard: str
-    bound: str
-    runs: Callable[[bool], Iterator[Run]]
+    name: str  # its name
+    group: str  # what kind of difficulty it is
+    hard: str  # what makes it hard
+    bound: str  # which bounds the theory gives
+    runs: Callable[[bool], Iterator[Run]]  # yields its runs; takes whether they are to be short
 
 
 @dataclass(frozen=True)
 class Result:
-    """A row of the table; numbers are the same on all ranks.
-
-    Attributes:
-        momentum_drift: None where loads or supports act.
-        known: Whether it is known to be unstable.
-        verdict: "stable", or why not.
-    """
+    """A row of the table; numbers are the same on all ranks."""
 
     case: str
     group: str
@@ -189,11 +158,11 @@ class Result:
     newton_mean: float
     newton_worst: int
     energy_drift: float
-    momentum_drift: float | None
+    momentum_drift: float | None  # None where loads or supports act
     stable: bool
-    known: bool
+    known: bool  # whether it is known to be unstable
     cuts: int
-    verdict: str
+    verdict: str  # "stable", or why not
     warnings: list[str] = field(default_factory=list)
 
 

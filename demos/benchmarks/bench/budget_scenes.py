@@ -21,22 +21,14 @@ BUDGETS = 0.05, 0.01, 0.002
 
 @dataclass(frozen=True)
 class Case:
-    """A scene with a probe "end".
+    """A scene with a probe "end"."""
 
-    Attributes:
-        scene: The problem.
-        largest: Largest Δt [s].
-        t_end: End [s].
-        min_cells: Least cells of a body, in place of those that are worth it: a small bar stands
-            for a large one.
-        budgets: The budgets that its references allow.
-    """
-
-    scene: Callable[[], rf.Scene]
-    largest: float
-    t_end: float
+    scene: Callable[[], rf.Scene]  # the problem
+    largest: float  # largest Δt [s]
+    t_end: float  # end [s]
+    # least cells of a body, in place of those that are worth it: a small bar stands for a large one
     min_cells: int | None = None
-    budgets: tuple[float, ...] = BUDGETS
+    budgets: tuple[float, ...] = BUDGETS  # the budgets that its references allow
 
 
 def viscous(beta: float) -> rf.StiffnessDamping:

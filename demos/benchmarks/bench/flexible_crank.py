@@ -92,25 +92,15 @@ def flexible_crank(
 
 @dataclass(frozen=True)
 class CrankMotion:
-    """A run.
+    """A run."""
 
-    Attributes:
-        motion: As `motion` gives it.
-        unknowns: Number of unknowns.
-        drift: Largest change of the energy less the motor's work [J].
-        gap: Largest violation of a joint [m].
-        seconds: Median wall time of a step [s].
-        iterations: Mean Newton iterations of a step.
-        shapes: Most shapes of a reduced part.
-    """
-
-    motion: tuple[Array, Array]
-    unknowns: int
-    drift: float
-    gap: float
-    seconds: float
-    iterations: float
-    shapes: int
+    motion: tuple[Array, Array]  # as `motion` gives it
+    unknowns: int  # number of unknowns
+    drift: float  # largest change of the energy less the motor's work [J]
+    gap: float  # largest violation of a joint [m]
+    seconds: float  # median wall time of a step [s]
+    iterations: float  # mean Newton iterations of a step
+    shapes: int  # most shapes of a reduced part
 
 
 def motion(crank: Array, rod: Array, dt: float) -> tuple[Array, Array]:

@@ -29,21 +29,13 @@ SMALL = 1e-6  # of a load, in linear problems
 
 @dataclass(frozen=True)
 class Case:
-    """A problem of statics with a known answer.
+    """A problem of statics with a known answer."""
 
-    Attributes:
-        name: Its name.
-        mesh: Cells along each axis.
-        reference: The answer [m]; None if second-order cells give it.
-        value: The computed one, of an element.
-        elements: Elements that solve it.
-    """
-
-    name: str
-    mesh: tuple[int, int, int]
-    reference: float | None
-    value: Callable[[str], float]
-    elements: tuple[str, ...] = tuple(ELEMENTS)
+    name: str  # its name
+    mesh: tuple[int, int, int]  # cells along each axis
+    reference: float | None  # the answer [m]; None if second-order cells give it
+    value: Callable[[str], float]  # the computed one, of an element
+    elements: tuple[str, ...] = tuple(ELEMENTS)  # elements that solve it
 
 
 def mapped(n: tuple[int, int, int], place: Callable[..., Any]) -> rf.Domain:
@@ -59,21 +51,14 @@ def options_of(element: str) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Problem:
-    """A body under loads, to be solved with each element.
+    """A body under loads, to be solved with each element."""
 
-    Attributes:
-        domain: The body.
-        E: Young's modulus [Pa].
-        nu: Poisson's ratio.
-        effects: Supports and loads; loads of a unit size in linear problems.
-        steps: Load steps; 0 for a linear problem.
-    """
-
-    domain: rf.Domain
-    E: float
-    nu: float
+    domain: rf.Domain  # the body
+    E: float  # Young's modulus [Pa]
+    nu: float  # Poisson's ratio
+    # supports and loads; loads of a unit size in linear problems
     effects: tuple[rf.effects.Effect, ...]
-    steps: int = 0
+    steps: int = 0  # load steps; 0 for a linear problem
 
     def scene(self, element: str) -> rf.Scene:
         """The problem with an element."""

@@ -17,23 +17,14 @@ SLENDER = 1e-3  # kg m², of thin bars about their own axes; no number of a plan
 
 @dataclass(frozen=True)
 class Link:
-    """A bar along one axis.
+    """A bar along one axis."""
 
-    Attributes:
-        name: Its name.
-        start: One end [m].
-        end: The other end [m].
-        cells: Number of cells along it.
-        wide: Half of its width [m].
-        gap: Part of its length that is left free at each end.
-    """
-
-    name: str
-    start: Sequence[float]
-    end: Sequence[float]
-    cells: int = 1
-    wide: float = 0.02
-    gap: float = 0.1
+    name: str  # its name
+    start: Sequence[float]  # one end [m]
+    end: Sequence[float]  # the other end [m]
+    cells: int = 1  # number of cells along it
+    wide: float = 0.02  # half of its width [m]
+    gap: float = 0.1  # part of its length that is left free at each end
 
     @property
     def corners(self) -> tuple[Array, Array]:

@@ -20,25 +20,15 @@ Draw = np.random.Generator
 
 @dataclass(frozen=True)
 class Structure:
-    """A mesh of cells "soft" and "hard", and where it is held, pushed and looked at.
+    """A mesh of cells "soft" and "hard", and where it is held, pushed and looked at."""
 
-    Attributes:
-        mesh: The mesh.
-        support: Facets that are held.
-        push: Facets that are pushed.
-        tip: Place of the probe [m].
-        soft: Young's modulus of the soft cells over that which is drawn.
-        hard: The same of the hard cells.
-        rho: Density of the hard cells [kg/m³].
-    """
-
-    mesh: rf.Domain
-    support: str
-    push: str
-    tip: tuple[float, float, float]
-    soft: float
-    hard: float
-    rho: float = 1000.0
+    mesh: rf.Domain  # the mesh
+    support: str  # facets that are held
+    push: str  # facets that are pushed
+    tip: tuple[float, float, float]  # place of the probe [m]
+    soft: float  # Young's modulus of the soft cells over that which is drawn
+    hard: float  # the same of the hard cells
+    rho: float = 1000.0  # density of the hard cells [kg/m³]
 
     def materials(self, E: float) -> dict[str, rf.Material]:
         """Materials by name, for a modulus that is drawn [Pa]."""
@@ -90,21 +80,13 @@ KINDS = {"bar": _bar, "plate": _plate, "post": _post, "table": _table, "stalk": 
 
 @dataclass(frozen=True)
 class Setting:
-    """What loads are drawn for.
+    """What loads are drawn for."""
 
-    Attributes:
-        of: The structure.
-        period: Its longest one [s].
-        dt: Δt [s].
-        force: Traction of a push [Pa].
-        way: A direction.
-    """
-
-    of: Structure
-    period: float
-    dt: float
-    force: tuple[float, ...]
-    way: np.ndarray
+    of: Structure  # the structure
+    period: float  # its longest one [s]
+    dt: float  # Δt [s]
+    force: tuple[float, ...]  # traction of a push [Pa]
+    way: np.ndarray  # a direction
 
     def pushed(self, time: Callable[[float], float]) -> Effects:
         """Held at the support, and pushed."""

@@ -34,42 +34,26 @@ SOFT = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)  # Pa, 1, kg/m³
 
 @dataclass(frozen=True)
 class Case:
-    """A scene, the parts of it that are reduced, and what is compared.
+    """A scene, the parts of it that are reduced, and what is compared."""
 
-    Attributes:
-        scene: Makes it of some further effects.
-        parts: The reduced parts.
-        dt: Time steps, as `simulate` takes them.
-        t_end: End [s].
-        seen: What is kept of a report.
-        errors: Errors of what was seen in a run, by that of the twin.
-    """
-
-    scene: Callable[..., rf.Scene]
-    parts: tuple[rf.Reduced, ...]
-    dt: float | Mapping[float, float]
-    t_end: float
-    seen: Callable[[rf.Report], np.ndarray]
+    scene: Callable[..., rf.Scene]  # makes it of some further effects
+    parts: tuple[rf.Reduced, ...]  # the reduced parts
+    dt: float | Mapping[float, float]  # time steps, as `simulate` takes them
+    t_end: float  # end [s]
+    seen: Callable[[rf.Report], np.ndarray]  # what is kept of a report
+    # errors of what was seen in a run, by that of the twin
     errors: Callable[[np.ndarray, np.ndarray], dict[str, float]]
 
 
 @dataclass
 class Run:
-    """What a run has left.
+    """What a run has left."""
 
-    Attributes:
-        seconds: Time of the processor, with set-up, without looks at results [s].
-        unknowns: The fewest and the most.
-        seen: What was kept of each report.
-        balance: Largest error of the balance of energy over the largest energy.
-        set_up: The part of its time that has passed before the first step [s].
-    """
-
-    seconds: float = 0.0
-    unknowns: tuple[int, int] = (0, 0)
-    seen: np.ndarray = field(default_factory=lambda: np.empty(0))
-    balance: float = 0.0
-    set_up: float = 0.0
+    seconds: float = 0.0  # time of the processor, with set-up, without looks at results [s]
+    unknowns: tuple[int, int] = (0, 0)  # the fewest and the most
+    seen: np.ndarray = field(default_factory=lambda: np.empty(0))  # what was kept of each report
+    balance: float = 0.0  # largest error of the balance of energy over the largest energy
+    set_up: float = 0.0  # the part of its time that has passed before the first step [s]
 
 
 def run(case: Case, parts: tuple[rf.Reduced, ...], rigidify: rf.StrainRate | None = None) -> Run:

@@ -56,19 +56,12 @@ def turning(t: float) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class Built:
-    """A scene and its times.
+    """A scene and its times."""
 
-    Attributes:
-        build: The scene on a mesh of so many cells across.
-        tol: Tolerance over the peak strain rate of the twin.
-        dt: Δt [s].
-        t_end: End [s].
-    """
-
-    build: Callable[[int], rf.Scene]
-    tol: float = 0.01
-    dt: float = 0.02
-    t_end: float = 12.0
+    build: Callable[[int], rf.Scene]  # the scene on a mesh of so many cells across
+    tol: float = 0.01  # tolerance over the peak strain rate of the twin
+    dt: float = 0.02  # Δt [s]
+    t_end: float = 12.0  # end [s]
 
     def at(self, across: int) -> Built:
         """The case on a mesh of so many cells across."""

@@ -21,27 +21,16 @@ PUSH = np.array([256.0, 512.0, 768.0]) / 90  # Pa/s; of Simo and Tarnow's L
 
 @dataclass(frozen=True)
 class Case:
-    """A structure of one material that some tractions push for a while; on one rank.
+    """A structure of one material that some tractions push for a while; on one rank."""
 
-    Attributes:
-        name: Beginning with "soft" or "metal".
-        scene: The problem as rigidfx has it.
-        tractions: Their values at factor one, by the name of their facets [Pa].
-        factor: Their common factor in time; zero at its end and from there on.
-        held: Name of the facets that do not move; None of a free body.
-        dt: Time step [s].
-        steps: How many.
-        probe: Number of the node that is compared.
-    """
-
-    name: str
-    scene: rf.Scene
-    tractions: dict[str, Array]
-    factor: rf.Table
-    held: str | None
-    dt: float
-    steps: int
-    probe: int
+    name: str  # beginning with "soft" or "metal"
+    scene: rf.Scene  # the problem as rigidfx has it
+    tractions: dict[str, Array]  # their values at factor one, by the name of their facets [Pa]
+    factor: rf.Table  # their common factor in time; zero at its end and from there on
+    held: str | None  # name of the facets that do not move; None of a free body
+    dt: float  # time step [s]
+    steps: int  # how many
+    probe: int  # number of the node that is compared
 
     @property
     def material(self) -> rf.StVenantKirchhoff:
@@ -92,25 +81,15 @@ class Case:
 
 @dataclass
 class Outcome:
-    """What a code did with a case.
+    """What a code did with a case."""
 
-    Attributes:
-        seconds: Wall time of steps [s].
-        newton: Newton iterations of each step.
-        times: Ends of steps [s].
-        energies: Kinetic and stored energy there [J].
-        probe: Where the case's probe is at the last of them [m].
-        solver: Its linear solver.
-        failed: Why it ended too early, if it did.
-    """
-
-    seconds: list[float] = field(default_factory=list)
-    newton: list[int] = field(default_factory=list)
-    times: list[float] = field(default_factory=list)
-    energies: list[float] = field(default_factory=list)
-    probe: Array | None = None
-    solver: str = ""
-    failed: str = ""
+    seconds: list[float] = field(default_factory=list)  # wall time of steps [s]
+    newton: list[int] = field(default_factory=list)  # Newton iterations of each step
+    times: list[float] = field(default_factory=list)  # ends of steps [s]
+    energies: list[float] = field(default_factory=list)  # kinetic and stored energy there [J]
+    probe: Array | None = None  # where the case's probe is at the last of them [m]
+    solver: str = ""  # its linear solver
+    failed: str = ""  # why it ended too early, if it did
 
     def drift(self, case: Case) -> float | None:
         """Largest change of the energy after the loads, relative; None if it ended before."""

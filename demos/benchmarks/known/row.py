@@ -6,25 +6,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Found:
-    """A number of a run.
+    """A number of a run."""
 
-    Attributes:
-        quantity: Its name, with its unit.
-        published: The published value.
-        ours: Our value.
-        allowed: Largest error; None if it is shown without a bound.
-        scale: The error is relative to it; to the published value if None.
-        kind: Kind of the run: flexible, reduced, rigid or found parts.
-        unknowns: Number of unknowns in its last step.
-    """
-
-    quantity: str
-    published: float
-    ours: float
-    allowed: float | None = 0.005
-    scale: float | None = None
-    kind: str = "flexible"
-    unknowns: int | None = None
+    quantity: str  # its name, with its unit
+    published: float  # the published value
+    ours: float  # our value
+    allowed: float | None = 0.005  # largest error; None if it is shown without a bound
+    scale: float | None = None  # the error is relative to it; to the published value if None
+    kind: str = "flexible"  # kind of the run: flexible, reduced, rigid or found parts
+    unknowns: int | None = None  # number of unknowns in its last step
 
     @property
     def error(self) -> float:
@@ -37,15 +27,10 @@ Runs = Callable[[bool], Iterator[list[Found]]]
 
 @dataclass(frozen=True)
 class Problem:
-    """A problem that others publish.
+    """A problem that others publish."""
 
-    Attributes:
-        source: Where it is published.
-        runs: Its runs, short or not: the numbers of one after the other.
-    """
-
-    source: str
-    runs: Runs
+    source: str  # where it is published
+    runs: Runs  # its runs, short or not: the numbers of one after the other
 
 
 PROBLEMS: dict[str, Problem] = {}  # by name
