@@ -1,10 +1,9 @@
 """Values of a user: as they were when they were given, and whether they are the same elsewhere.
 
-What a checked record is made from is copied when it is taken, and what it holds can be read only.
-Numbers and arrays of others, such as a constant of DOLFINx or a tensor of another package, become
-floats, arrays or tuples. A script runs on every rank: where it draws random numbers, or reads a
-clock, ranks would take different decisions and wait for each other for ever. `check_same` compares
-before anything depends on it, also with a checkpoint.
+Values of a checked record are copies, and can be read only. Numbers and arrays of others, such as a
+constant of DOLFINx or a tensor of another package, become floats, arrays or tuples. A script runs
+on every rank: where it draws random numbers, or reads a clock, ranks would take different decisions
+and wait for each other for ever. `check_same` compares values before a run or a checkpoint.
 """
 
 import hashlib
@@ -44,29 +43,24 @@ def taken(value: Any) -> Any:
 
 def _taken(value: Any) -> Any:
     try:
-        return _copied(value)
-    except RecursionError:
-        raise
-    except Exception:  # whatever a foreign kind of array or number may raise
-        return value  # a check says what was expected
-
-
-def _copied(value: Any) -> Any:
-    if isinstance(value, PLAIN) or is_function(value):
-        return value
-    if any(hasattr(value, name) for name in ARRAY) or _is_buffer(value):
-        return _array(value)
-    if hasattr(value, "__float__"):
-        return float(value)
-    if isinstance(value, Mapping):
-        return MappingProxyType({name: _taken(item) for name, item in value.items()})
-    if isinstance(value, Set):
-        return frozenset(value)
-    if isinstance(value, Sequence):
-        return tuple(map(_taken, value))
-    if not callable(value) and hasattr(value, "__len__") and hasattr(value, "__getitem__"):
-        return tuple(_taken(value[k]) for k in range(len(value)))
-    return value
+        if isinstance(value, PLAIN) or is_function(value):
+            return value
+        if any(hasattr(value, name) for name in ARRAY) or _is_buffer(value):
+            return _array(value)
+        if hasattr(value, "__float__"):
+            return float(value)
+        if isinstance(value, Mapping):
+            return MappingProxyType({name: _taken(item) for name, item in value.items()})
+        if isinstance(value, Set):
+            return frozenset(value)
+        if isinstance(value, Sequence):
+            return tuple(map(_taken, value))
+        if not callable(value) and hasattr(value, "__len__") and hasattr(value, "__getitem__"):
+            return tuple(_taken(value[k]) for k in range(len(value)))
+    except Exception as error:  # whatever a foreign kind of array or number may raise
+        if isinstance(error, RecursionError):
+            raise
+    return value  # a check says what was expected
 
 
 def _is_buffer(value: Any) -> bool:
@@ -128,8 +122,7 @@ def check_same(comm: MPI.Intracomm, owner: str, given: Mapping[str, Any]) -> Non
     every = dict(items(given))
     digests = comm.allgather({name: digest(value) for name, value in every.items()})
     for rank, other in enumerate(digests):
-        name = difference(digests[0], other)
-        if name is not None:
+        if (name := difference(digests[0], other)) is not None:
             texts = comm.allgather(_content(every[name]) if name in every else "nothing")
             first, second = _excerpts(texts[0], texts[rank])
             raise SceneError(
@@ -161,8 +154,8 @@ def difference(first: Mapping[str, Any], second: Mapping[str, Any]) -> str | Non
 
 def _excerpts(first: str, second: str) -> list[str]:
     """The parts of two texts around the place from which on they differ."""
-    least = min(len(first), len(second))
-    alike = next((k for k in range(least) if first[k] != second[k]), least)
+    pairs = enumerate(zip(first, second, strict=False))
+    alike = next((k for k, (a, b) in pairs if a != b), min(len(first), len(second)))
     start = max(0, alike - SHOWN // 3) if max(len(first), len(second)) > SHOWN else 0
     before, end = "… " * (start > 0), start + SHOWN
     return [before + text[start:end] + " …" * (len(text) > end) for text in (first, second)]

@@ -56,11 +56,16 @@ class Tuned:
     last: Force  # ρ⊥ of the last step [N]
     change: Force  # its change in that step
     before: Force  # that in the step before
-    square: float = 0.0  # sums of products of changes
-    product: float = 0.0  # likewise
-    steps: int = 0  # how many there were in steps of one length ...
-    dt: float = 0.0  # ... which this is [s]
-    frequency: float = 0.0  # Ω, 0 while unknown [1/s]
+    square: float  # sums of products of changes
+    product: float  # likewise
+    steps: int  # how many there were in steps of one length ...
+    dt: float  # ... which this is [s]
+    frequency: float  # Ω, 0 while unknown [1/s]
+
+    @classmethod
+    def begun(cls, origin: Array, none: Force) -> "Tuned":
+        """Nothing has built up."""
+        return cls(origin, none, none, none, none, none, 0.0, 0.0, 0, 0.0, 0.0)
 
     def followed(self, fields: Fields) -> "Tuned":
         """The same with the fields that the body has now. Collective."""
@@ -111,8 +116,7 @@ class Resonance:
         """Advance by Δt with ρ⊥ of bodies and the lowest ω that each lacks [1/s]. Collective."""
         known, pairs, out = [], [], {}
         for fields, force in forces:
-            none = 0.0 * force
-            before = self._known(fields) or Tuned(fields.data.origin, none, none, none, none, none)
+            before = self._known(fields) or Tuned.begun(fields.data.origin, 0.0 * force)
             own = before.followed(fields)
             change = force - own.last
             known.append((fields.data.number, force, own, change))
