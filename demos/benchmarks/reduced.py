@@ -1,12 +1,28 @@
 """Three levels by size: flexible, found by the run, and reduced by name.
 
-Scenes stand in `bench/reduced_cases.py`; each runs whole, set-up included, on one core:
+Each scene runs whole, set-up included, on one core:
 
 - flexible: the twin, in which all cells are flexible;
 - default: what a user gets who names nothing, `StrainRate(Relative(0.01), "auto")`;
 - reduced: parts named `Reduced`.
 
-Δt is the same in all three. An entry of summary.json is a level of a scene at a size:
+Δt is the same in all three. Scenes are:
+
+* `plate`: a square plate of 1 m on soft springs is struck near a corner and beside its hub
+  (`demos/gong.py`); also the peak of stress below the blows.
+* `drop`: a device of three materials falls on a corner (`demos/drop_test.py`): it has six unknowns
+  until a node presses, which gives it its shapes.
+* `arm`: a robot's arm moves by a third of its way and swings (`demos/robot_arm.py`): link and head
+  are reduced, its leaf stays flexible, and a moving support holds the link by its bore.
+* `there and back`: the whole way of the demo, and back.
+* `spin`: a bar spins freely by a turn and is struck at its end.
+* `sine`: a block is driven by a lasting sine load below its first frequency; both halves reduced
+  are one body, and one half is reduced beside the driven one.
+* `crank`: the slider-crank of `demos/mechanism.py` for half a turn and its brake, three reduced
+  parts between joints, a motor and a stop; also stress at the rod's fillet and the joints' gap.
+* `tumbling`: a body of twelve shapes, with energy and momenta over ten thousand steps.
+
+An entry of summary.json is a level of a scene at a size:
 
 - case, level, unknowns (most of the twin), left (fewest of the run);
 - seconds of the processor for the whole run, set-up included, and for `set_up` alone;
@@ -32,14 +48,271 @@ import json
 import os
 import subprocess
 import sys
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 from bench import Parser, chosen, conclude, without_mpi
-from bench.reduced_cases import SHORT, SIZES, Case, run, tumbling
-from common import positive, say
+from common import Balance, machines, positive, say
+from common.machines import TOUCH, pulse, ramp, travel
 
 import rigidfx as rf
+from meshes.gong import PLACES, SIDE
+from meshes.mechanism import FILLET
+
+SOFT = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)  # Pa, 1, kg/m³
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene, the parts of it that are reduced, and what is compared."""
+
+    scene: Callable[..., rf.Scene]  # makes it of some further effects
+    parts: tuple[rf.Reduced, ...]  # the reduced parts
+    dt: float | Mapping[float, float]  # time steps, as `simulate` takes them
+    t_end: float  # end [s]
+    seen: Callable[[rf.Report], np.ndarray]  # what is kept of a report
+    # errors of what was seen in a run, by that of the twin
+    errors: Callable[[np.ndarray, np.ndarray], dict[str, float]]
+
+
+@dataclass
+class Run:
+    """What a run has left."""
+
+    seconds: float = 0.0  # time of the processor, with set-up, without looks at results [s]
+    unknowns: tuple[int, int] = (0, 0)  # the fewest and the most
+    seen: np.ndarray = field(default_factory=lambda: np.empty(0))  # what was kept of each report
+    balance: float = 0.0  # largest error of the balance of energy over the largest energy
+    set_up: float = 0.0  # the part of its time that has passed before the first step [s]
+
+
+def run(case: Case, parts: tuple[rf.Reduced, ...], rigidify: rf.StrainRate | None = None) -> Run:
+    """A run of a case, with parts reduced by name, or rigid where a criterion finds them."""
+    start, seen, unknowns, balance, looking = process_time(), [], [], Balance(), 0.0
+    with warnings.catch_warnings():  # of blows that some of these cells do not resolve
+        warnings.simplefilter("ignore", rf.RigidfxWarning)
+        scene, set_up = case.scene(*parts), 0.0
+        for report in rf.simulate(scene, dt=case.dt, t_end=case.t_end, rigidify=rigidify):
+            began = process_time()
+            set_up = set_up or began - start
+            seen.append(case.seen(report))
+            looking += process_time() - began
+            unknowns.append(report.unknowns)
+            balance.follow(report)
+    ends = min(unknowns), max(unknowns)
+    took = process_time() - start - looking
+    return Run(took, ends, np.array(seen), balance.energy, set_up)
+
+
+def of_way(own: np.ndarray, twin: np.ndarray) -> dict[str, float]:
+    """Largest distance of a probe, over the largest way."""
+    apart = np.linalg.norm(own - twin, axis=-1).max()
+    return {"way": float(apart / np.linalg.norm(twin, axis=-1).max())}
+
+
+def probes(report: rf.Report) -> np.ndarray:
+    """Displacements of all probes [m]."""
+    return np.array(list(report.probes.values()))
+
+
+def plate(across: int) -> Case:
+    """The gong, for half a second after the first blow."""
+    blows = {"corner": 0.02, "side": 0.32}  # s
+    corners = {"corner": (SIDE, SIDE, 0), "across": (0, 0, 0), "hub": (SIDE / 2, SIDE / 2, 0)}
+    below = {f"below {name}": (*place, 0.0) for name, place in PLACES.items()}
+
+    def scene(*parts: rf.Reduced) -> rf.Scene:
+        return machines.gong_struck(across, blows, *parts, probes=corners | below)
+
+    def seen(report: rf.Report) -> np.ndarray:
+        stress = [report.stresses[name].von_mises if report.step else 0.0 for name in below]
+        return np.r_[np.ravel([report.probes[name] for name in corners]), stress]
+
+    def errors(own: np.ndarray, twin: np.ndarray) -> dict[str, float]:
+        ways = (of[:, :9].reshape(-1, 3, 3) for of in (own, twin))
+        peak = own[:, 9:].max() / twin[:, 9:].max() - 1
+        return of_way(*ways) | {"peak_stress": float(peak)}
+
+    return Case(scene, (rf.Reduced(),), 2e-3, 0.52, seen, errors)
+
+
+def drop(size: float) -> Case:
+    """The device, from its fall to the end of its first hit."""
+    dt = 1e-4
+
+    def scene(*parts: rf.Reduced) -> rf.Scene:
+        return machines.device_dropped(machines.device_above_floor(size), *parts)
+
+    def seen(report: rf.Report) -> np.ndarray:
+        force = report.touches["floor"].force[2] if report.step else 0.0
+        return np.array([force, report.linear_momentum[2]])
+
+    def errors(own: np.ndarray, twin: np.ndarray) -> dict[str, float]:
+        ends = [int(np.flatnonzero(of[:, 0] > 0)[-1]) + 1 for of in (own, twin)]
+        rebound = own[ends[0], 1] / twin[ends[1], 1] - 1
+        return {"peak_force": own[:, 0].max() / twin[:, 0].max() - 1, "rebound": float(rebound)}
+
+    steps = {0.0: 1e-3, TOUCH - 10.5 * dt: dt}
+    return Case(scene, (rf.Reduced(),), steps, TOUCH + 0.012, seen, errors)
+
+
+def arm(size: float, distance: float = 0.05 / 3, back: float = np.inf) -> Case:
+    """The arm, its axis moved by some way [m], and back from a time on [s], if before the end."""
+    length = 0.04  # s
+
+    def way(t: float) -> tuple[float, float, float]:
+        there = travel(t / length) - travel((t - back) / length)
+        return 0.0, distance * there, 0.0
+
+    def scene(*parts: rf.Reduced) -> rf.Scene:
+        return machines.arm_moved(size, way, rf.NumericalDamping(0.05), *parts)
+
+    def seen(report: rf.Report) -> np.ndarray:
+        return np.array(report.probes["tip"][1] - way(report.t)[1])
+
+    def errors(own: np.ndarray, twin: np.ndarray) -> dict[str, float]:
+        return {"swing": float(np.abs(own - twin).max() / np.abs(twin).max())}
+
+    t_end = 0.12 if back == np.inf else back + 0.12
+    return Case(scene, (rf.Reduced("link"), rf.Reduced("head")), 1e-3, t_end, seen, errors)
+
+
+def spin(along: int) -> Case:
+    """A bar that turns once, struck at its end at the start."""
+    rate, t_end = 2 * np.pi / 0.4, 0.4  # rad/s, s
+    across = max(2, along // 10)
+    effects = [
+        rf.InitialVelocity(angular=(0, 0, rate)),
+        rf.Traction("x1", (0, 0, 2e3), time=pulse(0.0, 0.01)),
+    ]
+    ends = {"first": (0.0, 0.05, 0.05), "middle": (0.5, 0.05, 0.05), "last": (1.0, 0.05, 0.05)}
+
+    def scene(*parts: rf.Reduced) -> rf.Scene:
+        body = rf.box((0, 0, 0), (1.0, 0.1, 0.1), (along, across, across))
+        return rf.Scene(body, SOFT, [*effects, *parts], element="enhanced", probes=ends)
+
+    def errors(own: np.ndarray, twin: np.ndarray) -> dict[str, float]:
+        bends = [of[:, 0, 2] - 2 * of[:, 1, 2] + of[:, 2, 2] for of in (own, twin)]
+        off = np.abs(bends[0] - bends[1]).max() / np.abs(bends[1]).max()
+        return of_way(own, twin) | {"deflection": float(off)}
+
+    return Case(scene, (rf.Reduced(),), 1e-3, t_end, probes, errors)
+
+
+def sine(which: str) -> Case:
+    """A block of 7056 unknowns on a wall, driven at 0.7 of its first frequency."""
+    cells = (13, 13, 11)
+    first = 9.3  # Hz, of the block
+    push = rf.Traction("x1", (0, 0, 2e3), time=lambda t: np.sin(2 * np.pi * 0.7 * first * t))
+    effects = [rf.Fixed("x0"), push, rf.StiffnessDamping(ratio=0.02, frequency=first)]
+
+    def scene(*parts: rf.Reduced) -> rf.Scene:
+        body = rf.box((0, 0, 0), (1.0, 0.5, 0.5), cells)
+        body = body.with_cells("driven", lambda x: x[0] > 0.5 - 0.04)
+        body = body.with_cells("held", lambda x: x[0] < 0.5 + 0.04)
+        soft = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)
+        end = {"end": (1.0, 0.25, 0.25)}
+        return rf.Scene(body, soft, [*effects, *parts], element="enhanced", probes=end)
+
+    halves = {"both": (rf.Reduced("held"), rf.Reduced("driven")), "one": (rf.Reduced("held"),)}
+    return Case(scene, halves[which], 5e-3, 1.5, probes, of_way)
+
+
+def crank(size: float) -> Case:
+    """The slider-crank of `demos/mechanism.py`, brought to speed, turned and stopped."""
+    speed, rise = 100.0, 0.02  # rad/s, s
+    brake = rise / 2 + np.pi / speed  # s
+    effects = machines.crank_driven(lambda t: speed * (ramp(t / rise) - ramp((t - brake) / rise)))
+    points = {"fillet": FILLET, "block": machines.BLOCK}
+
+    def scene(*parts: rf.Reduced) -> rf.Scene:
+        return machines.crank_scene(size, [*effects, *parts], points)
+
+    def seen(report: rf.Report) -> np.ndarray:
+        looked = report.step and report.step % 5 == 0
+        stress = report.stresses["fillet"].von_mises if looked else 0.0
+        gap = max((joint.gap for joint in report.joints.values()), default=0.0)
+        return np.array([*probes(report).ravel(), stress, gap])
+
+    def errors(own: np.ndarray, twin: np.ndarray) -> dict[str, float]:
+        stress = np.abs(own[:, 6] - twin[:, 6]).max() / twin[:, 6].max()
+        return of_way(own[:, 3:6], twin[:, 3:6]) | {"stress": stress, "gap": own[:, 7].max()}
+
+    parts = tuple(rf.Reduced(name) for name in ("crank", "rod", "block"))
+    return Case(scene, parts, 2e-4, brake + rise + 0.01, seen, errors)
+
+
+def tumbling(steps: int) -> dict[str, object]:
+    """Drifts of a body of twelve shapes, with both masses."""
+    worst = {"energy": 0.0, "momentum": 0.0, "angular_momentum": 0.0, "stretch": 0.0}
+    for mass in ("lumped", "consistent"):
+        body = rf.box((0, 0, 0), (1.0, 0.1, 0.1), (12, 2, 2))
+        soft = rf.StVenantKirchhoff(E=2e6, nu=0.3, rho=1000.0)
+        thrown = rf.InitialVelocity(linear=(0.1, 0, 0), angular=(9.0, 10.0, 6.0))
+        given = [rf.Reduced(shapes=12), thrown]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", rf.RigidfxWarning)
+            scene = rf.Scene(body, soft, given, mass=mass, element="enhanced")
+            reports = rf.simulate(scene, dt=2e-3, t_end=2e-3 * steps)
+            first = next(reports)
+            for report in reports:
+                off = {
+                    "energy": abs(report.energy / first.energy - 1),
+                    "momentum": np.abs(report.linear_momentum - first.linear_momentum).max()
+                    / np.abs(first.linear_momentum).max(),
+                    "angular_momentum": np.abs(
+                        report.angular_momentum - first.angular_momentum
+                    ).max()
+                    / np.abs(first.angular_momentum).max(),
+                    "stretch": np.abs(report.state.bodies.q).max(),
+                }
+                worst = {name: max(worst[name], float(off[name])) for name in worst}
+    return {"case": "tumbling", "steps": steps, "unknowns": 18} | worst
+
+
+WHOLE = 0.05, 0.14  # m, s: the demo's way, and when its way back begins
+SIZES: dict[str, dict[int, Callable[[], Case]]] = {  # by unknowns of the twin
+    "plate": {
+        1734: partial(plate, 16),
+        6534: partial(plate, 32),
+        25_350: partial(plate, 64),
+        99_846: partial(plate, 128),
+        1_043_334: partial(plate, 416),
+    },
+    "drop": {
+        2736: partial(drop, 0.02),
+        25_320: partial(drop, 0.0033),
+        66_744: partial(drop, 0.0028),
+        91_872: partial(drop, 0.0022),
+    },
+    "arm": {
+        10_503: partial(arm, 0.016),
+        20_997: partial(arm, 0.009),
+        46_557: partial(arm, 0.006),
+        102_636: partial(arm, 0.0044),
+    },
+    "there and back": {10_504: partial(arm, 0.016, *WHOLE), 20_998: partial(arm, 0.009, *WHOLE)},
+    "spin": {1053: partial(spin, 38), 8427: partial(spin, 80)},
+    "sine": {7056: partial(sine, "both"), 7057: partial(sine, "one")},
+    "crank": {
+        12_951: partial(crank, 0.03),
+        57_768: partial(crank, 0.0104),
+        109_899: partial(crank, 0.0078),
+    },
+}
+SHORT: dict[str, dict[int, Callable[[], Case]]] = {
+    "plate": {1734: partial(plate, 16)},
+    "drop": {2736: partial(drop, 0.02)},
+    "spin": {567: partial(spin, 20)},
+}
+
+
+# Levels -------------------------------------------------------------------------------------------
 
 LEVELS = "flexible", "default", "reduced"
 TWINS_UP_TO = 150_000  # unknowns; a twin of a million takes a day

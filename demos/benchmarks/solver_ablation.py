@@ -20,10 +20,10 @@ from unittest.mock import patch
 
 import numpy as np
 from bench import Parser, conclude
-from bench.budget_scenes import tumbling
 from bench.mechanism_scenes import hinged
-from bench.reduced_cases import arm, crank, drop, plate, spin
+from budgets import tumbling
 from common import say
+from reduced import arm, crank, drop, plate, spin
 
 import rigidfx as rf
 from rigidfx.step.equations.equations import Equations
