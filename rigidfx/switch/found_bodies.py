@@ -21,19 +21,7 @@ from rigidfx.flexible.kernels import integral
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.mechanics.rigid_motions import best_motion
-from rigidfx.shapes.bends import (
-    BOUND,
-    FARTHEST,
-    NEAR,
-    Looks,
-    at_cells,
-    lacks_tension,
-    most_bent,
-    off_by,
-    stresses,
-    tense,
-    tightens,
-)
+from rigidfx.shapes import bends
 from rigidfx.shapes.excess import About, Excess
 from rigidfx.shapes.found import Found
 from rigidfx.shapes.linear import Linear
@@ -98,7 +86,7 @@ class FoundBodies:
         """None is found: the present state is the start; dt is the nominal Δt [s]."""
         self._stepper, self._forces, self._dt, self._scene = stepper, forces, dt, stepper.scene
         self.known: dict[int, Known] = {}
-        self.bends, self._looks = 0.0, Looks()
+        self.bends, self._looks = 0.0, bends.Looks()
         self.nu: dict[str, float] = {}
         self._start: Array = stepper.state.u.x.array[: 3 * self._scene.owned_nodes].copy()
         self._linear: Linear | None = None
@@ -211,7 +199,7 @@ class FoundBodies:
             more, fits = self._with_more(body, new, dt)
             now.append(more)
             if wakes and not fits:
-                full[body.data.cells] = at_cells(self._scene, marks, body.data.cells) > 0
+                full[body.data.cells] = bends.at_cells(self._scene, marks, body.data.cells) > 0
         if self._scene.sum(np.count_nonzero(full)):
             self._pressing.forget()  # the bodies that are then ask anew
             self.known = known
@@ -300,12 +288,12 @@ class FoundBodies:
             if not (self.grows(data) and self._looks.due(body, pull)):
                 continue
             _, about = self._of(data)
-            found, grown = Excess(about, body), NEAR
+            found, grown = Excess(about, body), bends.NEAR
             nu = found.nu
             errs = self.moved(body) if about.on_supports else about.beside.apart(found.d @ about.Q)
             far = about.part.largest(errs)
-            size = off_by(nu) * far
-            bound = BOUND if allowed is None or about.on_supports else FARTHEST
+            size = bends.off_by(nu) * far
+            bound = bends.BOUND if allowed is None or about.on_supports else bends.FARTHEST
             small = nu <= bound and (allowed is None or size <= allowed)
             if withheld is not None and data.number not in self._taut:
                 own = [each for each in withheld if each[0].data is data]
@@ -313,7 +301,7 @@ class FoundBodies:
                     self._taut.add(data.number)
                     return Looked(more)
             if size > 0 and allowed is not None:  # 3 ν |d| goes with |d|³
-                grown = min(NEAR, max(allowed / size, 1.0) ** (2 / 3))
+                grown = min(bends.NEAR, max(allowed / size, 1.0) ** (2 / 3))
             self._looks.looked(body, grown, pull)
             self.nu[data.name] = nu
             if small:
@@ -321,7 +309,8 @@ class FoundBodies:
                 continue
             words = "bends by more than its shapes follow"
             tell(self._scene.comm, f"{data.name} {words}: ν = {nu:.3g}")
-            woken, cells = np.zeros(self._cells, dtype=bool), most_bent(self._scene, data, found)
+            woken: Bools = np.zeros(self._cells, dtype=bool)
+            cells = bends.most_bent(self._scene, data, found)
             woken[cells if self._scene.sum(cells.size) > 0 else data.cells] = True
             return Looked(woken=woken, reason="they bend by more than their shapes follow")
         return None
@@ -337,14 +326,14 @@ class FoundBodies:
         (k,) = (k for k, own in enumerate(now) if own.data.number == body.data.number)
         e = self.responses.solve(self.at_start(withheld)[:, :, None])
         d, out = self._within(body.data, e)[1][:, :, 0], now[k]
-        lacks = lacks_tension(body)
-        if lacks and not tightens(body, part, d + stresses(body)):
+        lacks = bends.lacks_tension(body)
+        if lacks and not bends.tightens(body, part, d + bends.stresses(body)):
             return None
-        if self.grown(body.data) < MOST and tightens(body, part, d, allowed):
+        if self.grown(body.data) < MOST and bends.tightens(body, part, d, allowed):
             out = self.more(out, e) or out
         if out is now[k] and not lacks:
             return None
-        now[k] = tense(out, part, 0 if lacks else body.data.deforms_by)
+        now[k] = bends.tense(out, part, 0 if lacks else body.data.deforms_by)
         tell(
             self._scene.comm,
             f"{body.data.name}: tension stiffens its {len(now[k].motion.q)} shapes",

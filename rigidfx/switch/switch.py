@@ -10,19 +10,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from rigidfx import effects as fx
 from rigidfx.base.errors import InversionError, SceneError, together
 from rigidfx.base.remembered import OBJECTS, PART, Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.decide.bodies import Decision
-from rigidfx.effects import (
-    Contact,
-    InitialDisplacement,
-    Joint,
-    Motor,
-    PointMass,
-    Preload,
-    Windowed,
-)
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.remote import body_of
 from rigidfx.mechanics.bodies import Bodies
@@ -64,7 +56,7 @@ class Switch:
         self._stepper, self._timeline, self._start = stepper, timeline, start
         scene = stepper.scene
         self._told: set[str] = set()  # rows of joints that others imply
-        self._grounded = any(joint.holds for joint in scene.named(Joint))
+        self._grounded = any(joint.holds for joint in scene.named(fx.Joint))
         self._exchange = Exchange(scene, stepper.forces)
         self.acting = scene.acting(timeline.after(0.0))
         self.shaping = Shaping(scene, stepper.forces, self.acting, timeline.t_end, timeline.least)
@@ -96,7 +88,7 @@ class Switch:
                 "joints that hold the same is not determined.",
             )
 
-    def _started(self, known: Set[int] = frozenset()) -> tuple[Motor, ...]:
+    def _started(self, known: Set[int] = frozenset()) -> tuple[fx.Motor, ...]:
         """Motors that start to prescribe a motion, beside the effects known, by identity."""
         motors: tuple[Any, ...] = tuple(e for e in self.acting if e.prescribes)
         self._exchange.motors, self._exchange.dt = motors, self._timeline.dt
@@ -132,25 +124,25 @@ class Switch:
         self.clamps = check_clamps(scene, self._timeline)
         supports = supports_of(self.acting)
 
-        def divided(acting: Sequence[Windowed]) -> Division:
+        def divided(acting: Sequence[fx.Windowed]) -> Division:
             return divide(scene, stepper.forces, state, supports_of(acting))
 
         self.held = apply_preload(scene, stepper.forces, state, start, divided)
         if self._start is not None:
             self._start.apply(state)
-        if scene.named(InitialDisplacement):
+        if scene.named(fx.InitialDisplacement):
             state.place((scene.start_places - state.X).reshape(-1))
         x = state.X + state.u.x.array.reshape(-1, 3)
         state.move(initial_velocity(scene, x, dt, start).reshape(-1))
         self._set_moving()
         self._bind([])
-        if self._start is None and not scene.named(Preload):
+        if self._start is None and not scene.named(fx.Preload):
             _check_stops(stepper.system.linkage)
         impact = self._closed(stepper.meet(supports, dt, stepper.measure()))
         if started := self._started():
             impact = self._closed(impact, started)
-        placed = {Preload: "The static preload", InitialDisplacement: "The InitialDisplacement"}
-        by = "".join(words for kind, words in placed.items() if scene.named(kind))
+        made = {fx.Preload: "The static preload", fx.InitialDisplacement: "The InitialDisplacement"}
+        by = "".join(words for kind, words in made.items() if scene.named(kind))
         if by and (turned := stepper.inverted()) is not None:
             found = f"{by} turns cells inside out: {turned}{INVERTED}"
             raise InversionError(found, remedy(scene))
@@ -160,7 +152,7 @@ class Switch:
         """Give bodies that statics have placed the motion of their nodes, or face. Collective."""
         scene, state, forces = self._stepper.scene, self._stepper.state, self._stepper.forces
         motions, (x, _, v) = [], at_nodes(state)
-        carried = {mass.title: mass for mass in scene.named(PointMass) if mass.is_carried}
+        carried = {mass.title: mass for mass in scene.named(fx.PointMass) if mass.is_carried}
         for body in state.bodies:
             if body.data.name in carried:
                 _, motion = body_of(carried[body.data.name], scene, x, v, body.data.number)
@@ -216,7 +208,7 @@ class Switch:
             impact = self._closed(impact, started)
         return impact + begun if impact and begun else impact or begun
 
-    def _closed(self, impact: Impact | None, started: Sequence[Motor] = ()) -> Impact | None:
+    def _closed(self, impact: Impact | None, started: Sequence[fx.Motor] = ()) -> Impact | None:
         """Impact with impulses of joints, which close them, and of new motors. Collective."""
         if not self._exchange.joined:
             return impact
@@ -229,7 +221,7 @@ class Switch:
         gained = self._exchange.close(state, stepper.system.prescribed.mask)
         if gained == 0.0:
             return impact
-        titles = [motor.owner for motor in started] or [j.title for j in scene.named(Joint)]
+        titles = [motor.owner for motor in started] or [j.title for j in scene.named(fx.Joint)]
         changes = stepper.measure().momenta_since(before)
         own = Impact(state.t, tuple(titles), gained, *changes, 0.0)
         if not started:
@@ -320,7 +312,7 @@ def _changes_with(body: RigidBody, decision: Decision) -> bool:
     return not body.is_face and body.name not in decision.apart
 
 
-def _in_one_only(before: Sequence[Windowed], after: Sequence[Windowed]) -> list[Contact]:
+def _in_one_only(before: Sequence[fx.Windowed], after: Sequence[fx.Windowed]) -> list[fx.Contact]:
     """Contacts that begin or end."""
     both = {id(e) for e in before} & {id(e) for e in after}
     every: list[Any] = [e for e in (*before, *after) if id(e) not in both]
@@ -348,7 +340,7 @@ def _changes(old: Mapping[int, RigidBody], new: Mapping[int, RigidBody]) -> tupl
 
 
 def _warn_of_jumps(
-    scene: Scene, linkage: Linkage | None, t: float, started: Sequence[Motor]
+    scene: Scene, linkage: Linkage | None, t: float, started: Sequence[fx.Motor]
 ) -> None:
     """Warn of motors that begin with another angle or travel than their joint has. Collective."""
     if linkage is None:

@@ -14,29 +14,12 @@ from petsc4py import PETSc
 
 from rigidfx.base.types import Array
 from rigidfx.step.equations.equations import Equations
-from rigidfx.step.linear.linear_solver import (
-    DIRECT_BELOW,
-    PREFIX,
-    QUICK_UP_TO,
-    configure,
-    default_options,
-    forget_failed,
-)
+from rigidfx.step.linear import linear_solver as linear
 from rigidfx.step.linear.petsc_options import monitor_solves
+from rigidfx.step.newton import stopping_test as stopping
 from rigidfx.step.newton.border import BorderedFactors
 from rigidfx.step.newton.chord import Chord, pays
 from rigidfx.step.newton.first_guess import Guess
-from rigidfx.step.newton.stopping_test import (
-    CONSERVED,
-    MARGIN,
-    MAX_ITERATIONS,
-    RELATIVE_TOLERANCE,
-    ChordTest,
-    Conserving,
-    StoppingTest,
-    judged,
-    reason_name,
-)
 
 
 @dataclass(frozen=True)
@@ -82,7 +65,7 @@ class Solution:
         residuals = self.residuals
         if not residuals or not np.isfinite(residuals).all():
             return "a force is not finite"
-        if residuals[-1] <= MARGIN * self.rounding:
+        if residuals[-1] <= stopping.MARGIN * self.rounding:
             return (
                 f"all that is left is rounding: forces are known to {self.rounding:.1e} N at best, "
                 "as stiff parts are strained so little. A larger Δt, Rigid parts where they are "
@@ -119,17 +102,17 @@ class Newton:
         self._bordered: BorderedFactors | None = None
         if equations.constraints is not None:
             self._bordered = BorderedFactors(equations)
-        direct = equations.prolongation.size < DIRECT_BELOW or self._bordered is not None
+        direct = equations.prolongation.size < linear.DIRECT_BELOW or self._bordered is not None
         self._krylov = equations.inertial and not direct
         self._pivots = True  # whether factors need them
         self._snes = self._create_snes()
         self._configure()
         rtol, _, _, max_it = self._snes.getTolerances()
-        self.stop = StoppingTest(rtol, max_it)
-        self.conserving = Conserving(CONSERVED * rtol)
+        self.stop = stopping.StoppingTest(rtol, max_it)
+        self.conserving = stopping.Conserving(stopping.CONSERVED * rtol)
         self._chord: Chord | None = None
         if pays(equations):
-            self._chord = Chord(equations, ChordTest(rtol, max_it))
+            self._chord = Chord(equations, stopping.ChordTest(rtol, max_it))
         # What keeps tangents, here or in the last division that was large enough for it.
         self._experience = self._chord
         self._keeping = False  # whether the present solve is by the chord method
@@ -150,14 +133,14 @@ class Newton:
     def _create_snes(self) -> PETSc.SNES:
         joined = self._bordered
         snes = PETSc.SNES().create(self.equations.prolongation.comm)
-        snes.setOptionsPrefix(PREFIX)
+        snes.setOptionsPrefix(linear.PREFIX)
         snes.setType(PETSc.SNES.Type.NEWTONLS)
         snes.setFunction(self._evaluate, self._r)
         A = self.equations.tangent_matrix
         snes.setJacobian(self._renew_tangent, A if joined is None else joined.operator)
         snes.setConvergenceTest(self._ended)
-        snes.setTolerances(rtol=RELATIVE_TOLERANCE, max_it=MAX_ITERATIONS)
-        with default_options(PREFIX, snes_linesearch_type="basic"):
+        snes.setTolerances(rtol=stopping.RELATIVE_TOLERANCE, max_it=stopping.MAX_ITERATIONS)
+        with linear.default_options(linear.PREFIX, snes_linesearch_type="basic"):
             snes.setFromOptions()
         monitor_solves(snes)
         return snes
@@ -167,8 +150,8 @@ class Newton:
         p, ksp = self.equations.prolongation, self._snes.getKSP()
         if self._bordered is not None:
             ksp = self._bordered.within(ksp)
-        quick = not self._pivots and p.size <= QUICK_UP_TO
-        configure(ksp, not self._krylov, p.size, len(p.layout.bodies) > 0, quick)
+        quick = not self._pivots and p.size <= linear.QUICK_UP_TO
+        linear.configure(ksp, not self._krylov, p.size, len(p.layout.bodies) > 0, quick)
 
     @np.errstate(all="ignore")  # an iterate may leave the numbers: a residual says so
     def solve(self, guesses: Sequence[Guess]) -> Solution:
@@ -219,7 +202,7 @@ class Newton:
         self.equations.return_to(self._y, self._r)
         return Solution(
             reason > 0,
-            reason_name(reason),
+            stopping.reason_name(reason),
             tuple(self.stop.history),
             tangents,
             linear,
@@ -233,7 +216,7 @@ class Newton:
     def _iterate(self, guesses: Sequence[Guess]) -> int:
         """Solve from the best guess by the present linear solver; SNES's reason to stop."""
         if self._failed and not self._keeping and self._bordered is None:
-            forget_failed(self._snes.getKSP())
+            linear.forget_failed(self._snes.getKSP())
         self.stop.restart()
         self.conserving.restart()
         self._choose(guesses)
@@ -244,7 +227,7 @@ class Newton:
             # Python raises a Ctrl-C mostly in a function that SNES has called. PETSc replaces any
             # exception there by an error of its own (number -1), with the exception as its cause.
             raise (error.__cause__ or error.__context__ or error) from None
-        reason = judged(int(self._snes.getConvergedReason()))
+        reason = stopping.judged(int(self._snes.getConvergedReason()))
         self._failed = reason < 0
         self._left = self.stop.history[-1] if self.stop.history else np.inf
         if self.conserving.following and (reason < 0 or not self.conserving.best):
