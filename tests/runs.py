@@ -26,7 +26,7 @@ def step(run, dt):
     """Advance by dt."""
     state = run.stepper.state
     run.switch.follow_effects(dt)
-    return run.stepper.advance(state.t + dt)
+    return run.stepper.accept(run.stepper.attempt(state.t + dt))
 
 
 def regroup(run, rigid):

@@ -17,14 +17,12 @@ finer run be another structure).
     ./fenicsx python3 demos/benchmarks/budgets.py --only frame
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from bench import Parser, chosen, conclude, timed
+from bench import RAMP, Parser, chosen, conclude, pushed_l, timed
 from bench.waking_scenes import BASE, scene, sine
 from bench.waking_scenes import bar as stalk_and_block
 from common.machines import block_thrown, frame_shocked, pulse
@@ -65,14 +63,8 @@ def frame() -> rf.Scene:
 
 def tumbling(refine: int = 1) -> rf.Scene:
     """The L, pushed and let go."""
-    load = np.array([256.0, 512.0, 768.0]) / 90  # Pa/s
-    ramp = rf.Table([0.0, 2.5, 5.0], [0.0, 2.5, 0.0])  # s
-    effects = [
-        rf.Traction("top", tuple(load), time=ramp, until=5.0),
-        rf.Traction("side", tuple(-load), time=ramp, until=5.0),
-    ]
-    material = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
-    return rf.Scene(tumbling_l(refine), material, effects, probes={"end": (0.0, 10.0, 1.5)})
+    probes = {"end": (0.0, 10.0, 1.5)}
+    return pushed_l(tumbling_l(refine), time=RAMP, until=5.0, probes=probes)
 
 
 def bar(*effects: rf.effects.Effect, drag: float = 1.0) -> rf.Scene:
@@ -165,7 +157,7 @@ class Path:
         """In the mean over time."""
         return float(np.dot(np.diff(self.t), self.unknowns[1:]) / self.t[-1])
 
-    def error(self, finer: Path) -> float:
+    def error(self, finer: "Path") -> float:
         """Largest distance from a finer path, over its largest displacement."""
         slope = np.gradient(finer.u, finer.t, axis=0)
         fine = CubicHermiteSpline(finer.t, finer.u, slope)

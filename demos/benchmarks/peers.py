@@ -60,7 +60,8 @@ def codes(ccx: str | None, python: str | None, out: Path) -> dict[str, Callable[
         "plain DOLFINx": plain_dolfinx,
     }
     ccx = calculix_there(ccx)
-    python = python or existing(HERE / "kratos/bin/python")
+    unpacked = HERE / "kratos/bin/python"
+    python = python or (str(unpacked) if unpacked.exists() else None)
     if ccx:
         found["CalculiX"] = partial(calculix, command=ccx, folder=out / "calculix")
     if python:
@@ -69,11 +70,6 @@ def codes(ccx: str | None, python: str | None, out: Path) -> dict[str, Callable[
         if not there:
             say(f"{name} is missing: see the docstring, or name it by {option}")
     return found
-
-
-def existing(path: Path) -> str | None:
-    """Its name, if it is there."""
-    return str(path) if path.exists() else None
 
 
 def row(name: str, case: Case, outcome: Outcome, reference: Outcome) -> dict[str, object]:

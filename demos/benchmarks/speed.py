@@ -29,7 +29,7 @@ from time import sleep
 from typing import Any
 
 import numpy as np
-from bench import Parser, Turns, run_parts, timed, without_mpi
+from bench import ENDS, Parser, Turns, pushed_l, run_parts, timed, without_mpi
 from bench.plain import LU_BELOW, SOLVERS, PlainLoop
 from common import comm, say
 from mpi4py import MPI
@@ -54,7 +54,6 @@ SOFT_EDGES = 3  # between nodes, that waves pass in a step
 WARM = 4  # steps before the first that is timed
 SMALL = 9000  # unknowns; fewer do not show how cost grows
 DT = 0.1  # s, of the L
-TRACTION = np.array([256.0, 512.0, 768.0]) / 90.0  # Pa
 OURS = {"gmres+ilu": {"snes_ksp_ew": "0", **SOLVERS["gmres+ilu"]}}  # GMRES ends at rtol
 
 
@@ -67,10 +66,7 @@ def tumbling(unknowns: int, rigid: bool = False, order: int = 1, ranks: Any = co
 
     refine = min(range(1, 25), key=lambda r: abs(count(r) - unknowns))
     domain = tumbling_l(refine, comm=ranks).with_cells("rigid", lambda x: x[1] <= 8.7 + 1e-9)
-    loads = {"top": TRACTION, "side": -TRACTION}
-    effects: list[rf.effects.Effect] = [rf.Traction(name, tuple(t)) for name, t in loads.items()]
-    material = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
-    return rf.Scene(domain, material, effects + [rf.Rigid("rigid")] * rigid, order=order)
+    return pushed_l(domain, *[rf.Rigid("rigid")] * rigid, order=order)
 
 
 def scene_and_step(case: str, unknowns: int, ranks: Any = comm) -> tuple[rf.Scene, float]:
@@ -146,7 +142,7 @@ def compare(
     reports = rf.simulate(problem, DT, 1e6, progress=False, petsc_options=ours)
     next(reports)
     first = next(reports)
-    tractions = {"top": lambda t: TRACTION, "side": lambda t: -TRACTION}
+    tractions = {end: lambda t, load=load: load for end, load in ENDS.items()}
     loop = PlainLoop(problem, DT, tractions, plain, floor=2 * first.residuals[-1])
     next(loop)  # as far as rigidfx is
     with Turns({"rigidfx": reports, "plain": loop}, warm=0) as turns:

@@ -262,11 +262,6 @@ class Ledgers:
         """Kinetic and strain energy of deformation at the last measure [J]."""
         return self._deformation.kinetic, self._deformation.strain
 
-    @property
-    def deformation(self) -> float:
-        """Largest energy of deformation so far [J]."""
-        return self._deformation.largest
-
     def follow(self, report: Any, periods: float, rigidity: Rigidity | None) -> Ledger:
         """The ledger after a step, with periods so far and the error by rigid parts. Collective."""
         stepper = self._stepper

@@ -35,7 +35,7 @@ class Stepper:
 
     Attributes:
         scene: The problem.
-        state: The state, changed by `advance`.
+        state: The state, changed by `accept`.
         forces: Internal forces of the scene's cells.
         indicator: Indicator of flexible cells in each step; None if there is none.
         control: Chooses Δt by its error; None if nothing does.
@@ -134,10 +134,6 @@ class Stepper:
         return self.system.actions.touches()
 
     # Steps --------------------------------------------------------------------------------------
-
-    def advance(self, target: float) -> StepResult:
-        """Advance to the target time [s], or as far towards it as a cut step gets. Collective."""
-        return self.accept(self.attempt(target))
 
     def attempt(self, target: float, again: bool = False) -> Attempt:
         """Solve a step to the target time [s], or as far towards it as a cut one gets. Collective.

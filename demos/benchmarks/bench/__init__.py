@@ -3,8 +3,6 @@
 Importing it makes `common`, rigidfx and the meshes of this checkout importable.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -28,6 +26,23 @@ import rigidfx as rf
 MATERIAL = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)  # Pa, 1, kg/m³
 DT = 0.1  # s
 PUSH = rf.Traction("x1", (0.0, 2.0, 3.0))  # Pa; on the end, sideways
+
+
+LOAD = np.array([256.0, 512.0, 768.0]) / 90
+ENDS = {"top": LOAD, "side": -LOAD}  # Pa; on the ends of Simo and Tarnow's L ...
+RAMP = rf.Table([0.0, 2.5, 5.0], [0.0, 2.5, 0.0])  # s; ... where these are pushed and let go
+
+
+def pushed_l(
+    domain: rf.Domain,
+    *more: rf.effects.Effect,
+    time: rf.Table | None = None,
+    until: float = np.inf,
+    **how: Any,
+) -> rf.Scene:
+    """The L under tractions on its ends, which have no resultant."""
+    loads = [rf.Traction(end, tuple(t), time=time, until=until) for end, t in ENDS.items()]
+    return rf.Scene(domain, MATERIAL, [*loads, *more], **how)
 
 
 def cells_of_bar(unknowns: int) -> tuple[int, int]:
@@ -69,7 +84,7 @@ class Turns(Generic[Name]):
             for _ in range(warm):
                 next(run)
 
-    def __enter__(self) -> Turns[Name]:
+    def __enter__(self) -> "Turns[Name]":
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -5,8 +5,6 @@ named rigid, or are machines and parts of demos. `LARGE` are those of a mesh of 
 long form alone runs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -63,7 +61,7 @@ class Built:
     dt: float = 0.02  # Δt [s]
     t_end: float = 12.0  # end [s]
 
-    def at(self, across: int) -> Built:
+    def at(self, across: int) -> "Built":
         """The case on a mesh of so many cells across."""
         return self
 

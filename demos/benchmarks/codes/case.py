@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from bench import ENDS, RAMP, pushed_l
 from dolfinx.cpp.io import perm_vtk
 
 import rigidfx as rf
@@ -14,9 +15,7 @@ from meshes.tumbling_l import tumbling_l
 Array = npt.NDArray[np.float64]
 BRACKET = Path(__file__).resolve().parents[3] / "meshes" / "bracket.geo"
 STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)  # Pa, 1, kg/m³
-RUBBER = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
 MIRRORED = [0, 2, 1, 3, 6, 5, 4, 7, 9, 8]  # a tetrahedron of ten nodes in VTK's order
-PUSH = np.array([256.0, 512.0, 768.0]) / 90  # Pa/s; of Simo and Tarnow's L
 
 
 @dataclass(frozen=True)
@@ -103,15 +102,9 @@ def soft_l(refine: int, steps: int, dt: float = 0.1) -> Case:
 
     It is free, pushed for 5 s and turns by some 0.1 rad in a step of 0.1 s.
     """
-    tractions = {"top": PUSH, "side": -PUSH}
-    factor = rf.Table([0.0, 2.5, 5.0], [0.0, 2.5, 0.0])
-    scene = rf.Scene(
-        tumbling_l(refine),
-        RUBBER,
-        [rf.Traction(name, tuple(t), time=factor) for name, t in tractions.items()],
-    )
+    scene = pushed_l(tumbling_l(refine), time=RAMP)
     probe = nearest(scene, (0.0, 10.0, 0.0))
-    return Case("soft L", scene, tractions, factor, None, dt, steps, probe)
+    return Case("soft L", scene, ENDS, RAMP, None, dt, steps, probe)
 
 
 def metal_bracket(size: float, steps: int, dt: float = 1e-4) -> Case:
