@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from rigidfx.base.types import Array
 from rigidfx.step.equations.equations import Equations
-from rigidfx.step.linear import linear_solver as linear
+from rigidfx.step.linear import linear_solver
 from rigidfx.step.linear.petsc_options import monitor_solves
 from rigidfx.step.newton import stopping_test as stopping
 from rigidfx.step.newton.border import BorderedFactors
@@ -102,7 +102,9 @@ class Newton:
         self._bordered: BorderedFactors | None = None
         if equations.constraints is not None:
             self._bordered = BorderedFactors(equations)
-        direct = equations.prolongation.size < linear.DIRECT_BELOW or self._bordered is not None
+        direct = (
+            equations.prolongation.size < linear_solver.DIRECT_BELOW or self._bordered is not None
+        )
         self._krylov = equations.inertial and not direct
         self._pivots = True  # whether factors need them
         self._snes = self._create_snes()
@@ -133,14 +135,14 @@ class Newton:
     def _create_snes(self) -> PETSc.SNES:
         joined = self._bordered
         snes = PETSc.SNES().create(self.equations.prolongation.comm)
-        snes.setOptionsPrefix(linear.PREFIX)
+        snes.setOptionsPrefix(linear_solver.PREFIX)
         snes.setType(PETSc.SNES.Type.NEWTONLS)
         snes.setFunction(self._evaluate, self._r)
         A = self.equations.tangent_matrix
         snes.setJacobian(self._renew_tangent, A if joined is None else joined.operator)
         snes.setConvergenceTest(self._ended)
         snes.setTolerances(rtol=stopping.RELATIVE_TOLERANCE, max_it=stopping.MAX_ITERATIONS)
-        with linear.default_options(linear.PREFIX, snes_linesearch_type="basic"):
+        with linear_solver.default_options(linear_solver.PREFIX, snes_linesearch_type="basic"):
             snes.setFromOptions()
         monitor_solves(snes)
         return snes
@@ -150,8 +152,8 @@ class Newton:
         p, ksp = self.equations.prolongation, self._snes.getKSP()
         if self._bordered is not None:
             ksp = self._bordered.within(ksp)
-        quick = not self._pivots and p.size <= linear.QUICK_UP_TO
-        linear.configure(ksp, not self._krylov, p.size, len(p.layout.bodies) > 0, quick)
+        quick = not self._pivots and p.size <= linear_solver.QUICK_UP_TO
+        linear_solver.configure(ksp, not self._krylov, p.size, len(p.layout.bodies) > 0, quick)
 
     @np.errstate(all="ignore")  # an iterate may leave the numbers: a residual says so
     def solve(self, guesses: Sequence[Guess]) -> Solution:
@@ -216,7 +218,7 @@ class Newton:
     def _iterate(self, guesses: Sequence[Guess]) -> int:
         """Solve from the best guess by the present linear solver; SNES's reason to stop."""
         if self._failed and not self._keeping and self._bordered is None:
-            linear.forget_failed(self._snes.getKSP())
+            linear_solver.forget_failed(self._snes.getKSP())
         self.stop.restart()
         self.conserving.restart()
         self._choose(guesses)
