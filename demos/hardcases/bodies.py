@@ -10,7 +10,7 @@ from scipy.special import ellipk
 
 import rigidfx as rf
 
-from .case import ANY, History, between, case, middles, near, release_at
+from .case import ANY, History, between, case, few_freezes, middles, near, release_at
 from .case import Run as AnyRun
 from .twin import PROMISED
 
@@ -200,13 +200,8 @@ def chatter(short: bool) -> Iterator[AnyRun]:
     release = rf.Release(when=lambda report: bool(report.bodies))
     kick = rf.InitialVelocity(function=lambda x: 0.1 * np.sin([7 * x[0], 5 * x[1], x[2]]))
 
-    def ends(history: History) -> str:
-        freezes = history.kinds().count("freeze")
-        most = np.log2(n / 2) + 2
-        return "" if 0 < freezes <= most else f"{freezes} freezes in {n} steps"
-
     criterion = rf.StrainRate(ANY, 0.2, release=release)
-    yield Run("adaptive", _bar(SPIN, kick), 0.1, 0.1 * n, criterion, check=ends,
+    yield Run("adaptive", _bar(SPIN, kick), 0.1, 0.1 * n, criterion, check=few_freezes,
               warns="again and again")  # fmt: skip
 
 

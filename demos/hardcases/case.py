@@ -273,6 +273,12 @@ def near(name: str, value: float, reference: float, tolerance: float) -> str:
     return "" if error <= tolerance else f"{name} is {value:.6g}, not {reference:.6g}"
 
 
+def few_freezes(history: History) -> str:
+    """Whether of windows of two steps some log₂ of their number ended in a freeze; "" if so."""
+    freezes, n = history.kinds().count("freeze"), len(history.iterations)
+    return "" if 0 < freezes <= np.log2(n / 2) + 2 else f"{freezes} freezes in {n} steps"
+
+
 def between(low: float, high: float, axis: int = 0) -> Callable[[np.ndarray], np.ndarray]:
     """A marker of a slice across an axis."""
     slack = 1e-9 * max(abs(low), abs(high))

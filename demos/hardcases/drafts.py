@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 
 import rigidfx as rf
 
-ANY = 1e9  # 1/s
+from .case import ANY, History
+
 FACES = ("x0", "x1", "y0", "y1", "z0", "z1")
 ERROR, BALANCED = "error before the first step", "balanced"
 BOUND = 1e-8  # of the balance of energy, relative: stiffness ratios of 1e4 magnify rounding
@@ -282,32 +283,28 @@ def _rounding(draft: Draft) -> float:
 
 def outcome(draft: Draft) -> str:
     """What becomes of a draft: an error before the first step, a balanced run, or what is wrong."""
-    steps, scale, off, lost, before = 0, 0.0, 0.0, 0.0, 0.0
+    history, lost = History(), [0.0]
     try:
         scene, dt, t_end, criterion = build(draft)
         whose = "accuracy" if isinstance(criterion, rf.Accuracy) else "rigidify"
         with closing(rf.simulate(scene, dt, t_end, **{whose: criterion})) as reports:
             for r in reports:
-                steps = r.step
+                history.add(r)
                 numbers = [r.energy, r.work_of_loads, r.work_of_supports, *r.linear_momentum]
                 if not np.isfinite([*numbers, *r.angular_momentum]).all():
                     return f"not finite at step {r.step}"
                 if not np.isfinite(r.state.u.x.array).all():
                     return f"displacement is not finite at step {r.step}"
                 if r.step:
-                    work = r.work_of_loads + r.work_of_supports
-                    work += r.impact.energy if r.impact else 0.0
-                    work -= sum(r.dissipated.values())
-                    lost = sum(event.energy_lost for event in r.events)
-                    gain = r.energy + lost - before - work
-                    scale = max(scale, r.kinetic + r.strain + r.stored, abs(work))
-                    off = max(off, abs(gain), abs(lost))
-                before = r.energy
-                scale = max(scale, r.energy)
-    except rf.SceneError as error:
-        return ERROR if steps == 0 else f"SceneError after step {steps}: {error}"
-    except rf.StepError as error:
+                    lost.append(sum(event.energy_lost for event in r.events))
+    except (rf.SceneError, rf.StepError) as error:
+        steps = len(history.iterations)
+        if steps == 0 and isinstance(error, rf.SceneError):
+            return ERROR
         return f"{type(error).__name__} after step {steps}: {error}"
+    gains = np.diff(history.energy, prepend=0.0) - np.diff(history.supplied, prepend=0.0) + lost
+    off = float(np.abs([*gains[1:], *lost]).max())
+    scale = max(*history.sizes, *history.energy)
     if off > BOUND * scale + _rounding(draft):
         return f"energy is off by {off / scale:.1e}"
     return BALANCED
