@@ -24,6 +24,7 @@ from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledger
 from rigidfx.report.probe_stress import Probes, StressAt
 from rigidfx.report.writers import Writers
+from rigidfx.shapes.bends import BOUND, off_by
 from rigidfx.shapes.shortening import Shortening
 from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures
@@ -386,13 +387,30 @@ class Report:
             SceneError: If the run has gone on.
         """
         self._check("shown")
-        self._source.state.rebuild()
-        more = (
-            None
-            if self._source.shortening is None
-            else self._source.shortening.field(self._source.state.bodies)
-        )
-        u, v = self._source.state.u, self._source.state.v
+        return self._shown(every=False)
+
+    def to_start_from(self) -> fem.Function:
+        """Displacement [m] as `shown`, in which bodies with shapes are not too long by any bend.
+
+        A warning tells of those that are, as joints alone hold them. Collective.
+        """
+        state, shortening = self._source.state, self._source.shortening
+        for name, off in ({} if shortening is None else shortening.too_long(state.bodies)).items():
+            if off > off_by(BOUND):
+                warn(
+                    state.u.function_space.mesh.comm,
+                    f"Reduced '{name}': what begins from t = {self.t:.4g} s begins with its bend, "
+                    "without how far that shortens it between joints. It is stretched by that, and "
+                    f"its frequencies are too high by some {off:.1%}. Leave it flexible.",
+                )
+        return self._shown(every=True)[0]
+
+    def _shown(self, every: bool) -> tuple[fem.Function, fem.Function]:
+        """See `shown`, with displacements of second order of every body, or of much. Collective."""
+        state, shortening = self._source.state, self._source.shortening
+        state.rebuild()
+        more = None if shortening is None else shortening.field(state.bodies, every)
+        u, v = state.u, state.v
         return (u, v) if more is None else (_with(u, more[0]), _with(v, more[1]))
 
     @property

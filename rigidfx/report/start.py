@@ -1,7 +1,7 @@
 """The state of a report as the start of a run, if the report is of this scene and its last step."""
 
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from rigidfx.base.types import Array
 from rigidfx.effects import InitialDisplacement, Joint, Preload, Rigid, Spring
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
+from rigidfx.mechanics.rigid_motions import best_motion
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
@@ -26,19 +27,24 @@ def check_report(owner: str, scene: Scene, report: Any) -> None:
     """Refuse what is no report of this scene, or one whose run has gone on."""
     if not isinstance(report, Report):
         raise SceneError(f"{owner}: report must be a Report, got {type(report).__name__}.")
+    _check_current(owner, report)
+    if report.state.u.function_space is not scene.space:
+        raise SceneError(f"{owner}: the report is of another scene.")
+
+
+def _check_current(owner: str, report: Report) -> None:
     if not report.current:
         raise SceneError(
             f"{owner}: the report is of t = {report.t:g} s, and the run has gone on. Use each "
             "report before the next step."
         )
-    if report.state.u.function_space is not scene.space:
-        raise SceneError(f"{owner}: the report is of another scene.")
 
 
 def check_about(owner: str, scene: Scene, report: Any) -> None:
     """Refuse what is no report of a scene of this mesh and order, or one whose run has gone on."""
     if not isinstance(report, Report):
         raise SceneError(f"{owner}: a Report is expected, got {type(report).__name__}.")
+    _check_current(owner, report)
     state = report.state
     space = state.u.function_space
     if space.mesh is not scene.mesh or state.u.x.array.size != 3 * scene.nodal_mass.size:
@@ -91,13 +97,22 @@ def start_of(scene: Scene, given: Any) -> Start | None:
 
 def taken_from(scene: Scene, given: Report) -> Start:
     """The start that a report of a scene on the same mesh is. Collective."""
-    state = given.state
-    state.rebuild()
-    # A reduced part deforms from the report's places on, which have its strains.
+    state, u = given.state, given.to_start_from()
+    # A reduced part deforms from these places on, which have its strains.
     named = {effect.name for effect in scene.named(Rigid) if effect.is_rigid}
-    bodies = tuple(body for body in state.bodies if body.data.name in named)
+    bodies = [body for body in state.bodies if body.data.name in named]
+    if u is not state.u:
+        bodies = [_moved(scene, body, u.x.array.reshape(-1, 3)) for body in bodies]
     notes = deepcopy(state.notes) | _turns(scene, given)
-    return Start(state.u.x.array.copy(), bodies, notes)
+    return Start(u.x.array.copy(), tuple(bodies), notes)
+
+
+def _moved(scene: Scene, body: Body, u: Array) -> Body:
+    """A rigid body where displacements of nodes, (local nodes, 3) [m], take it. Collective."""
+    data = body.data
+    places = data.offsets + (u[data.nodes] - data.displacement)
+    R, shift = best_motion(data.offsets, places, scene.sum)
+    return Body(data, replace(body.motion, r=data.origin + shift, R=R))
 
 
 def _turns(scene: Scene, given: Any) -> dict[int, Any]:

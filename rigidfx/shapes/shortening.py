@@ -6,8 +6,11 @@ cells about the frozen shape and the static response K⁺ of the whole structure
     δ = -K⁺ (½ [f(d) + f(-d)] - f(0)) = -½ K⁺ K'[d] d
 
 more, in the frame of the body. U(q) is the energy with δ, to third order, so that steps go without
-it. Places that are shown contain it, but for parts that joints alone hold. At a probe, whose
-response to unit forces is g = K⁺ e,
+it. Places that are shown contain it, but for parts that joints alone hold.
+
+Along the shapes it is -½ Ω⁻¹Γqq, see `rigidfx.mechanics.shapes`: K⁺ would make the rounding of
+forces large there. A body with Γ moves so by itself, but for b. Beside the shapes it is at a probe,
+whose response to unit forces is g = K⁺ e,
 
     δ = -½ Σ q_k q_l C_kl,    C_kl = g·K'[φ_k] φ_l,
 
@@ -31,8 +34,10 @@ from rigidfx.effects import Joint
 from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
+from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
+from rigidfx.shapes.bends import tense
 from rigidfx.shapes.excess import About, deformed
 from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.part import LACKING
@@ -40,6 +45,7 @@ from rigidfx.shapes.responses import Responses
 
 Key = tuple[float, ...]
 Followed = tuple[Array, Array, Array]
+NONE: Array = np.zeros((0, 0, 0))
 ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))  # of q, over the length of a body
 
 
@@ -59,7 +65,7 @@ class Terms:
 class Shortening:
     """δ of the bodies of a run, at probes and as a field."""
 
-    remembered: ClassVar[Remembered] = same("_small", "_counting", "_shown")
+    remembered: ClassVar[Remembered] = same("_small", "_counting", "_shown", "_tension")
 
     def __init__(
         self, scene: Scene, points: Mapping[str, Point], about: Callable[[Body], About]
@@ -72,14 +78,22 @@ class Shortening:
         self._terms: dict[Key, Terms] = {}  # of each body
         self._follows: dict[Key, Followed] = {}  # how forces bend each body along its shapes
         self._units: dict[int, tuple[Responses, Array]] = {}  # g, (owned nodes, 3, 3 · probes)
+        self._tension: dict[Key, Array] = {}  # Γ of bodies that move without it
+        self._modes: dict[Key, tuple[Shapes, Array]] = {}  # shapes of each body, at probes
         self._seen: dict[Key, tuple[int, Array]] = {}  # m of a body, and g without its shapes
 
     def at_probes(self, bodies: Bodies) -> dict[str, tuple[Array, Array]]:
         """δ [m] and its rate [m/s] at each probe; empty where no body bends by much. Collective."""
         counting = self._those(bodies) if self._points else []
-        if not counting:
+        along = self._along(bodies) if self._points else []
+        if not counting and not along:
             return {}
         moved, moving = np.zeros((2, len(self._points), 3))
+        for body, by in along:
+            motion, modes = body.motion, self._at_points(body)
+            own, change = (np.einsum("pka,k->pa", modes, x) @ motion.R.T for x in by)
+            moved -= own
+            moving -= change + np.cross(motion.angular_velocity, own)
         for body in counting:
             motion, about = body.motion, self._about(body)
             turn = (motion.R @ about.Q).T
@@ -88,15 +102,20 @@ class Shortening:
             moving -= change + np.cross(motion.angular_velocity, own)
         return dict(zip(self._points, zip(moved, moving, strict=True), strict=True))
 
-    def field(self, bodies: Bodies) -> tuple[Array, Array] | None:
+    def field(self, bodies: Bodies, every: bool = False) -> tuple[Array, Array] | None:
         """δ [m] and its rate [m/s] at the owned nodes; None where no body bends by much.
 
-        Collective.
+        It is that of every body, however small, if asked for. Collective.
         """
-        counting = self._those(bodies)
-        if not counting:
+        counting, along = self._those(bodies, every), self._along(bodies, every)
+        if not counting and not along:
             return None
         moved, moving = np.zeros((2, self._scene.owned_nodes, 3))
+        for body, by in along:
+            nodes, motion = body.data.nodes, body.motion
+            own, change = (deformed(body, x) @ motion.R.T for x in by)
+            moved[nodes] -= own
+            moving[nodes] -= change + np.cross(motion.angular_velocity, own)
         for body in counting:
             motion, about = body.motion, self._about(body)
             forces = self._forces(body, about.part)
@@ -105,9 +124,56 @@ class Shortening:
             moving += change + np.cross(motion.angular_velocity, own)
         return moved, moving
 
-    def _those(self, bodies: Bodies) -> list[Body]:
-        """The bodies whose δ counts. Collective."""
-        return [] if bodies.of.shapes is None else [body for body in bodies if self._counts(body)]
+    def _along(self, bodies: Bodies, every: bool = False) -> list[tuple[Body, tuple[Array, Array]]]:
+        """Bodies that are shorter along their shapes, with coordinates and rates of that, (m,).
+
+        Collective.
+        """
+        some = []
+        for body in bodies if bodies.of.shapes is not None else ():
+            shapes, tension = body.data.shapes, self._tension.get(_key(body), NONE)
+            if shapes is None:
+                continue
+            if every and not len(tension) and self._stays(body):
+                tension = self._tension_of(body)
+            if shapes.tension is not None:
+                if shapes.shorter is not None and shapes.shorter.any():
+                    shorter = _relieved(shapes, shapes.stiffness @ shapes.shorter)
+                    some.append((body, (shorter, 0 * shorter)))
+            elif len(tension):
+                some.append((body, _drawn(body, tension)))
+        return some
+
+    def _at_points(self, body: Body) -> Array:
+        """Shapes of a body at probes, shape (probes, m, 3). Collective where they are new."""
+        key, shapes = _key(body), body.data.shapes
+        assert shapes is not None
+        known = self._modes.get(key)
+        if known is None or known[0] is not shapes:
+            modes = np.zeros((self._scene.owned_nodes, len(shapes), 3))
+            modes[body.data.nodes] = shapes.whole
+            at = [np.tensordot(p.weights, modes[p.nodes], 1) for p in self._points.values()]
+            self._modes[key] = known = shapes, np.asarray(self._scene.sum(np.stack(at)))
+        return known[1]
+
+    def _those(self, bodies: Bodies, every: bool = False) -> list[Body]:
+        """The bodies whose δ counts, or every one that has any. Collective."""
+        counts = self._stays if every else self._counts
+        return [] if bodies.of.shapes is None else [body for body in bodies if counts(body)]
+
+    def _stays(self, body: Body) -> bool:
+        """Whether a body bends, and K knows where it is. Collective."""
+        return self._bends(body) and not self._hangs(body, self._about(body).responses)
+
+    def _bends(self, body: Body) -> bool:
+        return float(np.abs(body.motion.q).sum()) > ROUNDING * body.data.length
+
+    def _tension_of(self, body: Body) -> Array:
+        """Γ of a body that moves without it, shape (m, m, m) [N/m²]. Collective."""
+        shapes = tense(body, self._about(body).part).data.shapes
+        assert shapes is not None
+        assert shapes.tension is not None
+        return shapes.tension
 
     def _counts(self, body: Body) -> bool:
         """Whether δ of a body is above `LACKING`/20 of its bend, or nearly. Collective.
@@ -124,12 +190,44 @@ class Shortening:
         if self._hangs(body, about.responses):
             return False
         d = deformed(body, body.stretched[0])
-        (own,) = self._response(body, about, about.part.even(d)[:, :, None])
-        part = 10 * self._largest(own) / (LACKING * self._largest(d))
+        forces = about.part.even(d)[:, :, None]
+        (own,), along = self._response(body, about, forces), self._drawn_by(body, about, forces)
+        own[body.data.nodes] -= along @ body.motion.R.T
+        size_of = self._largest(own)
+        part = 10 * size_of / (LACKING * self._largest(d))
         self._small[key] = size / min(max(part, ROUNDING) ** 0.5, 0.5)
         if 2 * part > 1:
             self._counting[key] = size / (2 * part)
+            if self._largest(along) > LACKING * size_of:
+                self._tension[key] = self._tension_of(body)
         return 2 * part > 1
+
+    def _drawn_by(self, body: Body, about: About, forces: Array) -> Array:
+        """How far forces of second order, (nodes, 3, 1), draw a body without Γ along its shapes.
+
+        The displacement, of shape (nodes, 3) [m], is without its part along q, by which stresses
+        stiffen the body. Collective.
+        """
+        shapes, q = body.data.shapes, body.motion.q
+        assert shapes is not None
+        if shapes.tension is not None:
+            return 0 * forces[:, :, 0]
+        modes, _, inverse = self._followed(body, about)
+        drawn, image = inverse @ about.part.dot(modes, forces)[:, 0], shapes.mass @ q
+        return deformed(body, drawn - q * (image @ drawn) / (image @ q))
+
+    def too_long(self, bodies: Bodies) -> dict[str, float]:
+        """By which part of it bends of bodies that hang on joints raise a frequency. Collective."""
+        out = {}
+        for body in bodies if bodies.of.shapes is not None else ():
+            if body.data.shapes is None or not self._bends(body):
+                continue
+            about, d = self._about(body), deformed(body, body.motion.q)
+            if self._hangs(body, about.responses):
+                # Stresses stiffen by twice their part of the energy a bend that may get shorter.
+                excess = abs(float(self._scene.sum(about.part.missed(d, d).sum())))
+                out[body.data.name] = float(np.sqrt(1 + 2 * excess)) - 1
+        return out
 
     def _hangs(self, body: Body, responses: Responses) -> bool:
         """Whether joints alone hold a body, so that K does not know where. Collective."""
@@ -157,15 +255,19 @@ class Shortening:
         return [-found[:, :, k] @ turn for k in range(forces.shape[2])]
 
     def _followed(self, body: Body, about: About) -> Followed:
-        """Φ, KΦ and (ΦᵀKΦ)⁻¹: forces that bend it along its shapes alone. Collective."""
+        """Φ, KΦ and (ΦᵀKΦ)⁻¹: forces that bend it along its shapes alone. Collective.
+
+        The inverse is that of shapes whose coordinates no support gives, zero for the others.
+        """
         key, shapes = _key(body), body.data.shapes
         assert shapes is not None
         known = self._follows.get(key)
         if known is None or known[0].shape[2] != len(shapes):
             modes = shapes.whole.swapaxes(1, 2)
             weighted = about.part.times_stiffness(modes)
-            inverse = np.linalg.inv(about.part.dot(modes, weighted))
-            self._follows[key] = known = modes, weighted, np.asarray(inverse)
+            inverse, free = np.zeros((len(shapes), len(shapes))), slice(shapes.given, None)
+            inverse[free, free] = np.linalg.inv(about.part.dot(modes, weighted)[free, free])
+            self._follows[key] = known = modes, weighted, inverse
         return known
 
     def _forces(self, body: Body, part: Expanded) -> Array:
@@ -247,6 +349,23 @@ class Shortening:
             found = about.responses.solve(F.reshape(len(F), 3, -1))
             self._units[key] = about.responses, found  # which keeps the key from other responses
         return np.asarray(np.einsum("ab,nbp->nap", about.Q, self._units[key][1][body.data.nodes]))
+
+
+def _drawn(body: Body, tension: Array) -> tuple[Array, Array]:
+    """½ Ω⁻¹Γqq and its rate, each (m,) [m, m/s], with Γ of the first shapes."""
+    shapes, (q, rate), n = body.data.shapes, (body.motion.q, body.motion.q_rate), len(tension)
+    assert shapes is not None
+    gained = np.zeros((len(shapes), 2))
+    gained[:n] = np.stack([tension @ x[:n] @ q[:n] for x in (0.5 * q, rate)], axis=1)
+    drawn, change = _relieved(shapes, gained).T
+    return drawn, change
+
+
+def _relieved(shapes: Shapes, forces: Array) -> Array:
+    """Coordinates that balance forces along shapes, (m, ...), but those that supports give."""
+    out, k = np.zeros(forces.shape), shapes.given
+    out[k:] = np.linalg.solve(shapes.stiffness[k:, k:], forces[k:])
+    return out
 
 
 def _set(symmetric: Array, at: tuple[int, ...], value: float) -> None:
