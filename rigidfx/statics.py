@@ -1,7 +1,7 @@
 """Statics: a path of equilibria under growing loads, as a generator of reports."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from copy import copy
+from copy import copy, deepcopy
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from math import nan
@@ -34,6 +34,7 @@ from rigidfx.step.equations.supports import PrescribedDofs, supports_of
 from rigidfx.step.linear.petsc_options import SolverOptions
 from rigidfx.step.load_path import LoadPath
 from rigidfx.step.system.rigid_motion import free_to_move
+from rigidfx.step.system.system import StepResult
 from rigidfx.switch.inventory import check_clamps, divide
 from rigidfx.switch.shaping import Shaping
 
@@ -225,7 +226,7 @@ def _reports(
             while state.t < end:
                 began = perf_counter()
                 with heard(scene.comm, verbose), solver.at_work():
-                    result = path.advance(end)
+                    result = _advanced(path, end, None if number else shaping, ends[-1])
                     number += 1
                     report = report_of(number, path, probes, result, None, shortening)
                     tell(
@@ -243,6 +244,24 @@ def _reports(
         path.close()
         if shaping is not None:
             shaping.destroy()
+
+
+def _advanced(path: LoadPath, end: float, shaping: Shaping | None, last: float) -> StepResult:
+    """A load step, with Γ of parts that the stresses of the last one would stiffen. Collective.
+
+    Without shaping no parts are looked at: only in the first step bodies have no deformation.
+    """
+    state = path.state
+    before, notes = state.snapshot(), deepcopy(state.notes)
+    result = path.advance(end)
+    if shaping is None or not shaping.tightens(state, last / state.t):
+        return result
+    state.restore(before)
+    state.notes = notes
+    if (bodies := shaping.tensed(state)) is not None:
+        state.group(bodies)
+    path.begin_again(0.5 * (state.t + end))
+    return path.advance(end)
 
 
 def _tell_of_shapes(scene: Scene, state: State, shaping: Shaping | None) -> None:

@@ -134,7 +134,7 @@ WARNINGS = {
     "effects/damping.py": ["an unlikely mass"],
     "effects/joints/elements.py": ["an unlikely mass"],
     "effects/joints/sides.py": ["an unlikely mass"],
-    "report/report.py": ["an argument, or an attribute"],
+    "report/report.py": ["an argument, or an attribute", "a reduced part bends far"],
     "simulation.py": ["an argument, or an attribute", "a resumed run is over"],
     "step/watches/alternation.py": ["the motion goes back", "rounding ends an iteration"],
     "scene/pieces.py": ["a `Rigid` part has several pieces"],

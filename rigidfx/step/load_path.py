@@ -219,6 +219,12 @@ class LoadPath:
         self._before = np.zeros(self.system.prolongation.prescribed.size)  # forces of supports [N]
         self._rows = np.zeros_like(self.state.bodies.rates)  # those on the rows of bodies [N]
 
+    def begin_again(self, t: float) -> None:
+        """Divide the cells anew in the state as it is, under what acts at t [s]. Collective."""
+        self.close()
+        self.t, self._first = self.state.t, 0.0
+        self.follow(t)
+
     def advance(self, end: float) -> StepResult:
         """Go to the load at a time [s], or as far towards it as a cut step gets. Collective.
 

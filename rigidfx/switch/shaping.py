@@ -324,6 +324,10 @@ class Shaping:
         """ν of each part: see `Spent`. Collective."""
         return self._spent.follow(state, partial(self.about, state), tenses)
 
+    def tightens(self, state: State, grown: float) -> bool:
+        """Whether stresses, grown by a factor, stiffen any part: see `tensed`. Collective."""
+        return self._spent.tightens(state.bodies, partial(self.about, state), grown)
+
     def tensed(self, state: State) -> Bodies | None:
         """The bodies with terms for tension: see `Spent`. Collective."""
         return self._spent.tensed(state.bodies, partial(self.about, state))
