@@ -220,8 +220,7 @@ def measure(name: str, budgets: tuple[float, ...], finer: int = FINER) -> list[d
     return rows
 
 
-def main() -> None:
-    """Run the scenes and write the summary."""
+if __name__ == "__main__":
     parser = Parser(__file__, __doc__.splitlines()[0], short="two structures")
     parser.add_only("scenes")
     parser.add_argument("--budgets", default=",".join(map(str, BUDGETS)), help="parts of one")
@@ -238,7 +237,3 @@ def main() -> None:
     for row in summary:
         assert row["measured"] <= row["budget"] + 2 * row["reference"], row
         assert row["measured_flexible"] < 1.5 * row["budget"], row
-
-
-if __name__ == "__main__":
-    main()

@@ -153,18 +153,13 @@ def machines(options: Namespace) -> dict[str, Any]:
     return {"machines": rows}
 
 
-PARTS = {"effects": effects, "output": output, "machines": machines}
+PARTS = {part.__name__: part for part in (effects, output, machines)}
 
 
-def main() -> None:
-    """Run the parts and write their summary."""
+if __name__ == "__main__":
     parser = Parser(__file__, __doc__.splitlines()[0], short="500 unknowns, few steps")
     parser.add_argument("--unknowns", type=int, default=27_000)
     parser.add_argument("--steps", type=int, default=20, help="timed steps")
     parser.add_only("parts")
     options = parser.read(unknowns=500, steps=4)
     run_parts(options, PARTS)
-
-
-if __name__ == "__main__":
-    main()

@@ -364,8 +364,7 @@ IN_FULL = {"search_by_step": 0.05, "search_of_skin_by_step": 0.05}
 BOUNDS_OF = {"hertz": {"force_error": 0.05}}  # where a case has another
 
 
-def main() -> None:
-    """Run the cases and judge them."""
+if __name__ == "__main__":
     parser = Parser(__file__, __doc__.splitlines()[0], "fewer cells, steps and bounces")
     parser.add_only("cases")
     options = parser.read()
@@ -377,7 +376,3 @@ def main() -> None:
             assert found.get(number, 0.0) <= most, (name, number, found[number])
     for name in {"energy", "pairs"} & set(cases):
         assert cases[name]["fewest_steps_in_contact"] >= (60 if options.short else 1000), name
-
-
-if __name__ == "__main__":
-    main()

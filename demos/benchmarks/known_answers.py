@@ -398,17 +398,10 @@ def compressed(options: Namespace) -> dict[str, Any]:
     }
 
 
-PARTS: dict[str, Callable[[Namespace], Any]] = {
-    "statics": statics,
-    "modes": modes,
-    "locking": locking,
-    "cost": cost,
-    "compressed": compressed,
-}
+PARTS = {part.__name__: part for part in (statics, modes, locking, cost, compressed)}
 
 
-def main() -> None:
-    """Run the parts and write their summary."""
+if __name__ == "__main__":
     parser = Parser(__file__, __doc__.splitlines()[0], short="coarse meshes, few cases")
     parser.add_argument("--unknowns", type=int, default=27_000, help="of the step in cost")
     parser.add_argument("--steps", type=int, default=7, help="timed steps")
@@ -416,7 +409,3 @@ def main() -> None:
     options = parser.read(unknowns=500, steps=1)
     warnings.simplefilter("ignore", rf.RigidfxWarning)  # standard cells lock on purpose
     conclude(options.out, {name: PARTS[name](options) for name in chosen(options, PARTS)})
-
-
-if __name__ == "__main__":
-    main()

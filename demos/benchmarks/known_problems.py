@@ -88,8 +88,7 @@ def draw_errors(rows: list[dict[str, Any]], path: Path) -> None:
     plt.close(figure)
 
 
-def main() -> None:
-    """Solve the problems and write their table."""
+if __name__ == "__main__":
     parser = Parser(__file__, __doc__.splitlines()[0], "coarse meshes, few cases")
     parser.add_only("problems")
     parser.add_argument("--beside", type=Path, help="folder of a run with the same options")
@@ -105,7 +104,3 @@ def main() -> None:
     conclude(options.out, rows)
     missed = [row for row in rows if row["allowed"] is not None and row["error"] > row["allowed"]]
     assert not missed, missed
-
-
-if __name__ == "__main__":
-    main()

@@ -194,8 +194,7 @@ def python_with_exudyn(named: str | None) -> str | None:
     return sys.executable if importlib.util.find_spec("exudyn") else None
 
 
-def main() -> None:
-    """Run the cases and leave summary.json."""
+if __name__ == "__main__":
     parser = Parser(__file__, "Mechanisms against independent solutions.", "longer steps, shorter")
     parser.add_only("cases")
     parser.add_argument("--exudyn", help="Exudyn: path of the Python that has it")
@@ -208,7 +207,3 @@ def main() -> None:
     peer = partial(exudyn, python, options.out / "exudyn") if python else None
     asked = Asked(options.short, peer)
     conclude(options.out, [row for name in chosen(options, CASES) for row in CASES[name](asked)])
-
-
-if __name__ == "__main__":
-    main()

@@ -94,8 +94,7 @@ def row(name: str, case: Case, outcome: Outcome, reference: Outcome) -> dict[str
     }
 
 
-def main() -> None:
-    """Run all and write their summary."""
+if __name__ == "__main__":
     parser = Parser(__file__, __doc__.splitlines()[0], short="700 and 2000 unknowns")
     parser.add_argument("--ccx", help="CalculiX: path of its program")
     parser.add_argument("--kratos", help="Kratos: path of the Python that has it")
@@ -118,7 +117,3 @@ def main() -> None:
     conclude(options.out, summary)
     ours = [each for each in summary if each["code"] == "rigidfx"]
     assert all(each["survives"] and each["energy_drift"] < 1e-8 for each in ours)
-
-
-if __name__ == "__main__":
-    main()

@@ -15,7 +15,6 @@ Runs take their steps in turn, so that a change of the machine's speed hits them
 """
 
 from argparse import Namespace
-from collections.abc import Callable
 from statistics import mean, median
 from typing import Any
 
@@ -153,11 +152,10 @@ def switches(options: Namespace) -> dict[str, Any]:
     }
 
 
-PARTS: dict[str, Callable[[Namespace], dict[str, Any]]] = {"chains": chains, "switches": switches}
+PARTS = {part.__name__: part for part in (chains, switches)}
 
 
-def main() -> None:
-    """Run the parts and write their summary."""
+if __name__ == "__main__":
     parser = Parser(__file__, __doc__.splitlines()[0], short="500 unknowns, few steps")
     parser.add_argument("--unknowns", type=int, default=27_000, help="of the flexible bar")
     parser.add_argument("--along", type=int, help="cells along the bar, in place of --unknowns")
@@ -168,7 +166,3 @@ def main() -> None:
     parser.add_only("parts")
     options = parser.read(unknowns=500, bodies=[1, 3], steps=3)
     run_parts(options, PARTS)
-
-
-if __name__ == "__main__":
-    main()

@@ -20,7 +20,7 @@
 
 import os
 from argparse import Namespace
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from resource import RUSAGE_SELF, getrusage
@@ -225,13 +225,10 @@ def ranks(options: Namespace) -> dict[str, Any]:
     return found
 
 
-PARTS: dict[str, Callable[[Namespace], dict[str, Any]]] = {
-    "sizes": sizes, "plain": plain, "ranks": ranks,
-}  # fmt: skip
+PARTS = {part.__name__: part for part in (sizes, plain, ranks)}
 
 
-def main() -> None:
-    """Run the parts and write their summary."""
+if __name__ == "__main__":
     parser = Parser(__file__, __doc__.splitlines()[0], short="700 unknowns, three steps")
     parser.add_argument("--unknowns", type=int, nargs="+", default=[3000, 10_000, 30_000])
     parser.add_argument("--steps", type=int, default=8, help="timed steps of each run")
@@ -240,7 +237,3 @@ def main() -> None:
     parser.add_only("parts")
     options = parser.read(unknowns=[700], steps=3, cases=[SHORT])
     run_parts(options, PARTS)
-
-
-if __name__ == "__main__":
-    main()

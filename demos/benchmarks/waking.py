@@ -359,8 +359,7 @@ def seeds(text: str) -> list[int]:
     return found
 
 
-def main() -> None:
-    """Run the comparison, and write its summary and its table."""
+if __name__ == "__main__":
     parser = Parser(__file__, __doc__.splitlines()[0], short="some 400 unknowns, no large scenes")
     parser.add_argument("--across", type=int, default=6, help="cells across a bar")
     parser.add_argument("--seeds", type=seeds, help="random scenes instead, such as 0-9,12")
@@ -383,7 +382,3 @@ def main() -> None:
         print(f"outside: {entry['scene']}: {entry['refused'] or 'see table'}")
     done = [e for e in summary if not e["refused"]]
     assert np.mean([e["missed"] for e in done] or [0.0]) <= MISSED
-
-
-if __name__ == "__main__":
-    main()
