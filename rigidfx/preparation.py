@@ -89,9 +89,18 @@ def prepare(
         ledgers = None if control is None else Ledgers(stepper)
         stack.pop_all()
     touch, contacts = FirstTouch(stepper), ResolvedForces(scene) if scene.named(Contact) else None
-    shortening = Shortening(scene, probes.points, partial(_about, switch, state, growth))
+    about = partial(_about, switch, state, growth)
+    shortening = Shortening(scene, probes.points, about, partial(_allowed, policy, chooses))
     known = policy, probes, shortening, recovery, touch, contacts, ledgers
     return Run(timeline, stepper, switch, *known, idle, growth), impact
+
+
+def _allowed(policy: Policy | None, control: TimeControl | None) -> float:
+    """By how much displacements may err for bodies; zero where none is bounded [m]."""
+    limits = None if policy is None else policy.rule.limits()
+    if control is None or limits is None or limits.rates is not None:
+        return 0.0
+    return limits.part * control.reach(0.0)
 
 
 def _about(switch: Switch, state: State, growth: Growth | None, body: Body) -> About:

@@ -68,10 +68,17 @@ class Shortening:
     remembered: ClassVar[Remembered] = same("_small", "_counting", "_shown", "_tension")
 
     def __init__(
-        self, scene: Scene, points: Mapping[str, Point], about: Callable[[Body], About]
+        self,
+        scene: Scene,
+        points: Mapping[str, Point],
+        about: Callable[[Body], About],
+        allowed: Callable[[], float] = float,
     ) -> None:
-        """Nothing is computed; `about` expands a body with shapes, collectively."""
-        self._scene, self._points, self._about = scene, points, about
+        """Nothing is computed; `about` expands a body with shapes, collectively.
+
+        Of displacements that are allowed to err [m] it counts from a twentieth on.
+        """
+        self._scene, self._points, self._about, self._allowed = scene, points, about, allowed
         self._small: dict[Key, float] = {}  # Σ |q| of each body up to which δ counts for little [m]
         self._counting: dict[Key, float] = {}  # Σ |q| from which it is shown [m]
         self._shown: dict[Key, int] = {}  # for how many steps, with forces along d
@@ -176,7 +183,7 @@ class Shortening:
         return shapes.tension
 
     def _counts(self, body: Body) -> bool:
-        """Whether δ of a body is above `LACKING`/20 of its bend, or nearly. Collective.
+        """Whether δ is above `LACKING`/20 of a body's bend, and of what may err. Collective.
 
         Of a part p of that, which grows as the body bends, it is looked at again at p^-½ times |q|:
         that leaves as much for shapes that shorten more.
@@ -194,7 +201,7 @@ class Shortening:
         (own,), along = self._response(body, about, forces), self._drawn_by(body, about, forces)
         own[body.data.nodes] -= along @ body.motion.R.T
         size_of = self._largest(own)
-        part = 10 * size_of / (LACKING * self._largest(d))
+        part = 10 * size_of / max(LACKING * self._largest(d), self._allowed())
         self._small[key] = size / min(max(part, ROUNDING) ** 0.5, 0.5)
         if 2 * part > 1:
             self._counting[key] = size / (2 * part)
