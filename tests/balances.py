@@ -1,7 +1,5 @@
 """The balances of a run, by forces computed here: no code of a step is used."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

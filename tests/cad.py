@@ -1,7 +1,5 @@
 """Files that gmsh writes: meshes, and parts as CAD."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path

@@ -5,8 +5,6 @@ the suite takes a little more than half of its time. `-n 0` keeps them in one, a
 file, --pdb, -s and mpirun, whose ranks are the processes then.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

@@ -1,7 +1,5 @@
 """Histories of scenes with every effect, for as many ranks as there are."""
 
-from __future__ import annotations
-
 import sys
 from unittest.mock import patch
 

@@ -4,8 +4,6 @@ Of each element there is one part whose cells are no boxes: inside a box for enh
 tube, thin across, for assumed ones.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from dolfinx import fem
 from mpi4py import MPI

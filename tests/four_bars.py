@@ -1,7 +1,5 @@
 """Linkages of flexible bars between mean faces: four bars in the plane, and Bricard's in space."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What several tests share: the reference problem, markers, and numbers of a history."""
 
-from __future__ import annotations
-
 import csv
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence

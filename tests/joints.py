@@ -1,7 +1,5 @@
 """Scenes with joints, and how far they are from keeping them."""
 
-from __future__ import annotations
-
 import numpy as np
 from common import boxes
 

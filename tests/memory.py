@@ -1,7 +1,5 @@
 """All that a run is made of, compared attribute by attribute with another run."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator, Mapping, Set
 

@@ -3,8 +3,6 @@
 As a script under mpirun: report what the ranks find.
 """
 
-from __future__ import annotations
-
 import re
 import warnings
 from pathlib import Path

@@ -7,8 +7,6 @@ mpirun had started it. Ranks of which one fails end all together, and the next s
 Run as a script under mpirun, this file is what the ranks do.
 """
 
-from __future__ import annotations
-
 import atexit
 import gc
 import json

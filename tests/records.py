@@ -1,7 +1,5 @@
 """The records of users, and of each some values that it is made from."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import rigidfx as rf

@@ -4,8 +4,6 @@ A module of such cases hands them to `on_each_rank` where it is run as a script,
 `found_on_two_ranks` what became of them.
 """
 
-from __future__ import annotations
-
 import re
 import sys
 import warnings

@@ -3,8 +3,6 @@
 As a script: leave a checkpoint after a step of a run, or go on from one, and report what was seen.
 """
 
-from __future__ import annotations
-
 import sys
 import warnings
 from functools import partial

@@ -1,7 +1,5 @@
 """A run that a test drives itself, step by step and switch by switch."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

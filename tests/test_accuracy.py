@@ -1,7 +1,5 @@
 """Tolerances that follow from the run."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import rigidfx as rf

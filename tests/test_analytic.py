@@ -1,7 +1,5 @@
 """Problems with known answers: frequencies, end loads, free fall, an earthquake."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from histories import NEWTON, show

@@ -1,7 +1,5 @@
 """Folders: data flow one way through them, from top to bottom of the list below."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import statistics

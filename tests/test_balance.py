@@ -1,7 +1,5 @@
 """A run that loses its balance of energy says so, once, and no other does."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import dataclass
 from typing import ClassVar

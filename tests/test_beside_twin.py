@@ -1,7 +1,5 @@
 """Scenes and machines whose runs with bodies are held against their flexible twins."""
 
-from __future__ import annotations
-
 import warnings
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Rigid-body data by equation (35) against closed forms, and a body's own step: the free top."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

@@ -3,8 +3,6 @@
 Run as a script under mpirun, this file reports a history.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import cache

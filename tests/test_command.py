@@ -1,7 +1,5 @@
 """The command: its words for Python's, and the largest values of all steps."""
 
-from __future__ import annotations
-
 import ast
 import re
 import sys

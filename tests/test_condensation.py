@@ -5,8 +5,6 @@ products of gathered ones on rank 0, and reports the largest relative errors, ho
 condensed and how often PETSc had to make room.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import replace
 from unittest import mock

@@ -1,7 +1,5 @@
 """Energy, linear and angular momentum of free bodies, and the books of loaded ones."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import ufl

@@ -1,7 +1,5 @@
 """Forces of motors, joints and supports have no vibration that Δt does not resolve."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -3,8 +3,6 @@
 Run as a script under mpirun, this file reports histories of scenes with contacts.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

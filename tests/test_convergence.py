@@ -1,7 +1,5 @@
 """Measured orders: in the time step, and in the cell size for smooth solutions."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

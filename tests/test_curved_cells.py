@@ -1,7 +1,5 @@
 """Curved cells that the geometry would turn inside out: gmsh's optimiser ended Python over them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from cad import session

@@ -3,8 +3,6 @@
 Run as a script under mpirun, this file integrates its scene and reports what it finds.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from unittest.mock import patch
 

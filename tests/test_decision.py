@@ -1,7 +1,5 @@
 """What is decided from an observed window, without a mesh."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -4,8 +4,6 @@ A demo takes --short and --out FOLDER, asserts what has to hold, and leaves summ
 pictures in the folder. A new one is found by itself.
 """
 
-from __future__ import annotations
-
 import json
 import runpy
 import subprocess

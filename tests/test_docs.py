@@ -3,8 +3,6 @@
 The changelog is grouped, the citation is of this version, pages are short and name their subjects.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 import runpy

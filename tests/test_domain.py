@@ -1,7 +1,5 @@
 """Meshes with names: boxes, gmsh files, and cells that are not whole."""
 
-from __future__ import annotations
-
 import dolfinx.mesh as dmesh
 import numpy as np
 import pytest

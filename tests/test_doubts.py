@@ -1,7 +1,5 @@
 """Scenes that can be computed and are hardly meant are told, and right ones beside them are not."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -3,8 +3,6 @@
 Run as a script under mpirun, this file reports histories of a bar that is loaded along its edges.
 """
 
-from __future__ import annotations
-
 import sys
 from contextlib import closing
 

@@ -1,7 +1,5 @@
 """Effects: balances, closed forms, where and when loads arrive, what a scene without them pays."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

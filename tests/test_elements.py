@@ -3,8 +3,6 @@
 Run as a script under mpirun, this file follows a scene of each on as many ranks.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Enhanced and assumed strains: a second program, bending, shells; see also test_elements.py."""
 
-from __future__ import annotations
-
 import gc
 from contextlib import nullcontext
 

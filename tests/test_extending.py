@@ -1,7 +1,5 @@
 """What somebody adds of his own, without a change of the package: obstacle, criterion, joint."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """What rounding does to a body far from where it began: the law that docs/limits.md states."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What somebody meets first: names, words about a scene, refusals, and warnings of one's script."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Warnings of what goes another way than was meant: jolts, brief impacts, springs, facets."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The cache of compiled forms, and coefficients that a bound form reads."""
 
-from __future__ import annotations
-
 import logging
 import os
 import resource

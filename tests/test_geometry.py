@@ -4,8 +4,6 @@ Run as a script under mpirun, this file runs an adaptive scene on a script's mes
 cannot be read.
 """
 
-from __future__ import annotations
-
 import re
 import warnings
 from pathlib import Path

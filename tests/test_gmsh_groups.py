@@ -1,7 +1,5 @@
 """Physical groups of gmsh's files and scripts: what they hold, and what is told of the rest."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

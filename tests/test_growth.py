@@ -1,7 +1,5 @@
 """Bodies that were found and grow shapes, beside flexible twins."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bodies that were found and grow shapes, held by joints, beside flexible twins."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -3,8 +3,6 @@
 Run as a script under mpirun, this file reports what a run warns of.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import parallel
 import pytest

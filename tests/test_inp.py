@@ -1,7 +1,5 @@
 """Input files of Abaqus and CalculiX: nodes, elements, sets, surfaces, parts and instances."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

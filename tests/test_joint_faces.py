@@ -8,8 +8,6 @@ beam theory leaves out the strains that forces on its surface make in the cross-
 0.011, 0.008, 0.006 at ν = 0, 0.3, 0.45. Under these forces alone the elastic bar has the same.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

@@ -1,7 +1,5 @@
 """A warning of prescribed paths that jump, and none of those that only bend or hurry."""
 
-from __future__ import annotations
-
 import warnings
 from contextlib import contextmanager
 

@@ -1,7 +1,5 @@
 """Ways to keep a tangent: Cholesky's factors, low rank, incomplete factors, a coarse grid."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

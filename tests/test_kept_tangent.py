@@ -4,8 +4,6 @@ Run as a script under mpirun, this file reports histories of motions with tangen
 And when Newton stops: a rule from norms to reasons, and runs whose residuals end in rounding.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import parallel
 import pytest

@@ -1,7 +1,5 @@
 """What a run says of itself: by Python's logging, on standard error, and in a file."""
 
-from __future__ import annotations
-
 import logging
 import os
 import re

@@ -1,7 +1,5 @@
 """Stresses of the materials, the discrete gradient and its tangent."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Mean faces turn with the rotation that fits them: no number depends on sides, place or cells."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from common import boxes

@@ -3,8 +3,6 @@
 Run as a script under mpirun, this file reports what each case warns of.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Modes and periods of small vibrations: beams, bodies on springs, stresses, several ranks."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

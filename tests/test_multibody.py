@@ -4,8 +4,6 @@ Run as a script under mpirun, this file writes the bodies it finds to a path, be
 and reports their cells and what the run ends with.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Two names of a file never become one: encodings, capitals, blanks, slashes, kinds of sets."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

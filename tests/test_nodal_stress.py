@@ -1,7 +1,5 @@
 """Stress and strain at nodes, probes and integration points: closed forms, peaks, interfaces."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

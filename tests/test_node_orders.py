@@ -1,7 +1,5 @@
 """Cells of other programs as arrays: the order of their nodes is seen from where these lie."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

@@ -1,7 +1,5 @@
 """What the recorder leaves: read back by VTK and by csv, from one rank and from several."""
 
-from __future__ import annotations
-
 import ast
 import csv
 import os

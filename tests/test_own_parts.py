@@ -1,7 +1,5 @@
 """Own parts: faces of one of two that touch, balls, places of faults, sizes, damaged files."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

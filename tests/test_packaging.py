@@ -1,7 +1,5 @@
 """The top level, recipes, containers, workflows, the site and the paper agree with one another."""
 
-from __future__ import annotations
-
 import json
 import re
 import runpy

@@ -3,8 +3,6 @@
 Run as a script under mpirun, this file integrates its scenes and reports their histories.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import parallel
 import pytest

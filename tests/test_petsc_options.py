@@ -1,7 +1,5 @@
 """PETSc's options: from the environment, the command line and Python; honoured or refused."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

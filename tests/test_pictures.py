@@ -1,7 +1,5 @@
 """The standard pictures of a run, in one call, from what its recorder has left."""
 
-from __future__ import annotations
-
 import operator
 import re
 import runpy

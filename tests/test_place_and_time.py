@@ -1,7 +1,5 @@
 """Motions and loads by place, rotations, symmetry, damping, preloads; velocities of paths."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ranks that wait for scripts: each script is told from the others, and what fails ends them."""
 
-from __future__ import annotations
-
 import parallel
 import pytest
 from mpi4py import MPI

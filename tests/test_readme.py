@@ -1,7 +1,5 @@
 """README and the pages of docs/: their Python blocks run as they are; whatever they name exists."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

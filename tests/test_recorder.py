@@ -1,7 +1,5 @@
 """Whose folder it is, which reports go there, and what happens where the disk is full."""
 
-from __future__ import annotations
-
 import logging
 import os
 import re

@@ -3,8 +3,6 @@
 Run as a script under mpirun, this file redistributes its meshes and reports what it finds.
 """
 
-from __future__ import annotations
-
 from contextlib import closing
 
 import dolfinx.mesh as dmesh

@@ -1,7 +1,5 @@
 """Parts that deform by a few shapes: mechanics, neighbours, supports, contacts, ranks, restarts."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 

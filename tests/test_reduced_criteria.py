@@ -1,7 +1,5 @@
 """Parts named `Reduced` beside parts that are found, and what else names of parts take."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Reduced parts at joints: each kind beside its flexible twin, mechanisms, ranks, restarts."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Modes of reduced parts beside those of their flexible twins."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Results of parts with shapes: stresses, levels and tables are those of flexible cells."""
 
-from __future__ import annotations
-
 import re
 import tempfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Statics of reduced parts beside their flexible twins: displacements, stresses, reactions."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Reduced parts that several supports hold, guide or drive, beside their flexible twins."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from histories import imbalance

@@ -4,8 +4,6 @@ A line of the table holds an expression, in which the names of rigidfx need no p
 the message. Run as a script under mpirun, this file goes through all lines on each rank.
 """
 
-from __future__ import annotations
-
 import gc
 import subprocess
 import sys

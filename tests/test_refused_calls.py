@@ -3,8 +3,6 @@
 The table is like that of `test_refused`.
 """
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from pathlib import Path

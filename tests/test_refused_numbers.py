@@ -1,7 +1,5 @@
 """Each number of each record is refused by its name, of whatever kind that is no number it is."""
 
-from __future__ import annotations
-
 import datetime
 import enum
 import math

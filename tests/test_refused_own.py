@@ -3,8 +3,6 @@
 All of it is asked on each rank about that rank's nodes and cells.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from traceback import format_exception

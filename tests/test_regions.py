@@ -3,8 +3,6 @@
 Run as a script under mpirun, this file finds the bodies of its random cases on these ranks.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from itertools import combinations, permutations
 

@@ -1,7 +1,5 @@
 """Remote points: forces, torques, springs and masses at points of mean and rigid faces."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from histories import imbalance

@@ -1,7 +1,5 @@
 """A run that goes on from a checkpoint is the run that left it."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import shutil

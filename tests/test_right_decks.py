@@ -1,7 +1,5 @@
 """Right decks of Abaqus and CalculiX that were refused, and wedges that look like bricks."""
 
-from __future__ import annotations
-
 import re
 import warnings
 

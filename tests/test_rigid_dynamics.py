@@ -1,7 +1,5 @@
 """Rigid and flexible parts in one motion: what is conserved, what loads do, what a limit gives."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

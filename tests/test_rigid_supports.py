@@ -1,7 +1,5 @@
 """Rigid bodies and supports."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from histories import EPS, NEWTON, between

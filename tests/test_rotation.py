@@ -1,7 +1,5 @@
 """Finite rotations: the Cayley map is a rotation, and its tangent is its derivative."""
 
-from __future__ import annotations
-
 import numpy as np
 from histories import EPS
 from hypothesis import given

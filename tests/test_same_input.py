@@ -3,8 +3,6 @@
 Run as a script under mpirun, this file goes through all cases on each rank.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from pathlib import Path

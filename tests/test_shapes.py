@@ -1,7 +1,5 @@
 """Shapes of reduced parts: static responses, Ritz vectors, shapes, on one rank and on several."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from parallel import report as tell

@@ -1,7 +1,5 @@
 """Places that are shown contain how bending shortens bodies with shapes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

@@ -1,7 +1,5 @@
 """Matrices of joints: arrays where they are small, sparse where they are not, the same numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from joints import PIN, bars

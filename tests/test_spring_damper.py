@@ -3,8 +3,6 @@
 Run as a script under mpirun, this file reports a history of two boxes with a spring and a cable.
 """
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 

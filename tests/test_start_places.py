@@ -1,7 +1,5 @@
 """Effects that say where they act mean the body where it lies at the start of a run."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Statics: load paths, what takes part, where runs start, and where paths end."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

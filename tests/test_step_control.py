@@ -1,7 +1,5 @@
 """Steps as long as an error lets them be."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

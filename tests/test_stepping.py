@@ -1,7 +1,5 @@
 """Steps: where they end, how they are cut, how far they turn, how their systems are solved."""
 
-from __future__ import annotations
-
 import re
 import warnings
 

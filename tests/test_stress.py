@@ -1,7 +1,5 @@
 """Cauchy stress of cells: closed forms, equilibrium, and what frozen parts keep."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from dolfinx import fem

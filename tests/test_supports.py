@@ -1,7 +1,5 @@
 """Supports: what they hold, when, and the books when they begin on a moving body."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from histories import EPS, NEWTON, column, drift

@@ -3,8 +3,6 @@
 Run as a script under mpirun, this file reports histories with switches, and what is refused.
 """
 
-from __future__ import annotations
-
 import re
 import warnings
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Values are taken as they are when they are given, and what is shown cannot change a run."""
 
-from __future__ import annotations
-
 import copy
 import inspect
 from collections.abc import Mapping

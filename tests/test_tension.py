@@ -1,7 +1,5 @@
 """Tension stiffens a mast that is pulled before it is pushed aside, and bends shorten a strip."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Where steps end."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What ends a run: a script that fails on one rank or on all, Ctrl-C, errors in PETSc's calls."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

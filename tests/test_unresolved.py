@@ -1,7 +1,5 @@
 """A warning where rounding in a stiff part is as large as the forces of a soft one."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -1,7 +1,5 @@
 """All times of a run in one file: read by VTK, by h5py, and as arrays; whole at any instant."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

@@ -3,8 +3,6 @@
 Run as a script under mpirun, this file reports histories with wakes.
 """
 
-from __future__ import annotations
-
 import warnings
 from functools import cache
 

@@ -1,7 +1,5 @@
 """A run as one HTML file: what a browser reads in it is what the recorder has written."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

@@ -1,7 +1,5 @@
 """Attempts at a step: what they leave, why they have no solution, loads beyond the material."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

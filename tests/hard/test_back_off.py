@@ -1,7 +1,5 @@
 """Cells that were released too soon, again and again, wait longer and longer: a pure rule."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -4,8 +4,6 @@ A few of them, as each has forms of its own to compile; `demos/hard_cases.py --a
 Run as a script under mpirun, this file tries the drafts of a JSON file.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import warnings

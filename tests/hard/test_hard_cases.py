@@ -3,8 +3,6 @@
 The cases are those of `demos/hard_cases.py`, see `demos/hardcases/`.
 """
 
-from __future__ import annotations
-
 import parallel
 import pytest
 from hardcases import CASES, carry_out, follow

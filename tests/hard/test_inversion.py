@@ -1,7 +1,5 @@
 """Cells that turn inside out are found, named, and never accepted."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
