@@ -12,6 +12,7 @@ import numpy.typing as npt
 from tumbling_l import tumbling_l
 
 import rigidfx as rf
+from rigidfx.effects import Effect
 
 Array = npt.NDArray[np.float64]
 
@@ -32,7 +33,7 @@ def pair_of_tractions(a: str, b: str, value: Array, time: rf.Table) -> list[rf.T
 
 
 def tumbling(
-    material: rf.Material, *effects: rf.Effect, load: float = 1.0, **discretisation: Any
+    material: rf.Material, *effects: Effect, load: float = 1.0, **discretisation: Any
 ) -> rf.Scene:
     """The tumbling L under so many times load 1; free from t = 5 s on."""
     tractions = pair_of_tractions("top", "side", load * LOAD_1, TRIANGLE)

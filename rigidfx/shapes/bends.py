@@ -89,14 +89,20 @@ def tense(body: Body, part: Expanded, known: int = 0) -> Body:
     """
     shapes = body.data.shapes
     assert shapes is not None
+    before = np.zeros((0, 0, 0)) if shapes.tension is None else shapes.tension[:known]
+    return body.with_shapes(replace(shapes, tension=tension_of(body, part, before)))
+
+
+def tension_of(body: Body, part: Expanded, known: Array) -> Array:
+    """Γ of a body's shapes, of which that of the first ones is known, (m, m, m). Collective."""
+    shapes, n = body.data.shapes, len(known)
+    assert shapes is not None
     modes = shapes.whole.swapaxes(1, 2)
     tension = np.zeros(3 * (len(shapes),))
-    if known:
-        assert shapes.tension is not None
-        tension[:known, :known, :known] = shapes.tension
-    for k in range(known, len(shapes)):
+    tension[:n, :n, :n] = known
+    for k in range(n, len(shapes)):
         tension[k] = part.tension_by(modes[:, :, k], modes)
-    return body.with_shapes(replace(shapes, tension=tension))
+    return tension
 
 
 class Looks:

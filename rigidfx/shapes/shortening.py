@@ -37,7 +37,7 @@ from rigidfx.mechanics.rigid_body import Body
 from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
-from rigidfx.shapes.bends import tense
+from rigidfx.shapes.bends import tension_of
 from rigidfx.shapes.excess import About, deformed
 from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.part import LACKING
@@ -65,7 +65,7 @@ class Terms:
 class Shortening:
     """δ of the bodies of a run, at probes and as a field."""
 
-    remembered: ClassVar[Remembered] = same("_small", "_counting", "_shown", "_tension")
+    remembered: ClassVar[Remembered] = same("_small", "_counting", "_shown", "_tension", "_asked")
 
     def __init__(
         self,
@@ -85,7 +85,9 @@ class Shortening:
         self._terms: dict[Key, Terms] = {}  # of each body
         self._follows: dict[Key, Followed] = {}  # how forces bend each body along its shapes
         self._units: dict[int, tuple[Responses, Array]] = {}  # g, (owned nodes, 3, 3 · probes)
-        self._tension: dict[Key, Array] = {}  # Γ of bodies that move without it
+        self._tension: dict[Key, Array] = {}  # Γ of the first shapes of bodies that move without it
+        self._asked: dict[Key, int] = {}  # m of each body when Γ was asked for last
+        self._hung: dict[Key, bool] = {}  # whether joints alone hold each body
         self._modes: dict[Key, tuple[Shapes, Array]] = {}  # shapes of each body, at probes
         self._seen: dict[Key, tuple[int, Array]] = {}  # m of a body, and g without its shapes
 
@@ -141,14 +143,14 @@ class Shortening:
             shapes, tension = body.data.shapes, self._tension.get(_key(body), NONE)
             if shapes is None:
                 continue
-            if every and not len(tension) and self._stays(body):
-                tension = self._tension_of(body)
-            if shapes.tension is not None:
-                if shapes.shorter is not None and shapes.shorter.any():
-                    shorter = _relieved(shapes, shapes.stiffness @ shapes.shorter)
-                    some.append((body, (shorter, 0 * shorter)))
-            elif len(tension):
-                some.append((body, _drawn(body, tension)))
+            if shapes.tension is None:
+                if every and self._stays(body):
+                    tension = tension_of(body, self._about(body).part, tension)
+                if len(tension):
+                    some.append((body, _drawn(body, tension)))
+            elif shapes.shorter is not None and shapes.shorter.any() and self._stays(body):
+                shorter = _relieved(shapes, shapes.stiffness @ shapes.shorter)
+                some.append((body, (shorter, 0 * shorter)))
         return some
 
     def _at_points(self, body: Body) -> Array:
@@ -170,17 +172,10 @@ class Shortening:
 
     def _stays(self, body: Body) -> bool:
         """Whether a body bends, and K knows where it is. Collective."""
-        return self._bends(body) and not self._hangs(body, self._about(body).responses)
+        return self._bends(body) and not self._hangs(body)
 
     def _bends(self, body: Body) -> bool:
         return float(np.abs(body.motion.q).sum()) > ROUNDING * body.data.length
-
-    def _tension_of(self, body: Body) -> Array:
-        """Γ of a body that moves without it, shape (m, m, m) [N/m²]. Collective."""
-        shapes = tense(body, self._about(body).part).data.shapes
-        assert shapes is not None
-        assert shapes.tension is not None
-        return shapes.tension
 
     def _counts(self, body: Body) -> bool:
         """Whether δ is above `LACKING`/20 of a body's bend, and of what may err. Collective.
@@ -189,25 +184,28 @@ class Shortening:
         that leaves as much for shapes that shorten more.
         """
         key, size = _key(body), float(np.abs(body.motion.q).sum())
-        if key in self._counting:
-            return size >= self._counting[key]
-        if size <= self._small.get(key, ROUNDING * body.data.length):
+        counts, m = size >= self._counting.get(key, np.inf), body.data.deforms_by
+        if counts and self._asked[key] == m:
+            return True
+        if not counts and (key in self._counting or size <= self._small.get(key, 0.0)):
             return False
-        self._small[key], about = np.inf, self._about(body)
-        if self._hangs(body, about.responses):
+        self._small[key], self._asked[key] = np.inf, m
+        if not self._stays(body):
             return False
-        d = deformed(body, body.stretched[0])
+        about, d = self._about(body), deformed(body, body.stretched[0])
         forces = about.part.even(d)[:, :, None]
         (own,), along = self._response(body, about, forces), self._drawn_by(body, about, forces)
         own[body.data.nodes] -= along @ body.motion.R.T
         size_of = self._largest(own)
-        part = 10 * size_of / max(LACKING * self._largest(d), self._allowed())
-        self._small[key] = size / min(max(part, ROUNDING) ** 0.5, 0.5)
-        if 2 * part > 1:
+        if not counts:
+            part = 10 * size_of / max(LACKING * self._largest(d), self._allowed())
+            self._small[key] = size / min(max(part, ROUNDING) ** 0.5, 0.5)
+            if 2 * part <= 1:
+                return False
             self._counting[key] = size / (2 * part)
-            if self._largest(along) > LACKING * size_of:
-                self._tension[key] = self._tension_of(body)
-        return 2 * part > 1
+        if self._largest(along) > LACKING * size_of:
+            self._tension[key] = tension_of(body, about.part, self._tension.get(key, NONE))
+        return True
 
     def _drawn_by(self, body: Body, about: About, forces: Array) -> Array:
         """How far forces of second order, (nodes, 3, 1), draw a body without Γ along its shapes.
@@ -229,15 +227,21 @@ class Shortening:
         for body in bodies if bodies.of.shapes is not None else ():
             if body.data.shapes is None or not self._bends(body):
                 continue
-            about, d = self._about(body), deformed(body, body.motion.q)
-            if self._hangs(body, about.responses):
+            if self._hangs(body):
+                about, d = self._about(body), deformed(body, body.motion.q)
                 # Stresses stiffen by twice their part of the energy a bend that may get shorter.
                 excess = abs(float(self._scene.sum(about.part.missed(d, d).sum())))
                 out[body.data.name] = float(np.sqrt(1 + 2 * excess)) - 1
         return out
 
-    def _hangs(self, body: Body, responses: Responses) -> bool:
+    def _hangs(self, body: Body) -> bool:
         """Whether joints alone hold a body, so that K does not know where. Collective."""
+        key = _key(body)
+        if key not in self._hung:
+            self._hung[key] = self._found_to_hang(body, self._about(body).responses)
+        return self._hung[key]
+
+    def _found_to_hang(self, body: Body, responses: Responses) -> bool:
         part = responses.rigid.part
         nodes = [v.nodes for joint in self._scene.named(Joint) for v in joint.averages]
         jointed = np.concatenate([part[:0], *(part[own] for own in nodes)])
