@@ -204,9 +204,8 @@ def spin(along: int) -> Case:
     return Case(scene, (rf.Reduced(),), 1e-3, t_end, probes, errors)
 
 
-def sine(which: str) -> Case:
-    """A block of 7056 unknowns on a wall, driven at 0.7 of its first frequency."""
-    cells = (13, 13, 11)
+def sine(which: str, cells: tuple[int, int, int] = (13, 13, 11)) -> Case:
+    """A block on a wall, driven at 0.7 of its first frequency."""
     first = 9.3  # Hz, of the block
     push = rf.Traction("x1", (0, 0, 2e3), time=lambda t: np.sin(2 * np.pi * 0.7 * first * t))
     effects = [rf.Fixed("x0"), push, rf.StiffnessDamping(ratio=0.02, frequency=first)]
@@ -298,7 +297,11 @@ SIZES: dict[str, dict[int, Callable[[], Case]]] = {  # by unknowns of the twin
     },
     "there and back": {10_504: partial(arm, 0.016, *WHOLE), 20_998: partial(arm, 0.009, *WHOLE)},
     "spin": {1053: partial(spin, 38), 8427: partial(spin, 80)},
-    "sine": {7056: partial(sine, "both"), 7057: partial(sine, "one")},
+    "sine": {
+        7056: partial(sine, "both"),
+        7057: partial(sine, "one"),
+        21_546: partial(sine, "both", (20, 18, 17)),
+    },
     "crank": {
         12_951: partial(crank, 0.03),
         57_768: partial(crank, 0.0104),
