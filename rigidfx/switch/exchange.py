@@ -25,8 +25,8 @@ from rigidfx.mechanics.rigid_motions import fitted_motion, rigid_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.division import Division
-from rigidfx.switch.faces import with_faces
 from rigidfx.switch.found_bodies import Shift
+from rigidfx.switch.inventory import with_faces
 from rigidfx.switch.mass_properties import freeze
 from rigidfx.switch.projected_velocities import Field, Present, RigidFields, WholeMass
 

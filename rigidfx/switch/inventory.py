@@ -1,21 +1,26 @@
 """The inventory of bodies: those that a scene names, and those found beside them.
 
-It says which cells are flexible, which form bodies and which go with a support.
+It says which cells are flexible, which form bodies and which go with a support. Rigid faces and
+carried masses are bodies of their own: no cells, six unknowns. With a lumped mass such a body has
+the masses of its nodes. With a consistent one it has only point masses; the mass of the cells
+beside it stays theirs, and its six unknowns move it.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import count
 from typing import Any
 
 import numpy as np
 
+from rigidfx import effects as fx
 from rigidfx.base.errors import SceneError, agree
-from rigidfx.base.types import Array, Indices, Ints
+from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.decide.bodies import PlannedBody
-from rigidfx.effects import Resultant, Rigid, Support, Windowed
+from rigidfx.effects.joints.remote import body_of
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.rigid_body import NOTHING, Body
+from rigidfx.mechanics.rigid_body import NOTHING, Body, BodyMotion, RigidBody
 from rigidfx.mechanics.rigid_motions import free_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
@@ -23,8 +28,7 @@ from rigidfx.shapes.responses import Responses
 from rigidfx.state import State
 from rigidfx.step.equations.division import Division, Hold
 from rigidfx.step.equations.supports import dofs_of, supports_of
-from rigidfx.switch.faces import face_bodies, named_parts, nodes_of
-from rigidfx.switch.mass_properties import freeze
+from rigidfx.switch.mass_properties import at_nodes, freeze, mass_properties
 
 CHAIN = (
     "{} has nodes held by the support on '{}'. A body on a support would be a kinematic chain: "
@@ -44,10 +48,10 @@ def check_clamps(scene: Scene, timeline: Timeline) -> bool:
     A SceneError tells of one that holds a body other than by clamping it whole, or clamps one whose
     mass is given, or that a resultant acts on then.
     """
-    windowed = [*scene.named(Support), *scene.named(Resultant)]
+    windowed = [*scene.named(fx.Support), *scene.named(fx.Resultant)]
     times = sorted({0.0, *(t for e in windowed for t in e.ends if t > 0)})
     found = False
-    for effect in scene.named(Rigid) if scene.named(Support) else ():
+    for effect in scene.named(fx.Rigid) if scene.named(fx.Support) else ():
         known = f"{effect.kind} '{effect.name}'", nodes_of(scene, effect)
         held: list[Hold | None] = []
         for t in times:
@@ -83,7 +87,7 @@ def divide(
     scene: Scene,
     forces: InternalForces,
     state: State,
-    active: tuple[Support, ...],
+    active: tuple[fx.Support, ...],
     found: Sequence[Body] = (),
     shape: Shape | None = None,
 ) -> Division:
@@ -129,7 +133,7 @@ def divide(
     bodies += found
     for body in found:
         taken[body.data.nodes] = True
-    bodies += face_bodies(scene, forces, state, taken, len(named_parts(scene, True)) + 1, bodies)
+    bodies += face_bodies(scene, forces, state, taken, bodies)
     if not rigid:
         return Division(forces.cells(), Bodies.of_each(bodies), None, {}, {})
     every = scene.owned_cells(None, "")
@@ -148,7 +152,7 @@ def divide(
 
 
 def about_start(
-    scene: Scene, forces: InternalForces, start: Array, acting: Sequence[Windowed]
+    scene: Scene, forces: InternalForces, start: Array, acting: Sequence[fx.Windowed]
 ) -> Responses:
     """Responses about a displacement at the start [m]; rigid parts stay rigid. Collective."""
     at_start = State(scene)
@@ -161,7 +165,7 @@ def about_start(
 
 
 def _freeze_named(
-    scene: Scene, forces: InternalForces, state: State, effect: Rigid, what: PlannedBody
+    scene: Scene, forces: InternalForces, state: State, effect: fx.Rigid, what: PlannedBody
 ) -> Body:
     """The body of an effect, with the mass and inertia that it may give. Collective."""
     body = freeze(scene, forces, state, what)
@@ -181,7 +185,7 @@ def _freeze_named(
     return Body(given, body.motion)
 
 
-def _clamp(scene: Scene, active: Sequence[Support], name: str, nodes: Indices) -> int | None:
+def _clamp(scene: Scene, active: Sequence[fx.Support], name: str, nodes: Indices) -> int | None:
     """Number of the support that clamps a body, None if nothing holds it. Collective."""
     holding = _holding(scene, active, name, nodes)
     if not holding:
@@ -195,7 +199,7 @@ def _clamp(scene: Scene, active: Sequence[Support], name: str, nodes: Indices) -
     return min(holding)
 
 
-def _hold(scene: Scene, active: Sequence[Support], name: str, nodes: Indices) -> Hold | None:
+def _hold(scene: Scene, active: Sequence[fx.Support], name: str, nodes: Indices) -> Hold | None:
     """The supports in a part that deforms, None if nothing holds it. Collective.
 
     The frame follows one that clamps nodes not in line, if there is any, one that does not turn if
@@ -221,7 +225,9 @@ def _hold(scene: Scene, active: Sequence[Support], name: str, nodes: Indices) ->
     return Hold(frame, guides)
 
 
-def _holding(scene: Scene, active: Sequence[Support], name: str, nodes: Indices) -> dict[int, Ints]:
+def _holding(
+    scene: Scene, active: Sequence[fx.Support], name: str, nodes: Indices
+) -> dict[int, Ints]:
     """Owned dofs of nodes that each support holds; `SceneError` if one strains them. Collective."""
     inside = (3 * nodes[:, None].astype(np.int64) + np.arange(3)).reshape(-1)
     holding = {}
@@ -246,3 +252,103 @@ def _holds(scene: Scene, dofs: Ints) -> bool:
     sums = np.asarray(scene.sum(np.r_[x.sum(axis=0), len(x)]))
     known = axes[:, None] == np.arange(3), scene.mean_cell_size, scene.comm
     return not free_motions(x - sums[:3] / sums[3], *known).size
+
+
+# Rigid faces and carried masses -----------------------------------------------------------------
+
+
+def named_parts(scene: Scene, flexible: bool) -> list[fx.Rigid]:
+    """Parts that are bodies by name, with `stiff` cells of those that are flexible, if they are."""
+    inside = [name for part in scene.named(fx.Reduced) for name in part.stiff if flexible]
+    return [*scene.named(fx.Rigid), *map(fx.Rigid, inside)]
+
+
+def nodes_of(scene: Scene, part: fx.Rigid) -> Indices:
+    """Owned nodes of a named part, sorted. Collective."""
+    if part.where is None:
+        return np.arange(scene.owned_nodes, dtype=np.int32)
+    nodes = scene.nodes(part.where, "Rigid", (3,))
+    return nodes[nodes < scene.owned_nodes]
+
+
+def face_bodies(
+    scene: Scene, forces: InternalForces, state: State, held: Bools, others: Sequence[Body]
+) -> list[Body]:
+    """The bodies of carried masses, and of the rigid faces that no other body has. Collective.
+
+    Faces that are bodies in the state keep their motion. Other bodies and supports that clamp a
+    part hold some owned nodes. Nodes of a face that lie on a line are a SceneError on every rank.
+    """
+    out: list[Body] = []
+    known, there = ({body.data.name: body for body in of} for of in (state.bodies, others))
+    numbers = count(len(named_parts(scene, True)) + 1)
+    for face, number in zip(fx.rigid_faces(scene.effects), numbers, strict=False):
+        nodes = scene.nodes(face.where, face.name, (2,))
+        nodes = nodes[nodes < scene.owned_nodes]
+        if scene.sum(np.count_nonzero(held[nodes])) == 0:
+            what = PlannedBody(np.empty(0, np.int32), nodes, face.name, number)
+            out.append(known.get(face.name) or _face(scene, forces, state, what))
+    carried = (effect for effect in scene.named(fx.PointMass) if effect.is_carried)
+    for effect, number in zip(carried, numbers, strict=False):
+        if effect.title not in there:
+            x, _, v = at_nodes(state)
+            own = known.get(effect.title)
+            out.append(own or Body(*body_of(effect, scene, x, v, number)))
+    return out
+
+
+def with_faces(scene: Scene, forces: InternalForces, state: State) -> set[int]:
+    """Add rigid faces that no body holds, moving as their nodes; their numbers. Collective."""
+    carried = any(effect.is_carried for effect in scene.named(fx.PointMass))
+    if not (carried or fx.rigid_faces(scene.effects)):
+        return set()
+    others = [body for body in state.bodies if not body.data.is_face]
+    held = np.zeros(scene.owned_nodes, dtype=bool)
+    for body in others:
+        held[body.data.nodes] = True
+    for part in scene.named(fx.Rigid):
+        held[nodes_of(scene, part)] = True
+    there = {body.data.number for body in state.bodies}
+    faces = face_bodies(scene, forces, state, held, others)
+    state.group(Bodies.of_each([*others, *faces]))
+    return {face.data.number for face in faces} - there
+
+
+def _face(scene: Scene, forces: InternalForces, state: State, what: PlannedBody) -> Body:
+    """The body of a face, with the motion that fits its nodes. Collective."""
+    body = freeze(scene, forces, state, what) if scene.mass == "lumped" else None
+    body = body or _without_mass(scene, forces, state, what)
+    if body is None:
+        raise SceneError(
+            f"{what.name}: its nodes lie on a line or are too few, so that they are no body. Name "
+            "a larger set of facets."
+        )
+    return body
+
+
+def _without_mass(
+    scene: Scene, forces: InternalForces, state: State, what: PlannedBody
+) -> Body | None:
+    """A face beside cells whose mass is consistent; None if its nodes lie on a line. Collective."""
+    nodes, (x, u, v) = what.nodes, at_nodes(state)
+    points = mass_properties(scene, forces.cells(what.cells), nodes, x, v)
+    area = mass_properties(scene, {}, nodes, x, v, scene.averaging_mass[nodes])
+    if area.singular:
+        return None
+    centre = points.centre if points.mass else area.centre
+    omega = area.angular_velocity
+    velocity = area.velocity + np.cross(omega, centre - area.centre)
+    data = RigidBody(
+        name=what.name,
+        cells=what.cells,
+        nodes=nodes,
+        offsets=x[nodes] - centre,
+        displacement=u[nodes],
+        mass=points.mass,
+        inertia=points.inertia,
+        origin=centre,
+        number=what.number,
+        frozen=NOTHING,
+        extent=float(np.sqrt(np.trace(area.inertia) / (2 * area.mass))),
+    )
+    return Body(data, BodyMotion(centre.copy(), np.eye(3), velocity, omega))
