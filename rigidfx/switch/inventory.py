@@ -20,7 +20,7 @@ from rigidfx.decide.bodies import PlannedBody
 from rigidfx.effects.joints.remote import body_of
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.rigid_body import NOTHING, Body, BodyMotion, RigidBody
+from rigidfx.mechanics.rigid_body import NOTHING, Body, BodyMotion
 from rigidfx.mechanics.rigid_motions import free_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
@@ -28,7 +28,7 @@ from rigidfx.shapes.responses import Responses
 from rigidfx.state import State
 from rigidfx.step.equations.division import Division, Hold
 from rigidfx.step.equations.supports import dofs_of, supports_of
-from rigidfx.switch.mass_properties import at_nodes, freeze, mass_properties
+from rigidfx.switch.mass_properties import at_nodes, data_of, freeze, mass_properties
 
 CHAIN = (
     "{} has nodes held by the support on '{}'. A body on a support would be a kinematic chain: "
@@ -338,17 +338,6 @@ def _without_mass(
     centre = points.centre if points.mass else area.centre
     omega = area.angular_velocity
     velocity = area.velocity + np.cross(omega, centre - area.centre)
-    data = RigidBody(
-        name=what.name,
-        cells=what.cells,
-        nodes=nodes,
-        offsets=x[nodes] - centre,
-        displacement=u[nodes],
-        mass=points.mass,
-        inertia=points.inertia,
-        origin=centre,
-        number=what.number,
-        frozen=NOTHING,
-        extent=float(np.sqrt(np.trace(area.inertia) / (2 * area.mass))),
-    )
+    extent = float(np.sqrt(np.trace(area.inertia) / (2 * area.mass)))
+    data = data_of(what, x, u, points.mass, points.inertia, centre, extent=extent)
     return Body(data, BodyMotion(centre.copy(), np.eye(3), velocity, omega))

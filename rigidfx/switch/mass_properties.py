@@ -6,6 +6,7 @@ block of n cells across (the paper, Section 6.1). `excess_of_lumping` tells by h
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import basix
 import basix.ufl
@@ -135,31 +136,25 @@ def freeze(scene: Scene, forces: InternalForces, state: State, what: PlannedBody
     if p.singular:
         return None
     motion = BodyMotion(p.centre.copy(), np.eye(3), p.velocity, p.angular_velocity)
-    offsets = x[what.nodes] - p.centre
     strain = float(fem.assemble_scalar(forces.bind_energy(cells)))
     strain, size = scene.sum([strain, what.cells.size])
     excess: Array = np.zeros((3, 3))
     if scene.mass == "lumped":
         everywhere = state.X + state.u.x.array.reshape(-1, 3)
         excess = excess_of_lumping(scene, what.cells, everywhere)
-    body = RigidBody(
-        name=what.name,
-        cells=what.cells,
-        nodes=what.nodes,
-        offsets=offsets,
-        displacement=u[what.nodes],
-        mass=p.mass,
-        inertia=p.inertia,
-        origin=p.centre,
-        number=what.number,
-        size=int(size),
-        named=what.named,
-        excess=excess,
-        frozen=Frozen(
-            what.nodes,
-            v[what.nodes] - motion.velocities(offsets),
-            float(strain),
-            max(p.kinetic - p.rigid, 0.0),
-        ),
-    )
-    return Body(body, motion)
+    kept = v[what.nodes] - motion.velocities(x[what.nodes] - p.centre)
+    frozen = Frozen(what.nodes, kept, float(strain), max(p.kinetic - p.rigid, 0.0))
+    more = {"size": int(size), "named": what.named, "excess": excess, "frozen": frozen}
+    return Body(data_of(what, x, u, p.mass, p.inertia, p.centre, **more), motion)
+
+
+def data_of(
+    what: PlannedBody, x: Array, u: Array, mass: float, J: Array, origin: Array, **more: Any
+) -> RigidBody:
+    """The data of a planned body with this centre of mass [m], whose owned nodes are at x [m].
+
+    They have displacements u [m]; J is about the centre [kg m²].
+    """
+    nodes = what.nodes
+    known = what.name, what.cells, nodes, x[nodes] - origin, u[nodes]
+    return RigidBody(*known, mass, J, origin, what.number, **more)
