@@ -167,7 +167,7 @@ class Exchange:
             moving = velocity.copy()
             moving.reshape(-1, 3)[body.data.nodes] = body.velocities
             state.move(moving)
-            rigid = _rigid(self._scene, self._forces, state, body, energy, turned)
+            rigid = self._rigid(state, body, energy, turned)
             energy, turned = 0.0, np.zeros(3)
             if self._mass is None:
                 wanted, rigid = rigid.data.frozen.vibration, _with_energy(self._scene, rigid)
@@ -175,6 +175,30 @@ class Exchange:
             left[body.data.number] = rigid
         state.move(velocity)
         state.group(Bodies.of_each(left[number] for number in order))
+
+    def _rigid(self, state: State, body: Body, gained: float, turned: Array) -> Body:
+        """The rigid body with a body's momenta and energy less what others have gained. Collective.
+
+        That is energy [J], and angular momentum as it has `turned` nodes, shape (3,) [kg m²/s].
+        """
+        data, alone = body.data, Bodies.of_each([body])
+        what = PlannedBody(data.cells, data.nodes, data.name, data.number, data.named)
+        found = freeze(self._scene, self._forces, state, what)
+        assert found is not None  # its cells have been a body before
+        if data.shapes is not None and data.shapes.drift is None:  # no support holds its frame
+            # As much about a centre that has moved, less what nodes of other cells have gained.
+            about = np.cross(body.motion.r - found.motion.r, alone.momentum[0]) - turned
+            W = np.linalg.solve(found.data.inertia, alone.angular_momentum[0] + about)
+            found = replace(found, motion=replace(found.motion, angular_velocity_body=W))
+        kept = np.zeros((self._scene.owned_nodes, 3))
+        kept[data.frozen.nodes] = _kept(body)
+        kept[data.nodes] += found.data.frozen.velocities
+        nodes = np.flatnonzero(kept.any(axis=1)).astype(np.int32)
+        whole = alone.kinetic_of_each[0] + alone.strain_of_each[0] + data.frozen.vibration - gained
+        strain = found.data.frozen.strain
+        vibration = float(whole - strain - Bodies.of_each([found]).kinetic_of_each[0])
+        frozen = Frozen(nodes, kept[nodes], strain, vibration)
+        return replace(found, data=replace(found.data, frozen=frozen))
 
     def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> Works:
         """Make a body of planned cells; the work of supports and motors. Collective.
@@ -316,38 +340,6 @@ def _scale(square: float, mixed: float, missing: float) -> float:
     root = np.sqrt(discriminant)
     found = [float(s) for s in ((root - mixed) / square, (-root - mixed) / square) if s > 0.0]
     return min(found, key=lambda s: abs(s - 1.0), default=0.0)
-
-
-def _rigid(
-    scene: Scene,
-    forces: InternalForces,
-    state: State,
-    body: Body,
-    gained: float,
-    turned: Array,
-) -> Body:
-    """The rigid body with a body's momenta and energy less what others have gained. Collective.
-
-    That is energy [J], and angular momentum as it has `turned` nodes, shape (3,) [kg m²/s].
-    """
-    data, alone = body.data, Bodies.of_each([body])
-    what = PlannedBody(data.cells, data.nodes, data.name, data.number, data.named)
-    found = freeze(scene, forces, state, what)
-    assert found is not None  # its cells have been a body before
-    if data.shapes is not None and data.shapes.drift is None:  # no support holds its frame
-        # As much about a centre that has moved, less what nodes of other cells have gained.
-        about = np.cross(body.motion.r - found.motion.r, alone.momentum[0]) - turned
-        W = np.linalg.solve(found.data.inertia, alone.angular_momentum[0] + about)
-        found = replace(found, motion=replace(found.motion, angular_velocity_body=W))
-    kept = np.zeros((scene.owned_nodes, 3))
-    kept[data.frozen.nodes] = _kept(body)
-    kept[data.nodes] += found.data.frozen.velocities
-    nodes = np.flatnonzero(kept.any(axis=1)).astype(np.int32)
-    whole = alone.kinetic_of_each[0] + alone.strain_of_each[0] + data.frozen.vibration - gained
-    strain = found.data.frozen.strain
-    vibration = float(whole - strain - Bodies.of_each([found]).kinetic_of_each[0])
-    frozen = Frozen(nodes, kept[nodes], strain, vibration)
-    return replace(found, data=replace(found.data, frozen=frozen))
 
 
 def _with_energy(scene: Scene, body: Body) -> Body:
