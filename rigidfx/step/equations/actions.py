@@ -116,10 +116,7 @@ class Actions:
     """
 
     def __init__(
-        self,
-        structure: Structure,
-        effects: Sequence[Effect],
-        acting: Sequence[Effect],
+        self, structure: Structure, effects: Sequence[Effect], acting: Sequence[Effect]
     ) -> None:
         """Bind effects that act now, or are dead loads and may act later. Collective.
 

@@ -202,11 +202,7 @@ class Rounding:
         self._tangent_is = -1
 
     def in_residual(
-        self,
-        dt: float,
-        momentum: PETSc.Vec | None,
-        f_ext: PETSc.Vec,
-        start: Bodies,
+        self, dt: float, momentum: PETSc.Vec | None, f_ext: PETSc.Vec, start: Bodies
     ) -> float:
         """Size of the terms whose difference is the residual at the present u₁ [N]. Collective.
 
