@@ -89,7 +89,9 @@ def tense(body: Body, part: Expanded, known: int = 0) -> Body:
     """
     shapes = body.data.shapes
     assert shapes is not None
-    before = np.zeros((0, 0, 0)) if shapes.tension is None else shapes.tension[:known]
+    before = (
+        np.zeros((0, 0, 0)) if shapes.tension is None else shapes.tension[:known, :known, :known]
+    )
     return body.with_shapes(replace(shapes, tension=tension_of(body, part, before)))
 
 

@@ -65,7 +65,9 @@ class Terms:
 class Shortening:
     """δ of the bodies of a run, at probes and as a field."""
 
-    remembered: ClassVar[Remembered] = same("_small", "_counting", "_shown", "_tension", "_asked")
+    remembered: ClassVar[Remembered] = same(
+        "_small", "_counting", "_shown", "_tension", "_asked", "_hung"
+    )
 
     def __init__(
         self,
