@@ -13,8 +13,6 @@ in each step, with `BOUND`, as a pull may have little energy beside that of a be
 of ν cells of bodies that were found wake; for named parts the run warns.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar

@@ -9,8 +9,6 @@ second order. A bar in tension is stiffer as it bends, which may be little of th
 tension and much of the bend.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

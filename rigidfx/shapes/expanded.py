@@ -9,8 +9,6 @@ as far as energies tell it (`rigidfx.shapes.excess`). The energy is that of the 
 shape that bends a leaf stretches it by the square of the rotation, which the structure relieves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 

@@ -1,7 +1,5 @@
 """Forces of joints, and of springs and masses at points of faces: those that a face can bear."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

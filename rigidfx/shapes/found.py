@@ -4,8 +4,6 @@ They are taken about the shape in which it was frozen: f₀ = Φᵀ f_int(ξ) an
 stresses there, so that forces do not jump at the freeze.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -9,8 +9,6 @@ and have the energy ½ δ·K δ too much, with their K and δ at the nodes that 
 φ is the mean of each patch of cells beside it that are connected; nodes further out count as fixed.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from petsc4py import PETSc
 

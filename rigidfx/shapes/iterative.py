@@ -7,8 +7,6 @@ The preconditioner is `CoarseGrid`, made symmetric by a second coarse correction
 with incomplete Cholesky factors B and the rigid motions P of aggregates of nodes.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from petsc4py import PETSc

@@ -3,8 +3,6 @@
 K⁺f ,    (Ω²M + K)⁻¹ f ,    K φ = ω² M φ with ωΔt < 1
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -6,8 +6,6 @@ supports beside r, e at held dofs, pulls at the nodes beside them by -K e. A sta
 moves has its internal forces and momenta M v, which make it vibrate where they are not in balance.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from rigidfx.base.types import Array, Bools

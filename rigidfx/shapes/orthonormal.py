@@ -1,7 +1,5 @@
 """Vectors made orthonormal by a mass, one after another, so that their order decides."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

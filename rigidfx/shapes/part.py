@@ -4,8 +4,6 @@ The part's own rigid motions are taken out by its own mass, dependent vectors go
 turned so that Ω = ΦᵀKΦ of the part's own cells is diagonal.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

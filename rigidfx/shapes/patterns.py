@@ -4,8 +4,6 @@ A force whose distribution over the nodes changes in time has as many patterns a
 do not matter. Springs have those of the rigid motions of connected parts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial

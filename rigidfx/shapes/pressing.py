@@ -5,8 +5,6 @@ node that presses for the first time gets a unit force along each direction in w
 on it, and the body gets the Ritz vectors of those forces that its own shapes do not span.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 from typing import ClassVar
 

@@ -7,8 +7,6 @@ these motions are pinned, and responses are made orthogonal to the motions by th
 factor, made when it is first asked for.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ E. L. Wilson, M.-W. Yuan, J. M. Dickens, Earthquake Engng Struct. Dyn. 10 (1982)
 doi:10.1002/eqe.4290100606.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from rigidfx.base.inputs import whole

@@ -1,7 +1,5 @@
 """Forces at some instants, and the patterns that differ among them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -18,8 +18,6 @@ which is found once for each pair of shapes, by forces along φ_k + φ_l, where 
 steps that forces along d would cost more.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import permutations

@@ -1,7 +1,5 @@
 """The stiffness of a structure, factored once for many right sides."""
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc

@@ -1,7 +1,5 @@
 """Stiffness and mass of a whole structure about a state."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ Shapes are static responses of the whole structure about its start, restricted t
 q = q̇ = 0, so that neither places nor momenta nor energy jump.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial

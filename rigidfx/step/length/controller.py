@@ -9,8 +9,6 @@ in which a motion that begins grows fourfold. U' is the displacement that is to 
 what they are good for are in docs/theory/time_steps.md#the-next-δt.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import exp, isnan, log2, sqrt
 from typing import ClassVar, NamedTuple

@@ -6,8 +6,6 @@ these, so that ranks decide alike with nothing sent. Nodes count by their weight
 do: a jump at a few of many nodes changes the motion by as little.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import fields
 from functools import partial

@@ -8,8 +8,6 @@ So e is at most what u adds up to, and what u - s does. B are rows of held dofs 
 rigid motions of connected parts, γ the rates that supports and motors give.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 

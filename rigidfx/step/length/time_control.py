@@ -1,7 +1,5 @@
 """Steps whose length follows from their error: estimate, length, breakpoints, objections."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import isnan, sqrt
 from typing import Any, ClassVar

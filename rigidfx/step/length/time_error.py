@@ -12,8 +12,6 @@ the resolved motion. d is the root mean square over a period: if the jerk is ĵ 
 quarter of a period away. Errors of a vibration add up to √2 Σ d, of a steady rotation to Σ d.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from math import exp, inf, nan, sqrt
 from typing import ClassVar, NamedTuple
