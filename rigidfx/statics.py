@@ -220,13 +220,14 @@ def _reports(
             _tell_of_shapes(scene, state, shaping)
             tell(scene.comm, f"Statics of {path.unknowns} unknowns, {len(ends)} load steps.")
             report = report_of(0, path, probes, None, None, shortening)
+            steps = _Steps(path, shaping, ends)
         yield report
         for end in ends:
             path.follow(0.5 * (state.t + end))
             while state.t < end:
                 began = perf_counter()
                 with heard(scene.comm, verbose), solver.at_work():
-                    result = _advanced(path, end, None if number else shaping, ends[-1])
+                    result = steps.advanced(end)
                     number += 1
                     report = report_of(number, path, probes, result, None, shortening)
                     tell(
@@ -237,8 +238,7 @@ def _reports(
                         look.follow(report)
                 if report.iterations > 0:
                     solver.warn_of_unasked(scene.comm)
-                nu = {} if shaping is None else shaping.spent(state)
-                yield replace(report, wall=perf_counter() - began, nu=nu)
+                yield replace(report, wall=perf_counter() - began, nu=steps.nu())
         looks[1].end()
     finally:
         path.close()
@@ -246,22 +246,45 @@ def _reports(
             shaping.destroy()
 
 
-def _advanced(path: LoadPath, end: float, shaping: Shaping | None, last: float) -> StepResult:
-    """A load step, with Γ of parts that the stresses of the last one would stiffen. Collective.
+class _Steps:
+    """Load steps, all of them again with Γ of parts once stresses stiffen these."""
 
-    Without shaping no parts are looked at: only in the first step bodies have no deformation.
-    """
-    state = path.state
-    before, notes = state.snapshot(), deepcopy(state.notes)
-    result = path.advance(end)
-    if shaping is None or not shaping.tightens(state, last / state.t):
+    def __init__(self, path: LoadPath, shaping: Shaping | None, ends: Sequence[float]) -> None:
+        """Begin where the path is; without shaping no parts are looked at."""
+        self._path, self._shaping, self._ends = path, shaping, ends
+        self._start = path.state.snapshot(), deepcopy(path.state.notes)
+        self._tense: frozenset[str] = frozenset()
+
+    def advanced(self, end: float) -> StepResult:
+        """The load step to an end [s], or towards it. Collective."""
+        result, shaping, state = self._path.advance(end), self._shaping, self._path.state
+        while shaping is not None and (taut := shaping.taut(state) - self._tense):
+            self._tense |= taut
+            result = self._again(shaping, taut)
         return result
-    state.restore(before)
-    state.notes = notes
-    if (bodies := shaping.tensed(state)) is not None:
-        state.group(bodies)
-    path.begin_again(0.5 * (state.t + end))
-    return path.advance(end)
+
+    def nu(self) -> dict[str, float]:
+        """ν of the parts. Collective."""
+        return {} if self._shaping is None else self._shaping.spent(self._path.state)
+
+    def _again(self, shaping: Shaping, taut: frozenset[str]) -> StepResult:
+        """The load steps up to now, with Γ of parts by their names; the last one. Collective."""
+        path, state = self._path, self._path.state
+        *ends, end = [*(t for t in self._ends if t < state.t), state.t]
+        state.restore(self._start[0])
+        state.notes = deepcopy(self._start[1])
+        shaping.tense(state, taut)
+        self._start = state.snapshot(), self._start[1]
+        path.begin_again(0.5 * (state.t + [*ends, end][0]))
+        for stop in ends:
+            path.follow(0.5 * (state.t + stop))
+            while state.t < stop:
+                path.advance(stop)
+        path.follow(0.5 * (state.t + end))
+        result = path.advance(end)
+        while state.t < end:
+            result = path.advance(end)
+        return result
 
 
 def _tell_of_shapes(scene: Scene, state: State, shaping: Shaping | None) -> None:

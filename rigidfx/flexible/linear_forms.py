@@ -91,9 +91,11 @@ class LinearForms:
         return kernel.bind(cells, instead={strained: self.shape})
 
     def tension(self, cells: Cells, along: Array) -> fem.Form:
-        """∫ S'[along] : ∇wᵀ∇v by one point a cell: what stresses add to the stiffness.
+        """∫ S'[along] : ∇wᵀ∇v: what stresses add to the stiffness.
 
-        They are those of a displacement at the owned dofs [m], without what elements do to it.
+        They are those of a displacement at the owned dofs [m], without what elements do to it, at
+        one point of each cell where strains are constant or parasitic, and as they vary in cells of
+        second order.
         """
         if self._tension is None:
             V = self._scene.space
@@ -105,7 +107,8 @@ class LinearForms:
                 S = second_piola_kirchhoff(c.law.energy, F.T * F, c.law.parameters)
                 return ufl.inner(S, slopes)
 
-            form = ufl.derivative(self._forces.integrate(work, 0), strained, moved)
+            degree = 2 * (self._scene.order - 1)
+            form = ufl.derivative(self._forces.integrate(work, degree), strained, moved)
             self._tension = strained, moved, Kernel(form, [V, V], self._scene.mesh)
         strained, moved, kernel = self._tension
         moved.x.array[: along.size] = along

@@ -387,31 +387,33 @@ class Report:
             SceneError: If the run has gone on.
         """
         self._check("shown")
-        return self._shown(every=False)
+        self._source.state.rebuild()
+        shortening, bodies = self._source.shortening, self._source.state.bodies
+        more = None if shortening is None else shortening.field(bodies)
+        u, v = self._source.state.u, self._source.state.v
+        return (u, v) if more is None else (_with(u, more[0]), _with(v, more[1]))
 
     def to_start_from(self) -> fem.Function:
         """Displacement [m] as `shown`, in which bodies with shapes are not too long by any bend.
 
-        A warning tells of those that are, as joints alone hold them. Collective.
+        A warning tells of bodies whose cells are strained otherwise there. Collective.
         """
-        state, shortening = self._source.state, self._source.shortening
-        for name, off in ({} if shortening is None else shortening.too_long(state.bodies)).items():
-            if off > off_by(BOUND):
+        self._source.state.rebuild()
+        u, bodies, shortening = self._source.state.u, self.rigid, self._source.shortening
+        if shortening is None:
+            return u
+        more = shortening.field(bodies, every=True)
+        moved = None if more is None else more[0]
+        for name, excess in shortening.excess(bodies, moved).items():
+            if abs(excess) > off_by(BOUND):
                 warn(
-                    state.u.function_space.mesh.comm,
-                    f"Reduced '{name}': what begins from t = {self.t:.4g} s begins with its bend, "
-                    "without how far that shortens it between joints. It is stretched by that, and "
-                    f"its frequencies are too high by some {off:.1%}. Leave it flexible.",
+                    u.function_space.mesh.comm,
+                    f"Reduced '{name}': what begins at t = {self.t:.4g} s begins where its cells "
+                    f"have {excess:+.1%} of strain energy beside that of its shapes, as shapes do "
+                    "not tell how a bend shortens it between joints, round a Rigid part or beside "
+                    "flexible cells. Frequencies err by as much. Leave it flexible.",
                 )
-        return self._shown(every=True)[0]
-
-    def _shown(self, every: bool) -> tuple[fem.Function, fem.Function]:
-        """See `shown`, with displacements of second order of every body, or of much. Collective."""
-        state, shortening = self._source.state, self._source.shortening
-        state.rebuild()
-        more = None if shortening is None else shortening.field(state.bodies, every)
-        u, v = state.u, state.v
-        return (u, v) if more is None else (_with(u, more[0]), _with(v, more[1]))
+        return u if moved is None else _with(u, moved)
 
     @property
     def finds_bodies(self) -> bool:

@@ -185,14 +185,12 @@ class Spent:
                 self.nu[name] = max(self.nu.get(name, 0.0), self._rise.get(name, 0.0) * square)
         return dict(self.nu)
 
-    def tightens(self, bodies: Bodies, about: Callable[[Body], About], grown: float) -> bool:
-        """Whether stresses, grown by a factor, stiffen any part: see `tensed`. Collective."""
-        for body in (b for b in bodies if b.data.named and b.data.shapes is not None):
-            if self._tightens(body, about, grown):
-                self._taut |= {body.data.name}
-        return bool(self._taut)
+    def taut(self, bodies: Bodies, about: Callable[[Body], About]) -> frozenset[str]:
+        """Names of the parts that stresses stiffen, without Γ. Collective."""
+        named = [b for b in bodies if b.data.named and b.data.shapes is not None]
+        return frozenset(body.data.name for body in named if self._tightens(body, about))
 
-    def _tightens(self, body: Body, about: Callable[[Body], About], grown: float = 1.0) -> bool:
+    def _tightens(self, body: Body, about: Callable[[Body], About]) -> bool:
         """Whether stresses stiffen one of the softest shapes by much, without Γ. Collective."""
         shapes, q = body.data.shapes, body.motion.q
         assert shapes is not None
@@ -203,13 +201,17 @@ class Spent:
             own = np.diag(shapes.stiffness)[shapes.given :]
             soft = shapes.given + np.argsort(own, kind="stable")[:SOFTEST]
             self._stiffer[key] = about(body).part.stiffer(shapes, soft)
-        return bool(grown * np.abs(self._stiffer[key] @ body.stretched[0]).max() > BOUND)
+        return bool(np.abs(self._stiffer[key] @ body.stretched[0]).max() > BOUND)
 
     def tensed(self, bodies: Bodies, about: Callable[[Body], About]) -> Bodies | None:
         """The bodies with Γ of parts that tension stiffens; None if there are none. Collective."""
         if not self._taut:
             return None
         taut, self._taut = self._taut, frozenset()
+        return self.tense(bodies, about, taut)
+
+    def tense(self, bodies: Bodies, about: Callable[[Body], About], taut: frozenset[str]) -> Bodies:
+        """The bodies, some with Γ, by their names. Collective."""
         for name in sorted(taut):
             tell(self._scene.comm, f"Reduced '{name}': tension stiffens it from now on")
         each = [tense(b, about(b).part) if b.data.name in taut else b for b in bodies]

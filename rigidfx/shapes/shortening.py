@@ -221,17 +221,19 @@ class Shortening:
         drawn, image = inverse @ about.part.dot(modes, forces)[:, 0], shapes.mass @ q
         return deformed(body, drawn - q * (image @ drawn) / (image @ q))
 
-    def too_long(self, bodies: Bodies) -> dict[str, float]:
-        """By which part of it bends of bodies that hang on joints raise a frequency. Collective."""
+    def excess(self, bodies: Bodies, moved: Array | None) -> dict[str, float]:
+        """Strain energy of cells, where δ has moved nodes, beyond that of shapes, over this.
+
+        Of bodies by their names; δ has the shape (owned nodes, 3) [m], None for none. Collective.
+        """
         out = {}
         for body in bodies if bodies.of.shapes is not None else ():
-            if body.data.shapes is None or not self._bends(body):
-                continue
-            if self._hangs(body):
-                about, d = self._about(body), deformed(body, body.motion.q)
-                # Stresses stiffen by twice their part of the energy a bend that may get shorter.
-                excess = abs(float(self._scene.sum(about.part.missed(d, d).sum())))
-                out[body.data.name] = float(np.sqrt(1 + 2 * excess)) - 1
+            if body.data.shapes is not None and self._bends(body):
+                part, w = self._about(body).part, deformed(body, body.motion.q)
+                if moved is not None:
+                    w = w + moved[body.data.nodes] @ body.motion.R
+                missed = part.missed(deformed(body, body.stretched[0]), w)
+                out[body.data.name] = float(self._scene.sum(missed.sum()))
         return out
 
     def _hangs(self, body: Body) -> bool:

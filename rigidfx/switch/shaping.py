@@ -322,9 +322,13 @@ class Shaping:
         """ν of each part: see `Spent`. Collective."""
         return self._spent.follow(state, partial(self.about, state), tenses)
 
-    def tightens(self, state: State, grown: float) -> bool:
-        """Whether stresses, grown by a factor, stiffen any part: see `tensed`. Collective."""
-        return self._spent.tightens(state.bodies, partial(self.about, state), grown)
+    def taut(self, state: State) -> frozenset[str]:
+        """Names of the parts that stresses stiffen, without Γ. Collective."""
+        return self._spent.taut(state.bodies, partial(self.about, state))
+
+    def tense(self, state: State, taut: frozenset[str]) -> None:
+        """Give some parts Γ, by their names. Collective."""
+        state.group(self._spent.tense(state.bodies, partial(self.about, state), taut))
 
     def tensed(self, state: State) -> Bodies | None:
         """The bodies with terms for tension: see `Spent`. Collective."""
