@@ -256,7 +256,7 @@ def draw(panels: Mapping[str, Sequence[Mapping[str, Any]]], path: Path) -> None:
             _panel(ax, name, rows)
         for ax in axes[:, 0]:
             ax.set_ylabel("error of the probe (%)")
-        axes[0, 0].legend(frameon=False, loc="lower left")
+        axes[0, 0].legend(frameon=False, loc="upper center")
         save(figure, path)
 
     on_first_rank(comm, picture, path.stem)
