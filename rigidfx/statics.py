@@ -270,20 +270,16 @@ class _Steps:
     def _again(self, shaping: Shaping, taut: frozenset[str]) -> StepResult:
         """The load steps up to now, with Γ of parts by their names; the last one. Collective."""
         path, state = self._path, self._path.state
-        *ends, end = [*(t for t in self._ends if t < state.t), state.t]
+        ends = [*(t for t in self._ends if t < state.t), state.t]
         state.restore(self._start[0])
         state.notes = deepcopy(self._start[1])
         shaping.tense(state, taut)
         self._start = state.snapshot(), self._start[1]
-        path.begin_again(0.5 * (state.t + [*ends, end][0]))
+        path.begin_again(0.5 * (state.t + ends[0]))
         for stop in ends:
             path.follow(0.5 * (state.t + stop))
             while state.t < stop:
-                path.advance(stop)
-        path.follow(0.5 * (state.t + end))
-        result = path.advance(end)
-        while state.t < end:
-            result = path.advance(end)
+                result = path.advance(stop)
         return result
 
 

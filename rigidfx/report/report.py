@@ -408,10 +408,10 @@ class Report:
             if abs(excess) > off_by(BOUND):
                 warn(
                     u.function_space.mesh.comm,
-                    f"Reduced '{name}': what begins at t = {self.t:.4g} s begins where its cells "
+                    f"'{name}': what begins at t = {self.t:.4g} s begins where its cells "
                     f"have {excess:+.1%} of strain energy beside that of its shapes, as shapes do "
-                    "not tell how a bend shortens it between joints, round a Rigid part or beside "
-                    "flexible cells. Frequencies err by as much. Leave it flexible.",
+                    "not tell how a bend shortens it between joints or round a Rigid part. "
+                    "Frequencies err by as much, or more. Leave it flexible.",
                 )
         return u if moved is None else _with(u, moved)
 

@@ -72,7 +72,7 @@ class Shortening:
         scene: Scene,
         points: Mapping[str, Point],
         about: Callable[[Body], About],
-        allowed: Callable[[], float] = float,
+        allowed: Callable[[], float] = lambda: 0.0,
     ) -> None:
         """Nothing is computed; `about` expands a body with shapes, collectively.
 
