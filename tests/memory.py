@@ -19,7 +19,7 @@ APART = {
     *(
         "FoundBodies._expanded",
         "FoundBodies._linear",
-        "Shortening._follows",
+        *("Known.along", "Known.terms", "Known.modes"),
     ),  # made when they are asked for
 }
 

@@ -91,6 +91,13 @@ class Kind:
         setattr(owner, name, None if whole is None else self.own(whole, order))
 
 
+class _Anew(Kind):
+    """A value that is made when it is asked for, None before."""
+
+    def part(self, value: Any, order: MeshOrder) -> Any:
+        return None
+
+
 class _OnMesh(Kind):
     """An array over owned cells or nodes, or None."""
 
@@ -217,7 +224,7 @@ class Part(Kind):
 
 
 Remembered = dict[str, Kind]
-SAME, PART, OBJECTS = Kind(), Part(), _Objects()
+SAME, ANEW, PART, OBJECTS = Kind(), _Anew(), Part(), _Objects()
 ON_CELLS = _OnMesh(lambda order: order.cells)
 ON_NODES = _OnMesh(lambda order: order.own_nodes)
 ON_DOFS, FIELD = (kind(lambda order: order.own_nodes, dofs=True) for kind in (_OnMesh, _Field))

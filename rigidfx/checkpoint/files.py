@@ -24,7 +24,7 @@ from rigidfx.base.compat import package_version
 from rigidfx.base.errors import OutputError, SceneError
 from rigidfx.base.file_lock import lock
 
-FORMAT = 9  # of the files
+FORMAT = 10  # of the files
 KEPT = 2
 NUMPY = {
     "_reconstruct": ("numpy._core.multiarray", "numpy.core.multiarray"),

@@ -148,13 +148,18 @@ class Expanded:
         moving = self.dot(self.motions, found[:, :, None])[:, 0]
         return np.asarray(found - self._momenta @ moving)
 
+    def curved(self, field: Array) -> Array:
+        """Forces of second order along a field, over its size squared, (nodes, 3). Collective."""
+        h = np.sqrt(SMALL_WAY) * self._scene.mean_cell_size  # strains by h times it are small
+        return self.even(h * field) / h**2
+
     def stiffer(self, shapes: Shapes, which: Ints) -> Array:
         """Part by which each stretch e stiffens some shapes, per e, (shapes, m). Collective.
 
         It is φ_k·K'[φ_j] φ_j over Ω_jj, of forces of second order along φ_j.
         """
-        h, modes = np.sqrt(SMALL_WAY) * self._scene.mean_cell_size, shapes.whole.swapaxes(1, 2)
-        each = [2 * self.even(h * modes[:, :, j]) / h**2 for j in which]
+        modes = shapes.whole.swapaxes(1, 2)
+        each = [2 * self.curved(modes[:, :, j]) for j in which]
         own = np.diag(shapes.stiffness)[which]
         return self.dot(np.stack(each, axis=2), modes) / own[:, None]
 
