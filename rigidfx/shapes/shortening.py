@@ -187,10 +187,10 @@ class Shortening:
         counts, m = size >= known.counting, body.data.deforms_by
         if counts and known.asked == m:
             return True
-        if not counts and (known.counting < np.inf or size <= known.small):
+        if not counts and (known.counting < np.inf or size <= known.small or not self._bends(body)):
             return False
         known.small, known.asked = np.inf, m
-        if not self._stays(body):
+        if self._hangs(body):
             return False
         about, d = self._about(body), stresses(body)
         forces = about.part.even(d)[:, :, None]
