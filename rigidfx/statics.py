@@ -273,7 +273,7 @@ class _Steps:
         ends = [*(t for t in self._ends if t < state.t), state.t]
         state.restore(self._start[0])
         state.notes = deepcopy(self._start[1])
-        shaping.tense(state, taut)
+        state.group(shaping.tense(state, taut))
         self._start = state.snapshot(), self._start[1]
         path.begin_again(0.5 * (state.t + ends[0]))
         for stop in ends:

@@ -146,6 +146,12 @@ def _sizes(body: Body) -> tuple[float, float]:
     return 0.5 * float(e @ shapes.stiffness @ e), float(q @ shapes.mass @ q)
 
 
+def _named(bodies: Bodies) -> list[Body]:
+    """The bodies with shapes that are named `Reduced`."""
+    each = bodies if bodies.of.shapes is not None else ()
+    return [body for body in each if body.data.named and body.data.shapes is not None]
+
+
 class Spent:
     """ν of the parts of a run that are named `Reduced`.
 
@@ -153,7 +159,7 @@ class Spent:
         nu: ν of each part, the largest so far, by its name.
     """
 
-    remembered: ClassVar[Remembered] = same("nu", "_rise", "_large", "_taut") | {"_looks": PART}
+    remembered: ClassVar[Remembered] = same("nu", "_rise", "_large") | {"_looks": PART}
 
     def __init__(self, scene: Scene) -> None:
         """Nothing has been looked at."""
@@ -163,31 +169,23 @@ class Spent:
         self._large: frozenset[str] = frozenset()  # parts of whose ν has been warned
         # How stretches stiffen the softest shapes, per e, by name and number of shapes [1/m].
         self._stiffer: dict[tuple[str, int], Array] = {}
-        self._taut: frozenset[str] = frozenset()  # parts that get Γ before the next step
 
-    def follow(
-        self, state: State, about: Callable[[Body], About], tenses: bool = False
-    ) -> dict[str, float]:
-        """ν of each part; `about` expands one. Collective.
-
-        Parts may get Γ if there is a next step: see `tensed`.
-        """
-        for body in state.bodies if state.bodies.of.shapes is not None else ():
-            if body.data.named and body.data.shapes is not None:
-                name, (_, square) = body.data.name, _sizes(body)
-                if tenses and self._tightens(body, about):
-                    self._taut |= {name}
-                    continue
-                if self._looks.due(body):
-                    found = Excess(about(body), body)
-                    self._look(state.t, body, found)
-                    self._rise[name] = found.nu / square
-                self.nu[name] = max(self.nu.get(name, 0.0), self._rise.get(name, 0.0) * square)
+    def follow(self, state: State, about: Callable[[Body], About]) -> dict[str, float]:
+        """ν of each part, but those that are to get Γ; `about` expands one. Collective."""
+        for body in _named(state.bodies):
+            name, (_, square) = body.data.name, _sizes(body)
+            if self._tightens(body, about):
+                continue
+            if self._looks.due(body):
+                found = Excess(about(body), body)
+                self._look(state.t, body, found)
+                self._rise[name] = found.nu / square
+            self.nu[name] = max(self.nu.get(name, 0.0), self._rise.get(name, 0.0) * square)
         return dict(self.nu)
 
     def taut(self, bodies: Bodies, about: Callable[[Body], About]) -> frozenset[str]:
-        """Names of the parts that stresses stiffen, without Γ. Collective."""
-        named = [b for b in bodies if b.data.named and b.data.shapes is not None]
+        """Names of the parts that are to get Γ, as stresses stiffen them. Collective."""
+        named = _named(bodies)
         return frozenset(body.data.name for body in named if self._tightens(body, about))
 
     def _tightens(self, body: Body, about: Callable[[Body], About]) -> bool:
@@ -202,13 +200,6 @@ class Spent:
             soft = shapes.given + np.argsort(own, kind="stable")[:SOFTEST]
             self._stiffer[key] = about(body).part.stiffer(shapes, soft)
         return bool(np.abs(self._stiffer[key] @ body.stretched[0]).max() > BOUND)
-
-    def tensed(self, bodies: Bodies, about: Callable[[Body], About]) -> Bodies | None:
-        """The bodies with Γ of parts that tension stiffens; None if there are none. Collective."""
-        if not self._taut:
-            return None
-        taut, self._taut = self._taut, frozenset()
-        return self.tense(bodies, about, taut)
 
     def tense(self, bodies: Bodies, about: Callable[[Body], About], taut: frozenset[str]) -> Bodies:
         """The bodies, some with Γ, by their names. Collective."""

@@ -318,21 +318,17 @@ class Shaping:
         last = squares[off <= LACKING].max(initial=0.0)
         return off, found[found < (1 + LACKING) * last]
 
-    def spent(self, state: State, tenses: bool = False) -> dict[str, float]:
+    def spent(self, state: State) -> dict[str, float]:
         """ν of each part: see `Spent`. Collective."""
-        return self._spent.follow(state, partial(self.about, state), tenses)
+        return self._spent.follow(state, partial(self.about, state))
 
     def taut(self, state: State) -> frozenset[str]:
         """Names of the parts that stresses stiffen, without Γ. Collective."""
         return self._spent.taut(state.bodies, partial(self.about, state))
 
-    def tense(self, state: State, taut: frozenset[str]) -> None:
-        """Give some parts Γ, by their names. Collective."""
-        state.group(self._spent.tense(state.bodies, partial(self.about, state), taut))
-
-    def tensed(self, state: State) -> Bodies | None:
-        """The bodies with terms for tension: see `Spent`. Collective."""
-        return self._spent.tensed(state.bodies, partial(self.about, state))
+    def tense(self, state: State, taut: frozenset[str]) -> Bodies:
+        """The bodies, with Γ of some parts, by their names. Collective."""
+        return self._spent.tense(state.bodies, partial(self.about, state), taut)
 
     def about(self, state: State, body: Body) -> About:
         """The expansion of a body, about the start. Collective."""
