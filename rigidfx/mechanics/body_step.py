@@ -24,12 +24,32 @@ from rigidfx.mechanics.rotation import IDENTITY, orthonormalized, skew
 
 # f̂ v̂ = v fᵀ - (f·v) I from v fᵀ, both row by row.
 COUPLES = np.eye(9) - np.outer(IDENTITY, IDENTITY)
-SOURCE = Path(__file__).with_suffix(".c")
-DECLARED = """
+SOURCES = [Path(__file__).with_name(f"{name}.c") for name in ("body_step", "shaped_step")]
+# What the C code knows of a step of bodies with shapes: see `Step.shaped`.
+NUMBERS_OF_SHAPES = ("dt", "share", "rate")
+ARRAYS_OF_SHAPES = (
+    *("mass", "inertia", "length", "pose", "spin", "W0", "deformed"),
+    *("q0", "rates0", "e0", "E0", "p0", "damping"),
+    *("G", "couplings", "D", "stiffness", "force", "drift", "relieved", "shorter"),
+)
+STRUCT = f"""
+struct shaped {{
+    int bodies, some, m;
+    double {", ".join(NUMBERS_OF_SHAPES)};
+    const int *at, *held;
+    const double {", ".join("*" + name for name in ARRAYS_OF_SHAPES)};
+}};
+"""
+DECLARED = f"""{STRUCT}
 void trial(int, double, const double *, const double *, const double *, const double *,
            const double *, const double *, const double *, const double *, double *);
 void resultant(int, const double *, const double *, const double *, double *);
 void balance(int, const double *, const double *, const double *, const double *, double *);
+void shaped_trial(const struct shaped *, const double *, const double *, double *, double *,
+                  double *, double *, double *);
+void shaped_resultant(const struct shaped *, const double *, double *, const double *, double *);
+void shaped_blocks(const struct shaped *, const double *, const double *, double *, double *,
+                   const double *, double *);
 """
 # Numbers of a body that a trial tells, all bodies' of one kind after those of the other.
 KINDS: dict[str, tuple[int, ...]] = {
@@ -55,7 +75,8 @@ def prepare(comm: MPI.Intracomm) -> None:
     `CompilerError` is raised on every rank if the C compiler cannot be run, or fails.
     """
     if not comm.allreduce(len(_compiled) > 0, op=MPI.LAND):
-        _compiled[:] = [c_library(comm, "bodies", SOURCE.read_text(), DECLARED, ["-O2", "-g0"])]
+        source = "\n".join(["#include <stddef.h>", STRUCT, *(path.read_text() for path in SOURCES)])
+        _compiled[:] = [c_library(comm, "bodies", source, DECLARED, ["-O2", "-g0"])]
 
 
 def _code() -> Any:
@@ -89,7 +110,7 @@ class Step:
         self.start, self.dt, self.damping, self.given = start, dt, damping, given
 
     @cached_property
-    def _code(self) -> tuple[Any, Any]:
+    def code(self) -> tuple[Any, Any]:
         """The C code, and its view of arrays."""
         code = _code()
         return code.lib, partial(code.ffi.from_buffer, "double[]")
@@ -97,15 +118,38 @@ class Step:
     @cached_property
     def _given(self) -> tuple[Any, ...]:
         """Data of the start for the C code."""
-        of, start, (_, at) = self.start.of, self.start, self._code
+        of, start, (_, at) = self.start.of, self.start, self.code
         arrays = (of.mass, of.inertia, of.length, start.frame, start.velocity)
         return tuple(map(at, (*arrays, start.own_momentum, start.angular_momentum)))
+
+    @cached_property
+    def shaped(self) -> Any:
+        """What the C code knows of bodies with shapes, which some have, and what keeps it."""
+        start, of, shapes = self.start, self.start.of, self.start.of.shapes
+        assert shapes is not None
+        doubles = (
+            *(of.mass, of.inertia, of.length, start.frame, start.angular_momentum),
+            *(start.angular_velocity_body, start.inertia, start.q, start.q_rate, start.stretched),
+            *(start.weighted, start.momenta_of_shapes[1], self.damping, shapes.moments),
+            *(shapes.couplings, shapes.mass, shapes.stiffness, shapes.force, shapes.drift),
+            *(shapes.relieved, shapes.shorter),
+        )
+        code = _code()
+        told = code.ffi.new("struct shaped *", (len(of), shapes.some.size, shapes.most))
+        told.dt, told.share, told.rate = self.dt, self.share, self.rate
+        kept = [np.ascontiguousarray(of, dtype=np.intc) for of in (shapes.some, shapes.held)]
+        told.at, told.held = (code.ffi.from_buffer("int[]", array) for array in kept)
+        for name, array in zip(ARRAYS_OF_SHAPES, doubles, strict=True):
+            if array is not None:
+                kept.append(np.ascontiguousarray(array, dtype=np.float64))
+                setattr(told, name, code.ffi.from_buffer("double[]", kept[-1]))
+        return told, kept
 
     def trial(self, six: Array) -> Array:
         """Results of a trial with Δr and ℓθ, one kind of `KINDS` after the other."""
         out = np.empty(ALL * len(six))
         if len(six):
-            code, at = self._code
+            code, at = self.code
             code.trial(len(six), self.dt, *self._given, at(np.ascontiguousarray(six)), at(out))
         return out
 
@@ -114,7 +158,7 @@ class Step:
         n = len(self.start)
         out = np.empty((n, 6))
         if n:
-            code, at = self._code
+            code, at = self.code
             given = (at(np.ascontiguousarray(values)) for values in arrays)
             getattr(code, what)(n, self._given[LENGTH], *given, at(out))
         return out

@@ -19,18 +19,30 @@ supports move in the frame.
 The derivative is complete, forces on nodes included: with v₁ = R₁ (V + Φ q₁), moments change by
 ½ (T dθ × v₁ + R₁ Φ dq) × f, and Q_k by ½ dθ · (R₀ Φ_k × f).
 
-Bodies without shapes take the step of rigid ones; arrays named (some, ...) are of the others.
+Bodies without shapes take the step of rigid ones; arrays named (some, ...) are of the others. What
+a residual and a tangent ask for is in shaped_step.c: with NumPy calls, a step took 1.4 times as long.
 """
 
-from functools import cached_property
+from functools import cache, cached_property
+from itertools import accumulate
 
 import numpy as np
 
 from rigidfx.base.types import Array, Ints
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments, Step
-from rigidfx.mechanics.rotation import IDENTITY, axial, cayley, skew
-from rigidfx.mechanics.shapes import ShapesOfBodies, contracted, times
+from rigidfx.mechanics.rotation import IDENTITY, cayley
+from rigidfx.mechanics.shapes import ShapesOfBodies, times
+
+
+@cache
+def places(m: int) -> dict[str, tuple[int, int]]:
+    """Where numbers of a body with m shapes are in what a trial tells, `told` of the C code."""
+    row = 9 * (m + 1)
+    kinds = {"q1": m, "S": 9, "de": m, "elastic": m, "middle": m, "stress": m}
+    kinds |= {"W1": 3, "rates1": m, "E1": row, "half": row}
+    ends = accumulate(kinds.values())
+    return {name: (end - kinds[name], end) for name, end in zip(kinds, ends, strict=True)}
 
 
 def increments_of(step: Step, unknowns: Array) -> Increments:
@@ -58,7 +70,16 @@ class ShapedIncrements(Increments):
             before = times(start.R[held], start.drifted[held])
             unknowns[held, :3] = given[held, :3] + gained + times(turn, before + gained)
             unknowns[held, 3:6] = given[held, 3:6] * start.of.length[held, None]
+        unknowns = np.ascontiguousarray(unknowns)
         super().__init__(step, unknowns)
+        m, n = shapes.most, len(self)
+        self._all = np.empty(shapes.some.size * places(m)["half"][1])
+        self._work = np.empty(4 * m * (m + 2))  # room for the C code
+        self._pi1, self._inertia = np.empty((n, 3)), np.empty((n, 6 + m))
+        self._displacement = np.empty((n, 4 + 3 * m, 3))
+        (code, at), (told, _) = step.code, step.shaped
+        arrays = unknowns, self._work, self._all, self._pi1, self._displacement, self._inertia
+        code.shaped_trial(told, at(self._told), *map(at, arrays))
 
     @property
     def _shapes(self) -> ShapesOfBodies:
@@ -76,68 +97,45 @@ class ShapedIncrements(Increments):
         """Δq, shape (bodies, m) [m]."""
         return self.unknowns[:, 6:]
 
-    # Of the bodies that have shapes ---------------------------------------------------------------
+    def _of_shapes(self, name: str) -> Array:
+        """What the trial tells of the bodies that have shapes, shape (some, numbers)."""
+        some, (first, end) = self._some.size, places(self._shapes.most)[name]
+        return self._all[some * first : some * end].reshape(some, -1)
 
-    @cached_property
+    @property
     def _q(self) -> tuple[Array, Array]:
         """q at the start and at the end of the step, shape (some, m)."""
-        q0, dq = self.start.q[self._some], self.dq[self._some]
-        return q0, q0 + dq
+        return self.start.q[self._some], self._of_shapes("q1")
 
     @cached_property
     def _R(self) -> tuple[Array, Array]:
         """R₀ and R₁, shape (some, 3, 3)."""
         return self.start.R[self._some], self.R1[self._some]
 
-    @cached_property
-    def _before(self) -> tuple[Array, Array]:
-        """W and q̇ at the start of the step."""
-        return self.start.angular_velocity_body[self._some], self.start.q_rate[self._some]
-
-    @cached_property
-    def _rates(self) -> tuple[Array, Array]:
-        """W and q̇ at the end of the step."""
-        (W, rates), rate = self._before, self.step.rate
-        turned = (self.theta[self._some, None] @ self._R[0])[:, 0]
-        return rate * turned - W, rate * self.dq[self._some] - rates
-
-    @cached_property
+    @property
     def S(self) -> Array:
         """S, with which nodes follow Δq; R₁ in statics, shape (some, 3, 3)."""
-        R0, R1 = self._R
-        if self.step.share == 1.0:
-            return R1
-        return np.asarray(R0 + 0.5 * skew(self.theta[self._some]) @ R0)
+        return self._of_shapes("S").reshape(-1, 3, 3)
+
+    @property
+    def de(self) -> Array:
+        """Δe, shape (bodies, m) [m]."""
+        out = np.zeros(self.dq.shape)
+        out[self._some] = self._of_shapes("de")
+        return out
 
     @cached_property
     def _drift(self) -> Array:
         return self._shapes.drift[self._some]
 
-    # Inertia and elastic energy -------------------------------------------------------------------
+    def _drifts(self, R: Array) -> Array:
+        """How centres of mass follow shapes in frames that are held, shape (some, m, 3)."""
+        return self._drift @ R.swapaxes(1, 2)
 
-    @cached_property
-    def _weighted(self) -> Array:
-        """E of the shapes at the end of the step: see `ShapesOfBodies.weighted`."""
-        return self._shapes.weighted(self._q[1])
-
-    @cached_property
-    def _half(self) -> Array:
-        """The same in the middle: it is linear in q."""
-        return np.asarray(0.5 * (self.start.weighted + self._weighted))
-
-    @cached_property
-    def _momenta(self) -> tuple[Array, Array]:
-        """Addition of shapes to J W at the end of the step, and p, shapes (some, 3), (some, m)."""
-        return self._shapes.momenta(self._q[1], *self._rates, self._weighted)
-
-    @cached_property
+    @property
     def pi1(self) -> Array:
         """Angular momenta at the end of the step, with those of shapes, shape (bodies, 3)."""
-        out = super().pi1.copy()
-        if self.step.rate:
-            W = times(self.start.of.inertia[self._some], self._rates[0])
-            out[self._some] = times(self._R[1], W + self._momenta[0])
-        return out
+        return self._pi1
 
     @cached_property
     def end(self) -> Bodies:
@@ -149,73 +147,14 @@ class ShapedIncrements(Increments):
 
     def inertia_force(self) -> Array:
         """(p₁ - p₀)/Δt - ½ w₁·∂A/∂q w₀ and those of bodies, shape (bodies, 6 + m) [N]."""
-        return self._inertia_force.copy()
-
-    @cached_property
-    def _inertia_force(self) -> Array:
-        out = np.zeros(self.unknowns.shape)
-        out[:, :6] = self._part("force")
-        if self.step.rate == 0.0:
-            return out
-        some, dt, start = self._some, self.step.dt, self.start
-        turned = self.pi1[some] - start.angular_momentum[some]
-        out[some, 3:6] = turned / (dt * start.of.length[some])[:, None]
-        own = (self._momenta[1] - start.momenta_of_shapes[1]) / dt
-        own -= self._shapes.gradient(self._half, self._rates, self._before)
-        if self._held.size:
-            own += times(self._drifts(self.S), out[some, :3])
-        out[some, 6:] = own
-        return out
-
-    def _drifts(self, R: Array) -> Array:
-        """How centres of mass follow shapes in frames that are held, shape (some, m, 3)."""
-        return self._drift @ R.swapaxes(1, 2)
-
-    def elastic_force(self) -> Array:
-        """f₀ + ∂e/∂q·s, shape (bodies, m) [N]; at the end of a step of statics."""
-        out, q = np.zeros(self.dq.shape), self._middle
-        out[self._some] = self._shapes.force + self._shapes.on_coordinates(q, self._stress)
-        return out
-
-    @cached_property
-    def de(self) -> Array:
-        """Δe, shape (bodies, m) [m]."""
-        if self._shapes.relieved is None:
-            return self.dq
-        out, some = self.dq.copy(), self._some
-        out[some] = self._shapes.stretched(self._q[1]) - self.start.stretched[some]
-        return out
-
-    @property
-    def _middle(self) -> Array:
-        """q in the middle of the step, at its end in statics, shape (some, m)."""
-        return self._q[0] + self.step.share * self.dq[self._some]
-
-    @cached_property
-    def _stress(self) -> Array:
-        """s = Ω e + C Δe with the mean of e, shape (some, m) [N].
-
-        The energy grows by it times the change of e, which is that at the mean of q: e is of second
-        order.
-        """
-        some, de = self._some, self.de[self._some]
-        out = times(self._shapes.stiffness, self.start.stretched[some] + self.step.share * de)
-        return out if self.step.damping is None else out + times(self.step.damping[some], de)
+        return self._inertia.copy()
 
     # Nodes ----------------------------------------------------------------------------------------
 
-    @cached_property
+    @property
     def displacement(self) -> Array:
         """The matrices of the displacements, shape (bodies, n, 3) [m, 1]."""
-        rigid, some, m = self._part("displacement"), self._some, self.dq.shape[1]
-        both, turning = np.empty((some.size, m, 2)), np.empty((some.size, 2, 9))
-        both[:, :, 0], both[:, :, 1] = self.dq[some], self._q[0]
-        turning[:, 0] = self._R[1].swapaxes(1, 2).reshape(-1, 9)
-        turning[:, 1] = rigid[some, 1:].reshape(-1, 9)  # R₁ᵀ - R₀ᵀ
-        out = np.zeros((len(self), 4 + 3 * m, 3))
-        out[:, :4] = rigid
-        out[some, 4:] = (both @ turning).reshape(some.size, -1, 3)
-        return out
+        return self._displacement
 
     @cached_property
     def _turning(self) -> tuple[Array, Array]:
@@ -306,76 +245,26 @@ class ShapedIncrements(Increments):
         given = ~self.start.of.known
         return float(np.vdot(rows[given], self._apart[given]))
 
+    def _called(self, what: str, shape: tuple[int, ...], *arrays: Array) -> Array:
+        """What the C code makes of arrays after the trial."""
+        out, (code, at), (told, _) = np.empty(shape), self.step.code, self.step.shaped
+        given = (at(np.ascontiguousarray(values)) for values in arrays)
+        getattr(code, what)(told, at(self._told), *given, at(out))
+        return out
+
     def resultant(self, moments: Array) -> Array:
         """Lᵀ without L: torques Σ (x½ - c½) × f and Q = Σ Φᵀ Sᵀ f, shape (bodies, 6 + m) [N]."""
-        some, m = self._some, self.dq.shape[1]
-        out = np.zeros(self.unknowns.shape)
-        out[:, :6] = super().resultant(moments[:, :4])
-        flat = moments[some, 4:].reshape(some.size, m, 9)
-        both = np.stack(self._q, axis=1)
-        ends = (both @ flat).reshape(-1, 2, 3, 3)  # Σ (Φ q) fᵀ
-        turned = self._R[1] @ ends[:, 1]
-        if self.step.share != 1.0:
-            turned = 0.5 * (turned + self._R[0] @ ends[:, 0])
-        out[some, 3:6] += axial(turned) / self.start.of.length[some, None]
-        own = times(flat, self.S.swapaxes(1, 2).reshape(-1, 9))
-        if self._held.size:
-            own += times(self._drifts(self.S), out[some, :3])
-        out[some, 6:] = own
-        return out
+        return self._called("shaped_resultant", self.unknowns.shape, self._all, moments)
 
     def balance(self, moments: Array, torques: Array) -> Array:
         """Residual of the bodies with the rows of shapes, shape (bodies, 6 + m) [N]."""
         out = self.resultant(moments)
-        out += self._inertia_force
+        out += self._inertia
         out[:, 3:6] -= torques / self.start.of.length[:, None]
-        out[:, 6:] += self.elastic_force()
+        out[self._some, 6:] += self._of_shapes("elastic")
         return out
-
-    # Derivatives ----------------------------------------------------------------------------------
 
     def blocks(self, moments: Array) -> Array:
         """Derivative of the residual that P does not carry, shape (bodies, 6 + m, 6 + m) [N/m]."""
-        some, m, share = self._some, self.dq.shape[1], self.step.share
-        length = self.start.of.length[some, None, None]
-        M = moments[some, 4:].reshape(some.size, m, 3, 3)  # Σ Φ_k fᵀ
-        every = moments[:, :4].copy()
-        flat = self._q[1][:, None] @ M.reshape(some.size, m, 9)
-        every[some, 1:] += flat.reshape(-1, 3, 3)  # Σ (V + Φ q) fᵀ
-        G = np.zeros((len(self), *2 * self.unknowns.shape[1:]))
-        G[:, :6, :6] = super().tangent(super().couples(every))
-        torques = axial(self._R[1][:, None] @ M)  # Σ R₁ Φ_k × f
-        by_q = share * torques.swapaxes(1, 2)
-        middle = 0.5 * axial(self._R[0][:, None] @ M)
-        by_turn = torques @ self.T[some] if share == 1.0 else middle
-        own = share * self._shapes.stiffness
-        if self.step.damping is not None:
-            own = own + self.step.damping[some]
-        own = self._shapes.on_coordinates_by(self._middle, self._q[1], own)
-        own = own + share * self._shapes.turned(self._stress)
-        if self.step.rate:
-            turn, more = self._of_inertia()
-            G[some, 3:6, 3:6] += turn[0] / length**2
-            by_q, by_turn, own = by_q + turn[1], by_turn + turn[2], own + more
-        G[some, 3:6, 6:], G[some, 6:, 3:6] = by_q / length, by_turn / length
-        G[some, 6:, 6:] = own
-        return G
-
-    def _of_inertia(self) -> tuple[tuple[Array, Array, Array], Array]:
-        """Inertia of shapes: rows of θ by θ and by q, rows of q by θ, and rows of q by q."""
-        shapes, start, dt, (_, R1) = self._shapes, self.start, self.step.dt, self._R
-        (W1, rates), (W0, before), back = self._rates, self._before, self._R[0].swapaxes(1, 2)
-        rate, E, half, some = 2 / dt, self._weighted, self._half, self._some
-        B = shapes.coupling(E)
-        gained = start.of.inertia[some] - start.inertia[some]
-        gained += shapes.added_inertia(self._q[1], E)
-        by_q = rate * B + shapes.gained(E, W1) + shapes.twisting(rates)
-        by_W = 0.5 * (shapes.gained(half, W0) + shapes.twisting(before))
-        own = (rate * shapes.mass - shapes.twisted(W1 + W0)) / dt
-        own -= 0.5 * shapes.curvature(contracted(W1, W0))
-        if self._held.size:
-            drifting = self._drifts(self.S) @ self._drifts(R1).swapaxes(1, 2)
-            own += rate / dt * start.of.mass[some, None, None] * drifting
-        turn = rate / dt * R1 @ gained @ back
-        by_turn = rate * (B / dt - by_W).swapaxes(1, 2) @ back
-        return (turn, np.asarray(R1 @ by_q / dt), by_turn), own
+        shape, known = (*self.unknowns.shape, self.unknowns.shape[1]), (self.pi1, self._work)
+        return self._called("shaped_blocks", shape, *known, self._all, moments)

@@ -173,10 +173,8 @@ class ShapesOfBodies:
             self.stiffness[k, :n, :n], self.force[k, :n] = own.stiffness, own.force
         self.couplings = axial(self.moments[:, 1:, 1:])
         self.mass = np.einsum("bklii->bkl", self.moments[:, 1:, 1:])
-        self.relieved, self._shorter = self._of_tension(each)
+        self.relieved, self.shorter = self._of_tension(each)
         self._rows = self.moments.reshape(len(self.some), m + 1, -1)
-        self._inner = self.moments[:, 1:, 1:].reshape(len(self.some), m * m, 9)
-        self._coupled = self.couplings.reshape(len(self.some), m, -1)
         seal(self)
 
     def _of_tension(self, each: Sequence[Shapes | None]) -> tuple[Array | None, Array]:
@@ -228,38 +226,11 @@ class ShapesOfBodies:
         turning = np.trace(Y, axis1=1, axis2=2)[:, None] * W - times(Y, W) + axial(sums[:, 1])
         return turning, times(own, skew(-W).reshape(-1, 9)) + times(self.mass, rates)
 
-    def gradient(self, E: Array, w: tuple[Array, Array], v: tuple[Array, Array]) -> Array:
-        """½ w·∂A/∂q v, shape (some, most) [N], of w and v, each W and q̇; E is of `weighted`."""
-        outer = v[1][:, :, None] * w[0][:, None] + w[1][:, :, None] * v[0][:, None]
-        out = times(E[:, 1:], contracted(w[0], v[0]).reshape(-1, 9))
-        out += times(self._coupled, (0.5 * outer).reshape(len(E), -1))
-        return out
-
-    def curvature(self, C: Array) -> Array:
-        """C : Σ m Φ_k Φ_lᵀ of matrices C, shape (some, most, most)."""
-        return times(self._inner, C.reshape(-1, 9)).reshape(-1, self.most, self.most)
-
-    def gained(self, E: Array, W: Array) -> Array:
-        """∂(J W)/∂q = 2 tr(E_k) W - (E_k + E_kᵀ) W, shape (some, 3, most)."""
-        own = E[:, 1:].reshape(len(E), -1, 3, 3)
-        both = (own + own.swapaxes(2, 3)) @ W[:, None, :, None]
-        traces = 2 * times(E[:, 1:], np.broadcast_to(IDENTITY.reshape(-1), (len(E), 9)))
-        return np.asarray((traces[:, :, None] * W[:, None] - both[:, :, :, 0]).swapaxes(1, 2))
-
-    def twisted(self, a: Array) -> Array:
-        """a · Σ m Φ_j × Φ_k, shape (some, most, most), of vectors a, shape (some, 3)."""
-        return np.asarray((self.couplings @ a[:, None, :, None])[..., 0])
-
-    def twisting(self, rates: Array) -> Array:
-        """Σ m Φ_j × Φ_k q̇_k, shape (some, 3, most)."""
-        own = rates[:, None, None] @ self.couplings
-        return np.asarray(own[:, :, 0].swapaxes(1, 2))
-
     def stretched(self, q: Array) -> Array:
         """e(q), shape (some, most) [m]."""
         if self.relieved is None:
             return q
-        return q - self._shorter + 0.5 * times(self._slopes(q), q)
+        return q - self.shorter + 0.5 * times(self._slopes(q), q)
 
     def _slopes(self, q: Array) -> Array:
         """Ω⁻¹Γ q = ∂e/∂q - 1, shape (some, most, most)."""
@@ -269,13 +240,6 @@ class ShapesOfBodies:
     def on_coordinates(self, q: Array, s: Array) -> Array:
         """Forces ∂e/∂q·s at q by stresses s [N], shape (some, most) [N]."""
         return s if self.relieved is None else s + times(self._slopes(q).swapaxes(1, 2), s)
-
-    def on_coordinates_by(self, q: Array, q1: Array, by_e: Array) -> Array:
-        """Their derivative as s changes with e at q₁, shape (some, most, most) [N/m]."""
-        if self.relieved is None:
-            return by_e
-        out = by_e + self._slopes(q).swapaxes(1, 2) @ by_e
-        return np.asarray(out + out @ self._slopes(q1))
 
     def linear(self, q: Array, e: Array) -> Array:
         """Coordinates whose linear forces Ωq are those of stretches e at q, shape (some, most)."""
@@ -290,29 +254,15 @@ class ShapesOfBodies:
         """Ω⁻¹ of the shapes that there are, shape (some, most, most) [m/N]."""
         return np.asarray(np.linalg.pinv(self.stiffness, hermitian=True), dtype=np.float64)
 
-    def turned(self, s: Array) -> Array | float:
-        """Their derivative by q with s, shape (some, most, most) [N/m]."""
-        if self.relieved is None:
-            return 0.0
-        k, m = s.shape
-        return (s[:, None] @ self.relieved.reshape(k, m, m * m)).reshape(k, m, m)
-
     def even_force(self, q: Array) -> Array:
         """What Γ adds to Ωq to second order, shape (some, most) [N]."""
-        added = times(self.stiffness, self.stretched(q) - q + self._shorter)
+        added = times(self.stiffness, self.stretched(q) - q + self.shorter)
         return added + self.on_coordinates(q, times(self.stiffness, q)) - times(self.stiffness, q)
 
     def energy(self, q: Array) -> Array:
         """U(q) - U₀ of each body, shape (some,) [J]."""
         e = self.stretched(q)
         return np.asarray((self.force * q + 0.5 * times(self.stiffness, e) * e).sum(axis=1))
-
-
-def contracted(a: Array, b: Array) -> Array:
-    """C with a·δJ b = C : δY for J = tr Y - Y: (a·b) 1 - ½ (a bᵀ + b aᵀ), shape (some, 3, 3)."""
-    outer = a[:, :, None] * b[:, None, :]
-    both = 0.5 * (outer + outer.swapaxes(1, 2))
-    return np.asarray((a * b).sum(axis=1)[:, None, None] * IDENTITY - both)
 
 
 def times(matrices: Array, vectors: Array) -> Array:
