@@ -36,7 +36,7 @@ STRUCT = f"""
 struct shaped {{
     int bodies, some, m;
     double {", ".join(NUMBERS_OF_SHAPES)};
-    const int *at, *held;
+    const int *at, *counts, *held;
     const double {", ".join("*" + name for name in ARRAYS_OF_SHAPES)};
 }};
 """
@@ -50,6 +50,7 @@ void shaped_trial(const struct shaped *, const double *, const double *, double 
 void shaped_resultant(const struct shaped *, const double *, double *, const double *, double *);
 void shaped_blocks(const struct shaped *, const double *, const double *, double *, double *,
                    const double *, double *);
+void shaped_follow(const struct shaped *, const double *, double *, int, double *);
 """
 # Numbers of a body that a trial tells, all bodies' of one kind after those of the other.
 KINDS: dict[str, tuple[int, ...]] = {
@@ -137,8 +138,9 @@ class Step:
         code = _code()
         told = code.ffi.new("struct shaped *", (len(of), shapes.some.size, shapes.most))
         told.dt, told.share, told.rate = self.dt, self.share, self.rate
-        kept = [np.ascontiguousarray(of, dtype=np.intc) for of in (shapes.some, shapes.held)]
-        told.at, told.held = (code.ffi.from_buffer("int[]", array) for array in kept)
+        wholes = shapes.some, shapes.counts, shapes.held
+        kept = [np.ascontiguousarray(numbers, dtype=np.intc) for numbers in wholes]
+        told.at, told.counts, told.held = (code.ffi.from_buffer("int[]", one) for one in kept)
         for name, array in zip(ARRAYS_OF_SHAPES, doubles, strict=True):
             if array is not None:
                 kept.append(np.ascontiguousarray(array, dtype=np.float64))

@@ -414,3 +414,65 @@ void shaped_blocks(const struct shaped *s, const double *rigid, const double *pi
       G[size * (3 + i / 3) + 3 + i % 3] = turn[i] / (length * length);
   }
 }
+
+/* -v̂/ℓ of the columns v of R, shape (9, 3): how a place that moves with them turns with ℓθ. */
+static void levers(const double *R, double length, double *out)
+{
+  for (int j = 0; j < 3; ++j) {
+    const double x = R[j] / length, y = R[3 + j] / length, z = R[6 + j] / length;
+    const double arms[9] = {0, z, -y, -z, 0, x, y, -x, 0};
+    for (int i = 0; i < 9; ++i)
+      out[9 * j + i] = arms[i];
+  }
+}
+
+/* L, or P at the end of the step, shape (bodies, 12 + 9 m, 6 + m). */
+void shaped_follow(const struct shaped *s, const double *rigid, double *all, int end, double *out)
+{
+  const int n = s->bodies, m = s->m, size = 6 + m, height = 12 + 9 * m;
+  const double *Ts = rigid + 3 * n, *R1s = Ts + 9 * n, *R_avs = R1s + 9 * n;
+  struct told t = told_of(s, all);
+  for (int i = 0; i < n * height * size; ++i)
+    out[i] = 0;
+  for (int b = 0, k = 0; b < n; ++b) {
+    const double *R1 = R1s + 9 * b, *T = Ts + 9 * b;
+    double *rows = out + (size_t)height * size * b, R0[9], at_mean[27], at_start[27], at_end[27];
+    rotation(s->pose + 12 * b, R0);
+    levers(R_avs + 9 * b, s->length[b], at_mean);
+    levers(R0, s->length[b], at_start);
+    levers(R1, s->length[b], at_end);
+    if (end || s->share == 1)
+      for (int c = 0; c < 27; ++c)
+        at_mean[c] = at_end[c];
+    const int shaped = k < s->some && s->at[k] == b;
+    for (int j = 0; j <= (shaped ? m : 0); ++j)
+      for (int c = 0; c < 9; ++c) {
+        double turned[3], *row = rows + size * (3 + 9 * j + c) + 3;
+        for (int i = 0; i < 3; ++i) {
+          turned[i] = at_mean[3 * c + i];
+          if (j) {
+            const double q0 = s->q0[m * b + j - 1], q1 = t.q1[m * k + j - 1];
+            turned[i] = end || s->share == 1
+                            ? q1 * at_end[3 * c + i]
+                            : 0.5 * q0 * at_start[3 * c + i] + 0.5 * q1 * at_end[3 * c + i];
+          }
+        }
+        for (int i = 0; i < 3; ++i)
+          row[i] = end ? turned[0] * T[i] + turned[1] * T[3 + i] + turned[2] * T[6 + i] : turned[i];
+      }
+    for (int i = 0; i < 3; ++i)
+      rows[size * i + i] = 1;
+    if (!shaped)
+      continue;
+    const double *S = end ? R1 : t.S + 9 * k;
+    for (int j = 0; j < s->counts[b]; ++j) {
+      double d[3];
+      image(S, s->drift + 3 * (m * b + j), d);
+      for (int i = 0; i < 3; ++i)
+        rows[size * i + 6 + j] = d[i];
+      for (int i = 0; i < 9; ++i)
+        rows[size * (12 + 9 * j + i) + 6 + j] = S[3 * (i % 3) + i / 3];
+    }
+    ++k;
+  }
+}

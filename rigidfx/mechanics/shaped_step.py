@@ -157,42 +157,6 @@ class ShapedIncrements(Increments):
         return self._displacement
 
     @cached_property
-    def _turning(self) -> tuple[Array, Array]:
-        """-v̂/ℓ of the columns of ½ (R₀ + R₁), and of R₁ times T, shape (bodies, 9, 3) [1/m]."""
-        return self._levers(self.R_av), self._levers(self.R1) @ self.T
-
-    @cached_property
-    def _arms(self) -> tuple[Array, Array]:
-        """The same of bodies with shapes, of R₀ and of R₁ without T, shape (some, 9, 3) [1/m]."""
-        skews = self.start.of.skews[self._some]
-        R0, R1 = ((R.swapaxes(1, 2) @ skews).reshape(-1, 9, 3) for R in self._R)
-        return R0, R1
-
-    def _on_the_way(self, end: bool) -> list[tuple[float, Array, Array]]:
-        """Weights, q and arms of the ends of the step whose mean turns nodes of shapes."""
-        (q0, q1), (before, after) = self._q, self._arms
-        if end or self.step.share == 1.0:
-            return [(1.0, q1, after)]
-        return [(0.5, q0, before), (0.5, q1, after)]
-
-    def _followed_by(self, end: bool) -> Array:
-        """L, or P at the end of the step."""
-        of, some, m, R = self.start.of, self._some, self.dq.shape[1], self._R[1] if end else self.S
-        out = of.frames.copy()
-        out[:, 3:12, 3:6] = self._turning[end]
-        own = np.zeros((some.size, m, 9, 3))
-        for weight, q, arms in self._on_the_way(end):
-            own += weight * q[:, :, None, None] * arms[:, None]
-        turned = own @ self.T[some, None] if end else own
-        out[some, 12:, 3:6] = turned.reshape(some.size, 9 * m, 3)
-        out[some, :3, 6:] = R @ self._drift.swapaxes(1, 2)
-        blocks, each = np.zeros((some.size, m, 3, 3, m)), np.arange(m)
-        known = self._shapes.known[some].T[:, :, None, None]
-        blocks[:, each, :, :, each] = R.swapaxes(1, 2) * known
-        out[some, 12:, 6:] = blocks.reshape(some.size, 9 * m, m)
-        return out
-
-    @cached_property
     def L(self) -> Array:
         """Of the displacements Δr + θ × (x½ - c½) + S Φ Δq, shape (bodies, 3 n, 6 + m)."""
         return self._followed_by(end=False)
@@ -202,26 +166,11 @@ class ShapedIncrements(Increments):
         """Derivative of `displacement`: δr + T δθ × v₁ + R₁ Φ δq, likewise."""
         return self._followed_by(end=True)
 
-    def led(self, a: Array, of: Ints, end: bool = False) -> Array:
-        """How places follow the unknowns of their bodies; arguments as for rigid ones."""
-        own = np.flatnonzero(self._shapes.counts[of])
-        some, m = np.searchsorted(self._some, of[own]), self.dq.shape[1]
-        out = np.zeros((*a.shape[:2], 3, 6 + m))
-        out[..., :3] = a[:, :, :1, None] * IDENTITY
-        arms = self._turning[end][of].reshape(-1, 3, 9)
-        out[..., 3:6] = (a[:, :, 1:4] @ arms).reshape(*a.shape[:2], 3, 3)
-        shapes = a[own, :, 4:].reshape(own.size, a.shape[1], m, 3)
-        turned = np.zeros((own.size, a.shape[1], 3, 3))
-        for weight, q, at in self._on_the_way(end):
-            y = weight * (q[some, None, None] @ shapes)[:, :, 0]
-            turned += (y @ at[some].reshape(-1, 3, 9)).reshape(turned.shape)
-        out[own, :, :, 3:6] += turned @ self.T[of[own], None] if end else turned
-        R = (self._R[1] if end else self.S)[some]
-        follow = R[:, None] @ shapes.swapaxes(2, 3)
-        if self._held.size:
-            drift = R @ self._drift[some].swapaxes(1, 2)
-            follow = follow + a[own, :, :1, None] * drift[:, None]
-        out[own, :, :, 6:] = follow
+    def _followed_by(self, end: bool) -> Array:
+        """L, or P at the end of the step."""
+        out, (code, at) = np.empty(self.start.of.frames.shape), self.step.code
+        told, _ = self.step.shaped
+        code.shaped_follow(told, at(self._told), at(self._all), end, at(out))
         return out
 
     @cached_property
