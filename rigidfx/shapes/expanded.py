@@ -163,6 +163,22 @@ class Expanded:
         own = np.diag(shapes.stiffness)[which]
         return self.dot(np.stack(each, axis=2), modes) / own[:, None]
 
+    def turned_by(self, d: Array, left: Array, right: Array) -> Array:
+        """leftᵀ K'[d] right of fields, by tangents on both sides of the state. Collective.
+
+        d has the shape (nodes, 3), the fields (nodes, 3, k).
+        """
+        size, images = self.largest(d), np.zeros(right.shape)
+        if size == 0.0:
+            return np.zeros((left.shape[2], right.shape[2]))
+        h = np.sqrt(SMALL_WAY) * self._scene.mean_cell_size / size  # strains by h d are small
+        for way in (h, -h):
+            with self._displaced(way * d):
+                K = self.rows.assembled(self._linear.tangent(self.cells))
+            images += times(K, columns(right), self.rows.vector).reshape(right.shape) / (2 * way)
+            K.destroy()
+        return self.dot(left, images)
+
     def tension_by(self, d: Array, modes: Array) -> Array:
         """What the stresses of d, (nodes, 3) [m], add to Ω, shape (m, m) [N/m]. Collective."""
         along = np.zeros((self._scene.owned_nodes, 3))

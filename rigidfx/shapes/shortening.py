@@ -14,8 +14,8 @@ whose response to unit forces is g = K⁺ e,
 
     δ = -½ Σ q_k q_l C_kl,    C_kl = g·K'[φ_k] φ_l,
 
-which is found once for each pair of shapes, by forces along φ_k + φ_l, where δ counts for so many
-steps that forces along d would cost more.
+which is found once by K' along each g or φ, whichever are fewer, where δ counts for so many steps
+that forces along d would cost more. K'[a] b · c is the same in any order of a, b and c.
 """
 
 from collections.abc import Callable, Mapping
@@ -66,8 +66,7 @@ class Known:
     hangs: bool | None = None  # whether joints alone hold it, once that is asked
     along: Along | None = None
     modes: tuple[Shapes, Array] | None = None  # its shapes, and these at probes
-    # g·F_kl of the whole response and φ_j·F_kl, F_kl = K'[φ_k] φ_l, (3 · probes + m, m, m), and C
-    terms: tuple[Array, Array] | None = None
+    terms: Array | None = None  # C, shape (3 · probes, m, m) [1/m]
 
 
 class Shortening:
@@ -286,45 +285,27 @@ class Shortening:
     def _of_probes(self, body: Body) -> Array:
         """-δ of a body at probes and its rate, in its frame, shape (2, probes, 3). Collective."""
         known, m, about = self._of(body), body.data.deforms_by, self._about(body)
-        known.shown += 1
-        if 6 * known.shown < m * (m + 1):  # three pairs of forces a step
-            forces = self._beside(body, about, self._forces(body, about.part))
-            by = about.part.dot(self._unit(body, about), forces).T
-        else:
-            if known.terms is None or known.terms[1].shape[1] < m:
-                known.terms = self._grown(body, about)
-            e, rate = body.stretched
-            half = known.terms[1] @ e
-            by = np.stack([0.5 * half @ e, half @ rate])
-        return by.reshape(2, -1, 3) @ about.Q.T
+        if known.terms is None or known.terms.shape[1] < m:
+            g = self._unit(body, about)
+            known.shown += 1
+            # Two tangents each, for the price of six pairs of forces; there are three pairs a step.
+            if known.shown <= 4 * min(g.shape[2], m):
+                forces = self._beside(body, about, self._forces(body, about.part))
+                return about.part.dot(g, forces).T.reshape(2, -1, 3) @ about.Q.T
+            known.terms, known.shown = self._curvature(body, about, g), 0
+        e, rate = body.stretched
+        half = known.terms @ e
+        return np.stack([0.5 * half @ e, half @ rate]).reshape(2, -1, 3) @ about.Q.T
 
-    def _grown(self, body: Body, about: About) -> tuple[Array, Array]:
-        """Terms of a body with those of the shapes that it had before. Collective."""
-        known, shapes, part = self._of(body).terms, body.data.shapes, about.part
-        assert shapes is not None
-        g, follow, m = self._unit(body, about), self._followed(body, about), len(shapes)
-        fields, p, n = np.concatenate([g, follow.modes], axis=2), g.shape[2], 0
-        terms = np.zeros((p + m, m, m))
-        if known is not None:
-            n = known[1].shape[1]
-            terms[: p + n, :n, :n] = known[0]
-
-        def bent(*some: int) -> Array:
-            """Half of F_kk along the sum of some shapes, against the fields."""
-            return part.dot(fields, part.curved(shapes.whole[:, some].sum(axis=1))[:, :, None])[
-                :, 0
-            ]
-
-        for k in range(n, m):
-            terms[:, k, k] = 2 * bent(k)
-            for j in range(k):
-                ends = terms[:, j, j] + terms[:, k, k]
-                terms[:, j, k] = terms[:, k, j] = bent(j, k) - 0.5 * ends
-        along = terms[p:]  # the same in any order
-        along[:, :n] = along[:n].swapaxes(0, 1)
-        along[:, :, :n] = along[:n].transpose(1, 2, 0)
-        by = part.dot(g, follow.images) @ follow.inverse
-        return terms, terms[:p] - np.einsum("pi,ijk->pjk", by, along)
+    def _curvature(self, body: Body, about: About, g: Array) -> Array:
+        """C of a body, by responses at its nodes, shape (nodes, 3, 3 · probes). Collective."""
+        part, follow = about.part, self._followed(body, about)
+        g = part.unmoved(g - follow.modes @ (follow.inverse @ part.dot(follow.images, g)))
+        if g.shape[2] < follow.modes.shape[2]:
+            each = [part.turned_by(x, follow.modes, follow.modes) for x in np.moveaxis(g, 2, 0)]
+            return np.stack(each)
+        each = [part.turned_by(x, g, follow.modes) for x in np.moveaxis(follow.modes, 2, 0)]
+        return np.stack(each, axis=1)
 
     def _unit(self, body: Body, about: About) -> Array:
         """g of a body in its frame, shape (nodes, 3, 3 · probes) [m/N]. Collective."""
