@@ -24,13 +24,13 @@ from rigidfx.plot.curves import on_first_rank
 from rigidfx.plot.renders import Look, Photograph, check_camera, sheet, surface_of
 from rigidfx.plot.shapes import SHOWN
 from rigidfx.report.report import Report
-from rigidfx.report.start import check_about, check_scene
+from rigidfx.report.start import Start, check_about, check_scene, taken_from
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.summary import FURTHER
 from rigidfx.scene.weights import inertial_masses
 from rigidfx.shapes.part import LACKING
 from rigidfx.step.linear.eigenpairs import clusters, lowest
-from rigidfx.vibration.problem import NEGLECTED, Problem, Spin
+from rigidfx.vibration.problem import NEGLECTED, Problem
 
 CHEAP = 12_000  # unknowns up to which a description has periods unasked
 SAME = 1e-6  # relative distance of two ω² below which any combination of both shapes is a mode
@@ -200,11 +200,12 @@ def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes
     check_same(scene.comm, "modes", {"count": count, "about": about is not None})
     if about is not None:
         check_about("modes", scene, about)
-    found, spin, loose = _found(scene, about, count)
-    turning = float(spin.omega @ spin.omega)
-    decided = loose and turning > 0 and found.squares.min(initial=0.0) < -SAME * turning
+    state = None if about is None else (about, taken_from(scene, about))
+    found, problem = _found(scene, count, state)
+    turning = float(problem.spin.omega @ problem.spin.omega)
+    decided = bool(problem.motions) and found.squares.min(initial=0.0) < -SAME * turning < 0
     if decided:
-        found, *_ = _found(scene, about, count, turns=False)
+        found, problem = _found(scene, count, state, turns=False)
     least = float(found.squares[found.squares > 0].min(initial=np.inf))
     if decided and turning > NEGLECTED * least:
         raise SceneError(
@@ -212,51 +213,47 @@ def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes
             "against another motion as a whole, which Coriolis forces decide; modes leave them "
             "out. Hold it by a PrescribedRotation, or by a hinge with a Motor."
         )
-    if spin.apart**2 > NEGLECTED * least:
+    _warn_of_lacking(scene, problem)
+    if problem.spin.apart**2 > NEGLECTED * least:
         warn(
             scene.comm,
             f"modes: parts of the state turn with angular velocities that differ by "
-            f"{spin.apart:.4g} rad/s, and the lowest mode has {np.sqrt(least):.4g} rad/s. The "
-            "centrifugal softening of these parts is left out. Take scenes of one part each.",
+            f"{problem.spin.apart:.4g} rad/s, and the lowest mode has {np.sqrt(least):.4g} rad/s. "
+            "The centrifugal softening of these parts is left out. Take scenes of one part each.",
         )
     if growing := int((found.squares < 0).sum()):
-        state = "reference" if about is None else f"state at t = {about.t:g} s"
+        now = "reference" if about is None else f"state at t = {about.t:g} s"
         warn(
             scene.comm,
-            f"modes: the {state} is unstable: {growing} of the modes grow. Take a state before "
+            f"modes: the {now} is unstable: {growing} of the modes grow. Take a state before "
             "the limit load.",
         )
     return found
 
 
 def _found(
-    scene: Scene, about: Report | None, count: int, turns: bool = True
-) -> tuple[Modes, Spin, bool]:
-    """The modes about a state, how it turns, and whether a part is loose. Collective."""
+    scene: Scene, count: int, about: tuple[Report, Start] | None = None, turns: bool = True
+) -> tuple[Modes, Problem]:
+    """The modes of a problem, equal ones aligned; its matrices are free then. Collective."""
     problem = Problem(scene, about, turns)
     try:
-        found = _modes(scene, problem, count)
-        _warn_of_lacking(scene, *problem.lacking(found.squares, found.shapes))
-        return found, problem.spin, bool(problem.motions)
+        pairs = lowest(problem.K, problem.M, count, problem.motions, scale=problem.of_loads)
+        seen, n = [problem.seen(q) for q in pairs.vectors], len(pairs.vectors)
+        pairs.destroy()
+        shapes = np.reshape([own for own, _ in seen], (n, scene.nodal_mass.size, 3))
+        gamma = np.reshape([own for _, own in seen], (n, 6))
+        turn = _aligned(scene, pairs.values, shapes)
+        shapes = np.einsum("ij,jnk->ink", turn, shapes)
+        mass = float(scene.sum(inertial_masses(scene).sum()))
+        problem.look(pairs.values, shapes)
+        return Modes(scene, pairs.values, shapes, turn @ gamma, pairs.rigid, mass), problem
     finally:
         problem.destroy()
 
 
-def _modes(scene: Scene, problem: Problem, count: int) -> Modes:
-    """The modes of a problem, those of equal frequencies aligned. Collective."""
-    pairs = lowest(problem.K, problem.M, count, problem.motions, scale=problem.of_loads)
-    n, centre = len(pairs.vectors), scene.centre_of(1.0, problem.places)
-    gamma = np.reshape([problem.participation(q, centre) for q in pairs.vectors], (n, 6))
-    shapes = np.reshape([problem.at_nodes(q) for q in pairs.vectors], (n, scene.nodal_mass.size, 3))
-    pairs.destroy()
-    turn = _aligned(scene, pairs.values, shapes)
-    shapes = np.einsum("ij,jnk->ink", turn, shapes)
-    mass = float(scene.sum(inertial_masses(scene).sum()))
-    return Modes(scene, pairs.values, shapes, turn @ gamma, pairs.rigid, mass)
-
-
-def _warn_of_lacking(scene: Scene, off: Array, missing: Array) -> None:
+def _warn_of_lacking(scene: Scene, problem: Problem) -> None:
     """Warn of modes that the shapes of reduced parts do not span."""
+    off, missing = problem.off, problem.missing
     if missing.size:
         warn(
             scene.comm,
@@ -336,13 +333,10 @@ def periods(scene: Scene, count: int = 3) -> Array:
 
 def _periods(scene: Scene, count: int) -> tuple[Array, str]:
     """See `periods`; and words on those of a model with reduced parts. Collective."""
-    problem = Problem(scene)
-    found, words = _modes(scene, problem, count), ""
+    (found, problem), words = _found(scene, count), ""
     if problem.shaping is not None:
-        missing = problem.lacking(found.squares, found.shapes)[1]
-        also = ", ".join(f"{T:.4g}" for T in 2 * pi / np.sqrt(missing))
+        also = ", ".join(f"{T:.4g}" for T in 2 * pi / np.sqrt(problem.missing))
         words = " of the reduced model" + (f", which lacks some near {also} s," if also else "")
-    problem.destroy()
     return found.periods[found.squares > 0][:count], words
 
 

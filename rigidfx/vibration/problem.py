@@ -34,7 +34,7 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.report.report import Report
-from rigidfx.report.start import taken_from
+from rigidfx.report.start import Start
 from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.weights import inertial_masses
@@ -72,8 +72,14 @@ class Spin:
         return [StaticForces(partial(Centrifugal, self.omega, self.centre))] if self.turns else []
 
 
-def spin_of(scene: Scene, state: State) -> Spin:
-    """How a state turns, by the velocities of its nodes. Collective."""
+def spin_of(scene: Scene, about: Report | None) -> Spin:
+    """How the state of a report turns, by the velocities of its nodes; rest if None. Collective."""
+    omega: Array = np.zeros(3)
+    centre: Array = np.zeros(3)
+    # A structure that swings by little about its deformation may turn as a whole by chance.
+    if about is None or about.kinetic <= NEGLECTED * about.strain:
+        return Spin(omega, centre, 0.0)
+    state = about.state
     every = np.arange(scene.owned_nodes, dtype=np.int32)
     x, v = state.places, state.velocities(every.astype(np.int64))
     part = parts_of_nodes(scene)[: every.size]
@@ -83,8 +89,6 @@ def spin_of(scene: Scene, state: State) -> Spin:
         is_rigid = p.kinetic - p.rigid <= NEGLECTED * p.kinetic
         return p if is_rigid and p.angular_velocity.any() else None
 
-    omega: Array = np.zeros(3)
-    centre: Array = np.zeros(3)
     if (whole := turning(every)) is not None:
         omega = whole.angular_velocity
         centre = whole.centre + np.cross(omega, whole.velocity) / (omega @ omega)
@@ -195,26 +199,32 @@ class Problem:
         M: Mass [kg].
         motions: Rigid motions of the connected parts, where some may take no energy.
         shaping: Gave reduced parts their shapes; None where all is flexible or rigid.
+        off: By which part of its frequency each mode is off, as shapes lack it: see `look`.
+        missing: ω² of modes that are missing, as shapes lack them [1/s²].
         of_loads: Loads and forces of joints over mass and extent: ω² whose rounding may be all of
             that of a motion without energy [1/s²].
     """
 
-    def __init__(self, scene: Scene, about: Report | None = None, turns: bool = True) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        about: tuple[Report, Start] | None = None,
+        turns: bool = True,
+    ) -> None:
         """Assemble both matrices, about the state of a report or the reference at t = 0.
 
-        A state that turns may be taken to rest. Collective.
+        The start is that of the report. A state that turns may be taken to rest. Collective.
         """
         state = self._state = State(scene)
-        if about is not None:
-            taken_from(scene, about).apply(state)
+        report, start = about or (None, None)
+        if start is not None:
+            start.apply(state)
         self.shaping: Shaping | None = None
-        t = 0.0 if about is None else about.t
+        self.off, self.missing = np.zeros((2, 0))
+        t = 0.0 if report is None else report.t
         acting = scene.acting(t)
         forces = InternalForces(scene, state.u, ())
-        rest = Spin(np.zeros(3), np.zeros(3), 0.0)
-        # A structure that swings by little about its deformation may turn as a whole by chance.
-        turns = turns and about is not None and about.kinetic > NEGLECTED * about.strain
-        self.spin = spin_of(scene, about.state) if turns and about is not None else rest
+        self.spin = spin_of(scene, report if turns else None)
         division = self._divided(scene, forces, acting, t)
         state.group(division.bodies)
         known = state, division, supports_of(acting)
@@ -348,51 +358,41 @@ class Problem:
         y.destroy()
         return out
 
-    def _motion(self, q: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
-        """Displacements of the rows [m], a new vector, and the unknowns of bodies. Collective."""
-        p, d, y = self._of.prolongation, self._of.layout.rows.vector(), q
+    def seen(self, q: PETSc.Vec) -> tuple[Array, Array]:
+        """Displacements of all local nodes by q, (nodes, 3) [m], and qᵀM r, (6,). Collective.
+
+        These r are rigid motions of the whole, held nodes among it: three translations [kg], and
+        three rotations about the centre of mass [kg m].
+        """
+        bodies, p, rows, y = self._state.bodies, self._of.prolongation, self._of.layout.rows, q
         if self._Z is not None:
             self._Z.mult(q, y := p.unknowns())
-        six = p.bodies_part(y)
+        six, d, f = p.bodies_part(y), rows.vector(), rows.vector()
         p.apply(y, six, np.zeros(p.prescribed.size), d)
-        return d, six
-
-    def participation(self, q: PETSc.Vec, centre: Array) -> Array:
-        """qᵀM r of the six rigid motions r of the whole about a point, held nodes among it.
-
-        Three are of translations [kg] and three of rotations [kg m]. Collective.
-        """
-        d, six = self._motion(q)
-        f, own = d.duplicate(), (self._blocks @ six[:, :, None])[:, :, 0]
         self._of.mass.mult(d, f)
-        of_rows, r = self._moved(centre)
-        found = self._scene.sum(f.array_r @ of_rows.reshape(-1, 6))
-        d.destroy()
-        f.destroy()
-        return np.asarray(found + np.einsum("bi,bik->k", own, r))
-
-    def at_nodes(self, q: PETSc.Vec) -> Array:
-        """Displacements of all local nodes by q, shape (nodes, 3) [m]. Collective."""
-        bodies, increments = self._state.bodies, self._of.prolongation.increments
-        out, (d, six) = fem.Function(self._scene.space), self._motion(q)
-        out.x.array[self._of.layout.rows.dofs] = d.array_r
-        d.destroy()
-        moved: Array = (increments.L @ six[:, :, None]).reshape(bodies.pose.shape)
+        of_rows, r = self._moved(self._scene.centre_of(1.0, self.places))
+        gamma = np.asarray(self._scene.sum(f.array_r @ of_rows.reshape(-1, 6)))
+        gamma += np.einsum("bij,bj,bik->k", self._blocks, six, r)
+        out = fem.Function(self._scene.space)
+        out.x.array[rows.dofs] = d.array_r
+        moved: Array = (p.increments.L @ six[:, :, None]).reshape(bodies.pose.shape)
         for k, body in enumerate(bodies.of.records):
             a = body.coordinates()
             out.x.array.reshape(-1, 3)[body.nodes] = a @ moved[k, : a.shape[1]]
         out.x.scatter_forward()
-        return out.x.array.reshape(-1, 3).copy()
+        d.destroy()
+        f.destroy()
+        return out.x.array.reshape(-1, 3).copy(), gamma
 
-    def lacking(self, squares: Array, shapes: Array) -> tuple[Array, Array]:
-        """See `Shaping.lacking`, of ω² [1/s²] and φ at local nodes; zero if unknown. Collective."""
+    def look(self, squares: Array, shapes: Array) -> None:
+        """See which modes, ω² [1/s²] and φ at local nodes, shapes of parts lack. Collective."""
         attached = (SpringDamper, Joint, Spring, Rigid)
         others = (e for kind in attached for e in self._scene.named(kind))
         unknown = any(not getattr(e, "deforms", False) for e in others)
-        if self.shaping is None or unknown or not squares.size or squares.min() <= 0:
-            return np.zeros(squares.size), np.zeros(0)
-        fields = shapes[:, : self._scene.owned_nodes].transpose(1, 2, 0)
-        return self.shaping.lacking(self._state.bodies, squares, fields)
+        if self.shaping is not None and not unknown and squares.size and squares.min() > 0:
+            fields = shapes[:, : self._scene.owned_nodes].transpose(1, 2, 0)
+            found = self.shaping.lacking(self._state.bodies, squares, fields)
+            self.off, self.missing = found
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""

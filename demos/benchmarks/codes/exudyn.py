@@ -42,7 +42,7 @@ def matrices(scene: rf.Scene) -> tuple[csr_matrix, csr_matrix]:
     count = problem.K.getSize()[0]
     y = problem.K.createVecRight()
     y.array[:] = np.arange(count)
-    unknown_of = problem.at_nodes(y).reshape(-1).astype(int)
+    unknown_of = problem.seen(y)[0].reshape(-1).astype(int)
     y.destroy()
     out = []
     for matrix in (problem.M, problem.K):
