@@ -98,7 +98,7 @@ class Shapes:
 
     def bent(self, q: Array) -> Array:
         """Φ q at the nodes, shape (nodes, 3)."""
-        return np.asarray(np.einsum("nka,k->na", self.modes, q))
+        return np.asarray(q @ self.modes)
 
     def stretched(self, q: Array, rate: Array) -> tuple[Array, Array]:
         """e(q) and its rate, each (m,) [m, m/s]."""

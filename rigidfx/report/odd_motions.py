@@ -166,8 +166,8 @@ class TurnedSprings(Adviser):
             rest = scene.start_places[on] if spring.relaxed == "start" else places[on]
             arms = rest - scene.sum(weights[on] @ rest)
             square = scene.sum(weights[on] @ (arms**2).sum(axis=1))
-            if square > 0 and spring.K.any():
-                self._springs.append((spring, on, weights[on], arms))
+            if square > 0 and (K := spring.K).any():
+                self._springs.append((spring.where, K, on, weights[on], arms))
 
     def follow(self, report: Report) -> None:
         """Look at the next report, of which nothing has gone on. Collective."""
@@ -176,20 +176,18 @@ class TurnedSprings(Adviser):
         self._most = max(self._most, report.energy)
         if report.step % TURNED_EVERY:
             return
-        for spring, on, w, X in self._springs:
+        for where, K, on, w, X in self._springs:
             x = report.state.positions(on)
             x = x - self._scene.sum(w @ x)
             moved = x - X
             found = self._scene.sum(
-                np.append(
-                    (w[:, None] * x).T @ X, 0.5 * np.vdot(w[:, None] * moved, moved @ spring.K)
-                )
+                np.append((w[:, None] * x).T @ X, 0.5 * np.vdot(w[:, None] * moved, moved @ K))
             )
             angle = _angle(found[:9].reshape(3, 3))
             bound = ADVICE["nodes of a spring rotate"].bound
             if angle > bound and found[9] > TURNED_OF_ALL * self._most:
                 known = {"t": report.t, "number": angle, "energy": found[9]}
-                self.advise("nodes of a spring rotate", where=spring.where, **known)
+                self.advise("nodes of a spring rotate", where=where, **known)
                 return
 
 

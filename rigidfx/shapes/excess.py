@@ -154,4 +154,4 @@ class Excess:
 def deformed(body: Body, q: Array) -> Array:
     """Φ q at the owned nodes of a body, with the drift of one that is held, shape (nodes, 3)."""
     assert body.data.shapes is not None
-    return np.asarray(np.einsum("nka,k->na", body.data.shapes.whole, q))
+    return np.asarray(q @ body.data.shapes.whole)
