@@ -19,7 +19,7 @@ from rigidfx.step.equations.supports import Impact
 NEGLIGIBLE = ADVICE["a load does nothing, nothing acts"].bound
 OTHERS = Preload, SpringDamper, Reduced  # tensions, and shapes that have masses of their own
 TURNED_OF_ALL = 1e-3  # of the largest energy: what springs have stored by a rotation that matters
-LUMPED_EVERY, TURNED_EVERY = 8, 4  # steps from look to look
+LUMPED_EVERY, TURNED_EVERY = 8, 16  # steps from look to look
 
 
 class Jolts(Adviser):

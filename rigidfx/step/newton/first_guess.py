@@ -102,6 +102,7 @@ def _mean_motion(
         second[1:] += (start.R @ start.rotated_inertia).sum(axis=0)
     if not np.isfinite(second).all():  # the step will say so
         return first[1:4], first[4:], np.zeros(3)
-    # A line has no inertia about itself.
-    omega = np.linalg.lstsq(second[1:], second[0], rcond=SINGULAR)[0]
-    return first[1:4], first[4:], omega
+    moments, axes = np.linalg.eigh(0.5 * (second[1:] + second[1:].T))
+    spins = np.zeros(3)  # a line has no inertia about itself
+    np.divide(second[0] @ axes, moments, out=spins, where=moments > SINGULAR * moments[2])
+    return first[1:4], first[4:], axes @ spins

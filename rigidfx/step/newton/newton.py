@@ -243,7 +243,7 @@ class Newton:
         # The likely one comes last, so that its residual need not be evaluated again.
         order = sorted(range(len(guesses)), key=lambda k: k == self._best)
         norms = [self._norm_at(guesses[k]) for k in order]
-        least = int(np.argmin(np.nan_to_num(norms, nan=np.inf)))
+        least = min(range(len(norms)), key=lambda k: (np.isnan(norms[k]), norms[k]))
         if len(guesses) > 1:
             self._offered, self._best = len(norms), order[least]
         if least < len(norms) - 1:
