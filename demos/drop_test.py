@@ -14,7 +14,7 @@
 
 # +
 import numpy as np
-from common import Pair, Parser, conclude, draw, positive, say
+from common import Parser, conclude, draw, go, positive
 
 import rigidfx as rf
 from meshes.device import device
@@ -65,15 +65,9 @@ scene = rf.Scene(
 criterion = rf.StrainRate(options.tol, 20 * DT, wake="all", min_cells=20)
 shots = np.array([-1e-3, 5e-4, 4e-3, 0.012, 0.03, 0.06, 0.075, 0.1])  # s after the touch
 shapes = Shapes(scene, touch + shots[shots <= options.after], colour="rigid")
-say(f"Δt = {DT:g} s to t = {t_end:.4g} s on {scene.comm.size} rank(s)")
-kept = {"folder": options.out, "resume": options.resume}
-with (
-    rf.Recorder(scene, options.out, every=10) as recorder,
-    Pair(scene, {0.0: 1e-3, closer: DT}, t_end, criterion, options.compare, **kept) as run,
-):
-    for report in run:
-        recorder.write(report)
-        shapes.add(report)
+steps = {0.0: 1e-3, closer: DT}
+how = {"record": {"every": 10}, "compare": options.compare}
+run = go(options, scene, steps, t_end, criterion, shapes, **how)
 # -
 
 # ## Results
@@ -121,15 +115,10 @@ summary = run.summary() | {
 }
 if options.compare:
     twin = hits(run.flexible)
-    summary |= {
-        "hits_flexible": twin,
-        "peak_force_errors": [
-            abs(a["peak_force"] / b["peak_force"] - 1) for a, b in zip(found, twin, strict=True)
-        ],
-        "rebound_errors": [
-            abs(a["rebound"] / b["rebound"] - 1) for a, b in zip(found, twin, strict=True)
-        ],
-    }
+    summary["hits_flexible"] = twin
+    for name in ("peak_force", "rebound"):
+        off = [abs(a[name] / b[name] - 1) for a, b in zip(found, twin, strict=True)]
+        summary[f"{name}_errors"] = off
 conclude(options.out, summary)
 
 

@@ -23,7 +23,7 @@
 
 # +
 import numpy as np
-from common import Pair, Parser, conclude, curve, draw, events_of, freezes_of, positive, say
+from common import Parser, conclude, curve, draw, events_of, freezes_of, go, positive, say
 
 import rigidfx as rf
 from meshes.block_with_cantilever import block_with_cantilever
@@ -114,22 +114,14 @@ steps = {0.0: dt, RELEASE: dt}  # both runs have a step that ends at the release
 snapshots = min(RELEASE, t_end) * np.array([0.32, 0.38, 0.44, 0.5, 0.74, 0.8, 0.99, 1.0])  # s
 evolution = Shapes(scene, snapshots, colour="rigid")
 swings = Shapes(scene, [0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, snapshots[-1]], colour="velocity")
-say(f"Δt = {dt:g} s to t = {t_end:g} s on {scene.comm.size} rank(s), tolerance {tol:g} 1/s")
-kept = {"folder": options.out, "resume": options.resume}
-with (
-    rf.Recorder(scene, options.out, interval=t_end / 104) as recorder,
-    Pair(scene, steps, t_end, criterion, options.compare, **kept) as run,
-):
-    for report in run:
-        recorder.write(report)
-        evolution.add(report)
-        swings.add(report)
+how = {"record": {"interval": t_end / 104}, "compare": options.compare}
+run = go(options, scene, steps, t_end, criterion, evolution, swings, **how)
 # -
 
 # ## Results
 
 # +
-reports, flexible = run.adaptive, run.flexible
+reports = run.adaptive
 freezes = freezes_of(reports)
 releases = [event for event in events_of(reports) if event.kind == "release"]
 free = [r for r in reports if r.t >= FREE - 1e-9]
@@ -145,21 +137,19 @@ def within(r: rf.Report) -> bool:
     return first is not None and first < r.t <= (end or np.inf)
 
 
-wall_adaptive = sum(r.wall for r in reports if within(r))
-wall_flexible = sum(r.wall for r in flexible if within(r))
+wall, beside = (sum(r.wall for r in of if within(r)) for of in (reports, run.flexible))
 both = run.matched()
 deviations = [abs(a.energy - b.energy) / b.energy for a, b in both if a.t >= FREE - 1e-9]
 recovered = [a.strain / b.strain for a, b in both if a.t == end]
+closest = [r.closeness for r in reports if np.isfinite(r.closeness)]
 summary = run.summary() | {
     "all_rigid_time": whole[0] if whole else None,
     "release_time": end,
-    "time_ratio_window": wall_adaptive / wall_flexible if wall_flexible else None,
+    "time_ratio_window": wall / beside if beside else None,
     "angular_momentum_drift": float(np.linalg.norm(J - J[0], axis=1).max() / np.linalg.norm(J[0])),
     "energy_deviation": max(deviations, default=None),
     "strain_energy_recovered": recovered[0] if recovered else None,
-    "closest_decision": min(
-        (r.closeness for r in reports if np.isfinite(r.closeness)), default=None
-    ),
+    "closest_decision": min(closest, default=None),
     "unknowns_mean": float(np.mean([r.unknowns for r in reports if within(r)])) if first else None,
     "element": options.element,
     "tol": tol,
@@ -178,22 +168,14 @@ conclude(options.out, summary)
 # +
 def strains(since: float) -> list[Curve]:
     """Strain energies from a time on [s]."""
-    late = [r for r in reports if r.t >= since]
-    reference = [r for r in flexible if r.t >= since]
-    return [
-        *([curve("strain, all flexible", reference, "strain")] if reference else []),
-        curve("strain, live", late, "strain"),
-        curve("stored in bodies", late, "stored"),
-    ]
+    late = {name: [r for r in of if r.t >= since] for name, of in run.runs.items()}
+    strain = [curve(f"strain, {name}", of, "strain") for name, of in late.items()]
+    return [*strain, curve("stored in bodies", late["adaptive"], "stored")]
 
 
 curves(
     {
-        "Total and kinetic energy": [
-            *([curve("total, all flexible", flexible, "energy")] if flexible else []),
-            curve("total", reports, "energy"),
-            curve("kinetic", reports, "kinetic"),
-        ],
+        "Total and kinetic energy": [*run.curves("energy"), curve("kinetic", reports, "kinetic")],
         "Strain energy": strains(0.0),
         "Strain energy, late": strains(0.4 * t_end),
     },

@@ -13,7 +13,7 @@
 
 # +
 import numpy as np
-from common import Pair, Parser, conclude, draw, positive, say, share_of
+from common import Parser, conclude, draw, go, positive, say, share_of
 from common.machines import pulse
 
 import rigidfx as rf
@@ -90,16 +90,9 @@ def all_rates(report: rf.Report) -> np.ndarray | None:
 
 times = [0.08, 0.102, 0.18, 0.3, 0.402, 0.42, 0.46, 0.5]  # s
 shapes = Shapes(scene, [t for t in times if t <= options.t_end], colour="rigid")
-say(f"Δt = {DT:g} s to t = {options.t_end:g} s on {scene.comm.size} rank(s)")
-kept = {"folder": options.out, "resume": options.resume}
-kept |= {"note": shares, "note_beside": all_rates}
-with (
-    rf.Recorder(scene, options.out, every=10) as recorder,
-    Pair(scene, DT, options.t_end, rule, options.compare, measuring, **kept) as run,
-):
-    for report in run:
-        recorder.write(report)
-        shapes.add(report)
+how = {"record": {"every": 10}, "compare": options.compare, "beside": measuring}
+how |= {"note": shares, "note_beside": all_rates}
+run = go(options, scene, DT, options.t_end, rule, shapes, **how)
 # -
 
 # ## Results
@@ -135,9 +128,8 @@ def way(of: list[rf.Report]) -> np.ndarray:
 
 def bend(of: list[rf.Report]) -> np.ndarray:
     """Displacement of the diagonal's ends relative to its middle, their sum [m]."""
-    return np.array([r.probes["corner"] + r.probes["across"] - 2 * r.probes["hub"] for r in of])[
-        :, 2
-    ]
+    corner, across, hub = np.array([list(r.probes.values()) for r in of])[:, :, 2].T
+    return corner + across - 2 * hub
 
 
 def deviation(ours: np.ndarray, twin: np.ndarray) -> float:

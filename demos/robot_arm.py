@@ -18,7 +18,7 @@
 from functools import partial
 
 import numpy as np
-from common import Pair, Parser, conclude, draw, events_of, freezes_of, positive, say, share_of
+from common import Parser, conclude, draw, events_of, freezes_of, go, positive, say, share_of
 from common.machines import travel
 
 import rigidfx as rf
@@ -98,16 +98,8 @@ def frozen(report: rf.Report) -> dict[str, float]:
     return {name: share_of(name, scene, report) for name in ("arm", "link", "leaf", "head")}
 
 
-say(f"Δt = {DT:g} s to t = {t_end:g} s on {scene.comm.size} rank(s), tolerance {tol:g} 1/s")
-with (
-    rf.Recorder(scene, options.out, interval=2 * DT) as recorder,
-    Pair(
-        scene, DT, t_end, criterion, folder=options.out, resume=options.resume, note=frozen
-    ) as run,
-):
-    for report in run:
-        recorder.write(report)
-        shapes.add(report)
+record = {"interval": 2 * DT}
+run = go(options, scene, DT, t_end, criterion, shapes, record=record, note=frozen)
 shares = next((found for found in reversed(run.notes) if found), {})
 # -
 

@@ -10,16 +10,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from rigidfx.command.main import conclude, write_json
 from rigidfx.command.options import nonnegative, number, positive, say
-from rigidfx.command.pair import (
-    KeptRun,
-    Pair,
-    curve,
-    energy_drift,
-    energy_jump,
-    events_of,
-    freezes_of,
-)
+from rigidfx.command.pair import KeptRun, curve, energy_drift, energy_jump, events_of, freezes_of
 
 from .balance import Balance
 from .grids import arrays, block_of, boxes, hexahedra, on_first_rank, ring
-from .start import ROOT, Parser, chosen, comm, draw, share_of, write
+from .start import ROOT, Parser, chosen, comm, draw, go, share_of, write

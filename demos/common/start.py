@@ -1,7 +1,7 @@
 """How a demo starts, with its options and its folder, and how it ends."""
 
 import argparse
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from mpi4py import MPI
 import rigidfx as rf
 from rigidfx.base.text_files import write_text
 from rigidfx.command.options import RankParser, say
+from rigidfx.command.pair import Pair
 from rigidfx.plot import Shapes
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -67,6 +68,35 @@ def share_of(name: str | None, scene: rf.Scene, report: rf.Report) -> float:
     cells = cells[cells < owned]
     inside = np.count_nonzero(report.state.body_numbers()[cells] > 0)
     return float(scene.sum(float(inside)) / scene.sum(float(cells.size)))
+
+
+def go(
+    options: argparse.Namespace,
+    scene: rf.Scene,
+    dt: Any,
+    t_end: float,
+    rule: rf.StrainRate,
+    *shapes: Shapes,
+    record: Mapping[str, Any],
+    compare: bool = True,
+    **how: Any,
+) -> Pair:
+    """Run a scene to its end, its flexible twin beside it unless told otherwise. Collective.
+
+    It is recorded in the folder of the options, as told; its shapes are collected. Other arguments
+    are those of `Pair`.
+    """
+    say(f"To t = {t_end:.4g} s on {scene.comm.size} rank(s), tolerance {rule.tol:g} 1/s")
+    how |= {"folder": options.out, "resume": options.resume}
+    with (
+        rf.Recorder(scene, options.out, **record) as recorder,
+        Pair(scene, dt, t_end, rule, compare, **how) as run,
+    ):
+        for report in run:
+            recorder.write(report)
+            for own in shapes:
+                own.add(report)
+    return run
 
 
 def draw(shapes: Shapes, path: Path, **how: Any) -> None:
