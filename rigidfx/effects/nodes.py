@@ -130,17 +130,15 @@ class Tangent:
 
     def add(self, at: Any, blocks: Array, which: Ints | None = None) -> None:
         """Add blocks of stiffness [N/m] of each of some `Nodes`, or of sorted ones. Collective."""
-        which = np.arange(len(at.nodes)) if which is None else which
-        count = int(np.searchsorted(which, at.rows.size))
-        self.matrix.add_nodal(at.free[which[:count]], blocks[:count])
+        size = at.rows.size
+        count = size if which is None else int(np.searchsorted(which, size))
+        free = at.free if which is None else at.free[which[:count]]
+        self.matrix.add_nodal(free, blocks[:count])
         if count < len(blocks):
-            held = which[count:] - at.rows.size
-            moved = at.follow(self._moves)
-            forces = np.zeros_like(moved)
-            forces[held] = (blocks[count:] @ moved[held].reshape(len(held), 3, -1)).reshape(
-                len(held), -1
-            )
-            self.moments += at.gather(forces).reshape(self.moments.shape)
+            A = at.coordinates(None if which is None else which[count:] - size)
+            moved = (A @ self._moves.reshape(A.shape[1], -1)).reshape(A.shape[0], 3, -1)
+            forces = (blocks[count:] @ moved).reshape(A.shape[0], -1)
+            self.moments += (A.T @ forces).reshape(self.moments.shape)
 
     def add_spread(self, spread: Array, K: Array) -> None:
         """Add K, shape (3, 3) [N/m], on nodes of bodies, Σ w a aᵀ being (bodies, n, n)."""
@@ -186,6 +184,10 @@ class Nodes:
     def __len__(self) -> int:
         """How many there are."""
         return self.rows.size + len(self._of)
+
+    def coordinates(self, held: Ints | None = None) -> Matrix:
+        """Body-fixed coordinates of nodes in bodies, or of some, (nodes, n · bodies)."""
+        return self._A if held is None else self._A[held]
 
     def follow(self, matrices: Array) -> Array:
         """Numbers of nodes in bodies by matrices of these, shape (bodies, n, k)."""
