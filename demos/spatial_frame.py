@@ -17,6 +17,7 @@
 
 # +
 from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
 import numpy as np
 from common import (
@@ -129,29 +130,31 @@ def side_by_side(
     wanted: list[float],
     until: float = np.inf,
     last: Callable[[float, rf.Report], None] = lambda tol, report: None,
+    name: str = "",
+    **how: Any,
 ) -> dict[float, list[rf.Report]]:
     """Reports of runs with several tolerances, 0 for none; no bodies are formed after `until`.
 
-    `last` is called with the last report of each, before there is a checkpoint of it.
+    `last` is called with the last report of each, before there is a checkpoint of it. A name tells
+    their folders from those of other runs.
     """
     label = f"{end:g} s, tolerances {', '.join(f'{tol:g}' for tol in wanted)}"
     say(f"To t = {label}, on {comm.size} rank(s)")
+    folders = {tol: options.out / f"{name}{end:g}s_tol_{tol:g}" for tol in wanted}
     runs = {
         tol: KeptRun(
-            options.out / f"{end:g}s_tol_{tol:g}",
+            folders[tol],
             scene,
             dt,
             end,
             rigidify=rf.StrainRate(tol, until=until, **CRITERION) if tol > 0 else None,
             progress=tol == wanted[0],
             resume=options.resume,
+            **how,
         )
         for tol in wanted
     }
-    recorders = {
-        tol: rf.Recorder(scene, options.out / f"{end:g}s_tol_{tol:g}", interval=end / 24)
-        for tol, run in runs.items()
-    }
+    recorders = {tol: rf.Recorder(scene, folders[tol], interval=end / 24) for tol in wanted}
     shapes = {tol: Shapes(scene, [1.2, 1.8, 2.2, end], colour="rigid") for tol in wanted if tol > 0}
     try:
         for tol, report in in_turn(runs):
@@ -167,7 +170,7 @@ def side_by_side(
     for tol, collected in shapes.items():
         draw(
             collected,
-            options.out / f"evolution_{end:g}s_tol_{tol:g}.png",
+            options.out / f"{name}evolution_{end:g}s_tol_{tol:g}.png",
             view=(-0.8, -1.6, 0.35),
             title=f"Rigid and flexible parts, tolerance {tol:g}",
         )
@@ -207,26 +210,12 @@ def time_ratio(mine: list[rf.Report], reference: list[rf.Report]) -> float | Non
     return walls[0] / walls[1]
 
 
-def with_new_tangents() -> float | None:
-    """The ratio at the sharp tolerance, a tangent being made in each iteration."""
-    scene = frame(np.inf)
+new_tangents = None
+if not options.short:
     say("Once more, with a tangent in each iteration")
-    runs = [
-        rf.simulate(
-            scene,
-            0.01,
-            T_END,
-            rigidify=rf.StrainRate(tol, **CRITERION) if tol > 0 else None,
-            petsc_options={"snes_lag_jacobian": 1},
-            progress=tol == 0,
-        )
-        for tol in (0.0, middle)
-    ]
-    reference, mine = zip(*zip(*runs, strict=True), strict=True)
-    return time_ratio(list(mine), list(reference))
-
-
-new_tangents = None if options.short else with_new_tangents()
+    each = {"name": "new_tangents_", "petsc_options": {"snes_lag_jacobian": 1}}
+    once_more = side_by_side(frame(np.inf), 0.01, T_END, [0.0, middle], **each)
+    new_tangents = time_ratio(once_more[middle], once_more[0.0])
 # -
 
 # ## Frequency and amplitude

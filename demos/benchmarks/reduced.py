@@ -45,18 +45,16 @@ no twin here: their run tells seconds and memory.
 """
 
 import json
-import os
-import subprocess
-import sys
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from resource import RUSAGE_SELF, getrusage
 from time import process_time
 
 import numpy as np
-from bench import Parser, chosen, conclude, without_mpi
+from bench import Parser, alone, chosen, conclude
 from common import Balance, machines, positive, say
 from common.machines import TOUCH, pulse, ramp, travel
 
@@ -322,30 +320,17 @@ TWINS_UP_TO = 150_000  # unknowns; a twin of a million takes a day
 ENTRY, SEEN = "entry.json", "seen.npy"  # in the folder of a run
 
 
-def carried_out(case: Case, level: str, folder: Path) -> None:
-    """Run a level of a case, in a process of its own, and keep what it leaves."""
+def carried_out(name: str, unknowns: int, level: str, short: bool, folder: Path) -> None:
+    """Run a level of a scene, and keep what it leaves, its memory in a process of its own too."""
+    case = (SHORT if short else SIZES)[name][unknowns]()
     found = rf.StrainRate(rf.Relative(0.01), "auto") if level == "default" else None
     own = run(case, case.parts if level == "reduced" else (), rigidify=found)
     left, most = own.unknowns
-    entry = {"level": level, "unknowns": most, "left": left, "set_up": own.set_up}
+    entry = {"case": name, "level": level, "unknowns": most, "left": left, "set_up": own.set_up}
     entry |= {"seconds": own.seconds, "energy": own.balance}
-    np.save(folder / SEEN, own.seen)
-    (folder / ENTRY).write_text(json.dumps(entry), encoding="utf-8")
-
-
-def measured(name: str, unknowns: int, level: str, short: bool, folder: Path) -> None:
-    """Have a process run a level of a scene, and note its memory."""
+    entry["memory"] = getrusage(RUSAGE_SELF).ru_maxrss // 1024
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / ENTRY).unlink(missing_ok=True)
-    command = [sys.executable, __file__, "--out", str(folder), "--run", name, str(unknowns), level]
-    command += ["--short"] if short else []
-    with subprocess.Popen(command, env=without_mpi(), stdout=subprocess.DEVNULL) as process:
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise SystemExit(f"{' '.join(command)} ended with {process.returncode}")
-    entry = json.loads((folder / ENTRY).read_text(encoding="utf-8"))
-    entry = {"case": name, **entry, "memory": usage.ru_maxrss // 1024}
+    np.save(folder / SEEN, own.seen)
     (folder / ENTRY).write_text(json.dumps(entry), encoding="utf-8")
 
 
@@ -387,13 +372,8 @@ def main() -> None:
     parser.add_argument("--least", type=positive, default=1, help="unknowns, at least")
     parser.add_argument("--most", type=positive, default=30_000, help="unknowns, at most")
     parser.add_argument("--resume", action="store_true", help="keep what has been measured")
-    parser.add_argument("--run", nargs=3, metavar="X", help="a scene's size and level, alone")
     options = parser.read()
     sizes = SHORT if options.short else SIZES
-    if options.run is not None:
-        name, unknowns, level = options.run
-        carried_out(sizes[name][int(unknowns)](), level, options.out)
-        return
     asked, table = chosen(options, [*sizes, "tumbling"]), []
     for name, made in sizes.items():
         for unknowns, make in made.items():
@@ -402,7 +382,7 @@ def main() -> None:
                 folder = options.out / f"{name}_{unknowns}_{level}"
                 done = options.resume and (folder / ENTRY).exists()
                 if not done and (level == "reduced" or unknowns <= TWINS_UP_TO):
-                    measured(name, unknowns, level, options.short, folder)
+                    alone(carried_out, name, unknowns, level, options.short, folder)
             if wanted or options.resume:
                 table += (found := rows(name, unknowns, make(), options.out))
                 say("\n".join(map(str, found)))

@@ -18,18 +18,15 @@
     ./fenicsx mpirun -n 2 python3 demos/benchmarks/speed.py --only ranks --cases L --unknowns 200000
 """
 
-import os
 from argparse import Namespace
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from resource import RUSAGE_SELF, getrusage
 from statistics import mean, median
 from time import sleep
 from typing import Any
 
 import numpy as np
-from bench import ENDS, Parser, Turns, pushed_l, run_parts, timed, without_mpi
+from bench import ENDS, Parser, Turns, alone, pushed_l, run_parts, timed
 from bench.plain import LU_BELOW, SOLVERS, PlainLoop
 from common import comm, say
 from mpi4py import MPI
@@ -115,9 +112,6 @@ def measure(case: str, unknowns: int, steps: int) -> dict[str, Any]:
 
 def sizes(options: Namespace) -> dict[str, Any]:
     """All cases and sizes."""
-    kept = without_mpi()
-    for name in os.environ.keys() - kept.keys():
-        del os.environ[name]
     rows: list[dict[str, Any]] = []
     exponents = {}
     for case in options.cases:
@@ -125,8 +119,7 @@ def sizes(options: Namespace) -> dict[str, Any]:
             if options.short or comm.size > 1:
                 rows.append(measure(case, unknowns, options.steps))
             else:
-                with ProcessPoolExecutor(1, get_context("spawn")) as alone:
-                    rows.append(alone.submit(measure, case, unknowns, options.steps).result())
+                rows.append(alone(measure, case, unknowns, options.steps))
             say(str(rows[-1]))
         large = [r for r in rows if r["case"] == case and r["unknowns"] >= SMALL]
         if len(large) > 1:
@@ -198,14 +191,14 @@ def ranks(options: Namespace) -> dict[str, Any]:
         return {}
     [case], n, one = options.cases, options.unknowns[-1], comm.rank == 0
 
-    def alone(unknowns: int) -> Iterator[rf.Report]:
+    def by_itself(unknowns: int) -> Iterator[rf.Report]:
         return started(*scene_and_step(case, unknowns, MPI.COMM_SELF))
 
     runs: dict[str, Iterator[rf.Report] | None] = {
         "all": started(*scene_and_step(case, n)),
-        "one": alone(n) if one else None,
-        "share alone": alone(n // comm.size) if one else None,
-        "shares together": alone(n // comm.size),
+        "one": by_itself(n) if one else None,
+        "share alone": by_itself(n // comm.size) if one else None,
+        "shares together": by_itself(n // comm.size),
     }
     seconds: dict[str, list[float]] = {name: [] for name in runs}
     for _ in range(options.steps):

@@ -8,7 +8,9 @@ import subprocess
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Hashable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
 from time import perf_counter
@@ -140,6 +142,14 @@ MINE = "OMPI_COMM", "OMPI_UNIVERSE", "PMIX_", "PMI_", "PRTE_", "HYDRA_"  # of th
 def without_mpi() -> dict[str, str]:
     """The variables that another program of MPI may see: mpirun knows of no other process here."""
     return {name: value for name, value in os.environ.items() if not name.startswith(MINE)}
+
+
+def alone(call: Callable[..., Any], *given: Any) -> Any:
+    """What a call returns in a process of its own, whose memory is that of the call."""
+    for name in os.environ.keys() - without_mpi().keys():
+        del os.environ[name]
+    with ProcessPoolExecutor(1, get_context("spawn")) as other:
+        return other.submit(call, *given).result()
 
 
 def by_another_python(
