@@ -19,7 +19,7 @@ APART = {
     *(
         "FoundBodies._expanded",
         "FoundBodies._linear",
-        *("Known.along", "Known.terms", "Known.modes"),
+        *("Known.along", "Known.modes"),
     ),  # made when they are asked for
 }
 

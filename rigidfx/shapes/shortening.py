@@ -72,7 +72,7 @@ class Known:
 class Shortening:
     """δ of the bodies of a run, at probes and as a field."""
 
-    remembered: ClassVar[Remembered] = {"_known": Each(Known, terms=ANEW, along=ANEW, modes=ANEW)}
+    remembered: ClassVar[Remembered] = {"_known": Each(Known, along=ANEW, modes=ANEW)}
 
     def __init__(
         self,
