@@ -13,14 +13,12 @@ APART = {
     *("changes", "_changes", "_asked", "_rotations", "_places", "_writes"),  # writes into a state
     *("scene", "_scene", "_element", "_here", "_columns"),  # as they were given, or by identity
     *("_field", "_cell_field", "_square"),  # refilled before they are read
+    "ShapedIncrements._work",  # room for C code
     *("WholeMass._matrix", "WholeMass._without"),  # made when it is asked for
     *("_last", "Whereabouts._first", "held", "_seen"),  # reports, the preload, bodies by identity
     "Growth._strains",  # of a last look
-    *(
-        "FoundBodies._expanded",
-        "FoundBodies._linear",
-        *("Known.along", "Known.modes"),
-    ),  # made when they are asked for
+    *("FoundBodies._expanded", "FoundBodies._linear"),  # made when they are asked for
+    *("Known.along", "Known.modes"),
 }
 
 
