@@ -125,9 +125,9 @@ OBSTACLES = {
 PARTS = {"flexible": [], "rigid": [rf.Rigid()], "mixed": [rf.Rigid("part")]}
 
 
-def followed(run: Iterator[rf.Report], short: bool, free: bool = False) -> Balance:
+def followed(run: Iterator[rf.Report], short: bool) -> Balance:
     """The balance over 1000 steps in contact, or over four times as many steps; short over 60."""
-    wanted, balance = 60 if short else 1000, Balance(free)
+    wanted, balance = 60 if short else 1000, Balance()
     for report in run:
         balance.follow(report)
         if balance.touching >= wanted or balance.steps >= 4 * wanted:
@@ -175,11 +175,11 @@ OF_PAIR = {
 def energy_of_pairs(short: bool) -> dict[str, float]:
     """The worst of all divisions and masses, nodes of each surface against facets of the other."""
     runs = [(p, m) for p in OF_PAIR for m in MASSES][:: 3 if short else 1]
-    balances = [followed(_in_hollow(*run), short, free=True) for run in runs]
+    balances = [followed(_in_hollow(*run), short) for run in runs]
     return {
         "energy_drift": max(b.energy for b in balances),
-        "linear_momentum_drift": max(b.linear for b in balances),
-        "angular_momentum_drift": max(b.angular for b in balances),
+        "linear_momentum_drift": max(b.momenta[0] for b in balances),
+        "angular_momentum_drift": max(b.momenta[1] for b in balances),
         **counted(balances),
     }
 

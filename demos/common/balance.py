@@ -4,45 +4,53 @@ import numpy as np
 
 import rigidfx as rf
 
+TINY = float(np.finfo(np.float64).tiny)
+
 
 class Balance:
     """Errors of energy and momenta so far.
 
     Attributes:
         off: Largest |H - H(0) - work + dissipated| [J].
-        largest: Largest H [J].
-        linear: Change of the linear momentum, of what is free, over its largest scale.
-        angular: Change of the angular momentum about the origin, likewise.
+        gain: Of the last step [J].
+        largest: Largest H, or work of a step [J].
         touching: Steps in which a contact stored energy.
         steps: All steps.
     """
 
-    def __init__(self, free: bool = False) -> None:
-        """Begin with nothing; momenta count if nothing acts from outside."""
-        self._free = free
-        self.off = self.largest = self.linear = self.angular = 0.0
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self.off = self.gain = self.largest = 0.0
         self.touching = self.steps = 0
         self._first: rf.Report | None = None
-        self._expected = self._scale = 0.0
+        self._now = self._expected = 0.0  # the error, and what work has given [J]
+        self._changes, self._sizes = np.zeros(2), np.full(2, TINY)
 
     @property
     def energy(self) -> float:
         """Error of the energy over the largest energy."""
-        return self.off / self.largest
+        return self.off / max(self.largest, TINY)
+
+    @property
+    def momenta(self) -> tuple[float, float]:
+        """Largest change of L relative to Σ m|v|, and of J about the origin to its own size."""
+        linear, angular = self._changes / self._sizes
+        return float(linear), float(angular)
 
     def follow(self, r: rf.Report) -> None:
         """Take note of a report."""
         first = self._first = r if self._first is None else self._first
-        self.largest = max(self.largest, r.energy)
-        self._scale = max(self._scale, r.momentum_scale)
+        work = r.work_of_loads + r.work_of_supports - sum(r.dissipated.values())
+        work += r.impact.energy if r.impact else 0.0
         if r is not first:
             self.steps += 1
             self.touching += any(touch.energy > 0 for touch in r.touches.values())
-            self._expected += r.work_of_loads + r.work_of_supports - sum(r.dissipated.values())
-            self._expected += r.impact.energy if r.impact else 0.0
-        self.off = max(self.off, abs(r.energy - first.energy - self._expected))
-        if self._free:
-            linear = np.abs(r.linear_momentum - first.linear_momentum).max()
-            angular = np.abs(r.angular_momentum - first.angular_momentum).max()
-            self.linear = max(self.linear, float(linear) / self._scale)
-            self.angular = max(self.angular, float(angular) / self._scale)
+            self._expected += work
+        now = r.energy - first.energy - self._expected
+        self.gain, self._now = now - self._now, now
+        self.off = float(np.maximum(self.off, abs(now)))  # of what is no number, too
+        self.largest = max(self.largest, r.energy, abs(work))
+        L, J = r.linear_momentum, r.angular_momentum
+        changes = L - first.linear_momentum, J - first.angular_momentum
+        self._changes = np.maximum(self._changes, np.linalg.norm(changes, axis=1))
+        self._sizes = np.maximum(self._sizes, [r.momentum_scale, np.linalg.norm(J)])

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import Balance
 from dolfinx.mesh import compute_midpoints
 from mpi4py import MPI
 
@@ -34,12 +35,10 @@ class History:
         self.stress: list[float] = []  # von Mises' there [Pa]
         self.pressing: list[float] = []  # of all contacts together [N]
         self.t: list[float] = []
+        self.balance = Balance()
         self.energy: list[float] = []
-        self.sizes: list[float] = []
-        self.supplied: list[float] = []  # work less dissipation, and impacts, up to t [J]
         self.L: list[np.ndarray] = []
         self.J: list[np.ndarray] = []
-        self.momentum_scale: list[float] = []
         self.iterations: list[int] = []
         self.tangents: list[int] = []
         self.linear_iterations: list[int] = []
@@ -54,15 +53,11 @@ class History:
 
     def add(self, r: rf.Report) -> None:
         """Take a report over."""
-        work = r.work_of_loads + r.work_of_supports - sum(r.dissipated.values())
-        work += r.impact.energy if r.impact and r.step else 0.0
+        self.balance.follow(r)
         self.t.append(r.t)
         self.energy.append(r.energy)
-        self.supplied.append((self.supplied[-1] if self.supplied else 0.0) + work)
-        self.sizes.append(max(r.kinetic + r.strain + r.stored, abs(work)))
         self.L.append(r.linear_momentum)
         self.J.append(r.angular_momentum)
-        self.momentum_scale.append(r.momentum_scale)
         self.unknowns.append(r.unknowns)
         self.bodies.append(len(r.bodies))
         self.cells.append(sum(body.cells for body in r.bodies))
@@ -86,22 +81,6 @@ class History:
     def kinds(self) -> list[str]:
         """Kinds of all events."""
         return [event.kind for event in self.events]
-
-    def energy_drift(self) -> float:
-        """How far the balance of energy is off, relative to the largest energy."""
-        balance = np.array(self.energy) - np.array(self.supplied)
-        off = np.abs(balance - balance[0])
-        scale = max(self.sizes)
-        return float(off.max() / scale) if scale > 0 else 0.0
-
-    def momentum_drift(self) -> float:
-        """Largest change of L relative to Σ m|v|, and of J relative to its own size."""
-        L, J = np.array(self.L), np.array(self.J)
-        out = 0.0
-        for values, scale in ((L, max(self.momentum_scale)), (J, np.linalg.norm(J, axis=1).max())):
-            if scale > 0:
-                out = max(out, float(np.linalg.norm(values - values[0], axis=1).max() / scale))
-        return out
 
 
 Check = Callable[[History], str]  # "" if all is well, else what is not
@@ -215,8 +194,8 @@ def judge(case: Case, run: Run, history: History) -> Result:
             problems.append(f"ended with {history.error!r}, not with {run.fails.__name__}")
         problems += [f"its message lacks {text!r}: {message}" for text in run.says
                      if text not in message]  # fmt: skip
-    energy = history.energy_drift() if history.t else 0.0
-    momentum = history.momentum_drift() if history.t and run.momentum is not None else None
+    energy, drifts = history.balance.energy, history.balance.momenta
+    momentum = max(drifts) if history.t and run.momentum is not None else None
     worst = max(history.tangents, default=0)
     if not energy <= run.energy:
         problems.append(f"energy is off by {energy:.1e} > {run.energy:.0e}")

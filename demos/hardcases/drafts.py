@@ -283,7 +283,7 @@ def _rounding(draft: Draft) -> float:
 
 def outcome(draft: Draft) -> str:
     """What becomes of a draft: an error before the first step, a balanced run, or what is wrong."""
-    history, lost = History(), [0.0]
+    history, gains, lost = History(), [0.0], [0.0]
     try:
         scene, dt, t_end, criterion = build(draft)
         whose = "accuracy" if isinstance(criterion, rf.Accuracy) else "rigidify"
@@ -297,14 +297,13 @@ def outcome(draft: Draft) -> str:
                     return f"displacement is not finite at step {r.step}"
                 if r.step:
                     lost.append(sum(event.energy_lost for event in r.events))
+                    gains.append(history.balance.gain + lost[-1])
     except (rf.SceneError, rf.StepError) as error:
         steps = len(history.iterations)
         if steps == 0 and isinstance(error, rf.SceneError):
             return ERROR
         return f"{type(error).__name__} after step {steps}: {error}"
-    gains = np.diff(history.energy, prepend=0.0) - np.diff(history.supplied, prepend=0.0) + lost
-    off = float(np.abs([*gains[1:], *lost]).max())
-    scale = max(*history.sizes, *history.energy)
+    off, scale = float(np.abs([*gains, *lost]).max()), history.balance.largest
     if off > BOUND * scale + _rounding(draft):
         return f"energy is off by {off / scale:.1e}"
     return BALANCED
