@@ -89,7 +89,7 @@ def prepare(
         ledgers = None if control is None else Ledgers(stepper)
         stack.pop_all()
     touch, contacts = FirstTouch(stepper), ResolvedForces(scene) if scene.named(Contact) else None
-    about = partial(_about, switch, state, growth)
+    about = partial(_about, switch, growth)
     shortening = Shortening(scene, probes.points, about, partial(_allowed, policy, chooses))
     known = policy, probes, shortening, recovery, touch, contacts, ledgers
     return Run(timeline, stepper, switch, *known, idle, growth), impact
@@ -103,10 +103,10 @@ def _allowed(policy: Policy | None, control: TimeControl | None) -> float:
     return limits.part * control.reach(0.0)
 
 
-def _about(switch: Switch, state: State, growth: Growth | None, body: Body) -> About:
+def _about(switch: Switch, growth: Growth | None, body: Body) -> About:
     """The expansion of a body with shapes. Collective."""
     found = None if growth is None else growth.found.about(body)
-    return switch.shaping.about(state, body) if found is None else found
+    return switch.shaping.about(body) if found is None else found
 
 
 def _measure(scene: Scene, criterion: Criterion, forces: InternalForces) -> Indicator:

@@ -210,7 +210,7 @@ def _reports(
     )
     probes, number, shortening = Probes(scene), 0, None
     if shaping is not None:
-        shortening = Shortening(scene, probes.points, partial(shaping.about, state))
+        shortening = Shortening(scene, probes.points, shaping.about)
     looks = Whereabouts(scene.comm, ends[-1]), Stillness(scene)
     try:
         with heard(scene.comm, verbose), solver.at_work():
@@ -258,14 +258,14 @@ class _Steps:
     def advanced(self, end: float) -> StepResult:
         """The load step to an end [s], or towards it. Collective."""
         result, shaping, state = self._path.advance(end), self._shaping, self._path.state
-        while shaping is not None and (taut := shaping.taut(state) - self._tense):
+        while shaping is not None and (taut := shaping.spent.taut(state.bodies) - self._tense):
             self._tense |= taut
             result = self._again(shaping, taut)
         return result
 
     def nu(self) -> dict[str, float]:
         """ν of the parts. Collective."""
-        return {} if self._shaping is None else self._shaping.spent(self._path.state)
+        return {} if self._shaping is None else self._shaping.spent.follow(self._path.state)
 
     def _again(self, shaping: Shaping, taut: frozenset[str]) -> StepResult:
         """The load steps up to now, with Γ of parts by their names; the last one. Collective."""
@@ -273,7 +273,7 @@ class _Steps:
         ends = [*(t for t in self._ends if t < state.t), state.t]
         state.restore(self._start[0])
         state.notes = deepcopy(self._start[1])
-        state.group(shaping.tense(state, taut))
+        state.group(shaping.spent.tense(state.bodies, taut))
         self._start = state.snapshot(), self._start[1]
         path.begin_again(0.5 * (state.t + ends[0]))
         for stop in ends:

@@ -161,34 +161,33 @@ class Spent:
 
     remembered: ClassVar[Remembered] = same("nu", "_rise", "_large") | {"_looks": PART}
 
-    def __init__(self, scene: Scene) -> None:
-        """Nothing has been looked at."""
-        self._scene, self._looks = scene, Looks()
+    def __init__(self, scene: Scene, about: Callable[[Body], About]) -> None:
+        """Nothing has been looked at; `about` expands a part, collectively."""
+        self._scene, self._about, self._looks = scene, about, Looks()
         self.nu: dict[str, float] = {}
         self._rise: dict[str, float] = {}  # ν over q·Dq when it was looked at [1/(kg m²)]
         self._large: frozenset[str] = frozenset()  # parts of whose ν has been warned
         # How stretches stiffen the softest shapes, per e, by name and number of shapes [1/m].
         self._stiffer: dict[tuple[str, int], Array] = {}
 
-    def follow(self, state: State, about: Callable[[Body], About]) -> dict[str, float]:
-        """ν of each part, but those that are to get Γ; `about` expands one. Collective."""
+    def follow(self, state: State) -> dict[str, float]:
+        """ν of each part, but those that are to get Γ. Collective."""
         for body in _named(state.bodies):
             name, (_, square) = body.data.name, _sizes(body)
-            if self._tightens(body, about):
+            if self._tightens(body):
                 continue
             if self._looks.due(body):
-                found = Excess(about(body), body)
+                found = Excess(self._about(body), body)
                 self._look(state.t, body, found)
                 self._rise[name] = found.nu / square
             self.nu[name] = max(self.nu.get(name, 0.0), self._rise.get(name, 0.0) * square)
         return dict(self.nu)
 
-    def taut(self, bodies: Bodies, about: Callable[[Body], About]) -> frozenset[str]:
+    def taut(self, bodies: Bodies) -> frozenset[str]:
         """Names of the parts that are to get Γ, as stresses stiffen them. Collective."""
-        named = _named(bodies)
-        return frozenset(body.data.name for body in named if self._tightens(body, about))
+        return frozenset(body.data.name for body in _named(bodies) if self._tightens(body))
 
-    def _tightens(self, body: Body, about: Callable[[Body], About]) -> bool:
+    def _tightens(self, body: Body) -> bool:
         """Whether stresses stiffen one of the softest shapes by much, without Γ. Collective."""
         shapes, q = body.data.shapes, body.motion.q
         assert shapes is not None
@@ -198,14 +197,14 @@ class Spent:
         if key not in self._stiffer:
             own = np.diag(shapes.stiffness)[shapes.given :]
             soft = shapes.given + np.argsort(own, kind="stable")[:SOFTEST]
-            self._stiffer[key] = about(body).part.stiffer(shapes, soft)
+            self._stiffer[key] = self._about(body).part.stiffer(shapes, soft)
         return bool(np.abs(self._stiffer[key] @ body.stretched[0]).max() > BOUND)
 
-    def tense(self, bodies: Bodies, about: Callable[[Body], About], taut: frozenset[str]) -> Bodies:
+    def tense(self, bodies: Bodies, taut: frozenset[str]) -> Bodies:
         """The bodies, some with Γ, by their names. Collective."""
         for name in sorted(taut):
             tell(self._scene.comm, f"Reduced '{name}': tension stiffens it from now on")
-        each = [tense(b, about(b).part) if b.data.name in taut else b for b in bodies]
+        each = [tense(b, self._about(b).part) if b.data.name in taut else b for b in bodies]
         return Bodies.of_each(each)
 
     def _look(self, t: float, body: Body, found: Excess) -> None:

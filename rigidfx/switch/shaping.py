@@ -7,7 +7,6 @@ q = q̇ = 0, so that neither places nor momenta nor energy jump.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -50,12 +49,13 @@ class Shaping:
     Attributes:
         start: Displacement of the owned dofs at the start, about which the structure responds [m];
             None before a part has been given shapes.
+        spent: How far the shapes hold.
     """
 
     remembered: ClassVar[Remembered] = {
         "start": ON_DOFS,
         "_pressing": PART,
-        "_spent": PART,
+        "spent": PART,
     }
 
     def __init__(
@@ -75,15 +75,14 @@ class Shaping:
         self._loads: dict[str, Array] = {}  # patterns of forces from the start on, of each part
         self._expanded: dict[str, tuple[Part, About]] = {}
         self._full: set[str] = set()  # parts that have been warned of
-        self._spent = Spent(scene)
+        self.spent = Spent(scene, self.about)
         touches = bool(scene.named(Contact))
         self._growing = {e.name for e in scene.named(Reduced) if touches and e.shapes is None}
 
-    def _bind(self, state: State) -> Responses:
+    def _bind(self) -> Responses:
         """Responses of the structure about its start, with one factor for a run. Collective."""
-        if self.start is None:
-            self.start = state.u.x.array[: 3 * self._scene.owned_nodes].copy()
         if self._responses is None:
+            assert self.start is not None  # parts have been given shapes
             known = self._scene, self._forces, self.start, self._acting
             self._responses = about_start(*known)
         return self._responses
@@ -97,7 +96,9 @@ class Shaping:
         `HeldBodies.moving`. If it cannot have as many shapes, or buckles, it is a SceneError on
         every rank.
         """
-        responses, count = self._bind(state), effect.shapes
+        if self.start is None:
+            self.start = state.u.x.array[: 3 * self._scene.owned_nodes].copy()
+        responses, count = self._bind(), effect.shapes
         name = body.data.name
         if name not in self._loads:
             self._loads[name] = patterns(responses, state, self._until, hold)
@@ -222,7 +223,7 @@ class Shaping:
         new = self._pressing.new(pressing)
         if new is None:
             return None
-        self._bind(state)
+        self._bind()
         before = list(state.bodies)
         now = [self._with_more(body, new, dt) for body in before]
         changed = any(own is not body for own, body in zip(now, before, strict=True))
@@ -295,14 +296,10 @@ class Shaping:
         assert self._responses is not None
         responses, nodes = self._responses, np.arange(self._scene.owned_nodes, dtype=np.int32)
         whole = Part(responses, responses.stiffness.cells, nodes)
-        x = responses.stiffness.places - self._scene.centre_of_mass
-        x = np.c_[
-            np.ones(len(x)), x / np.linalg.norm(self._scene.parts.upper - self._scene.parts.lower)
-        ]
-        terms = np.einsum("ni,nj->nij", x, x).reshape(-1, 16)[
-            :, np.triu(np.ones((4, 4))).ravel() > 0
-        ]
-        F = np.einsum("ac,nt->nact", np.eye(3), terms).reshape(len(x), 3, -1)
+        size = np.linalg.norm(self._scene.parts.upper - self._scene.parts.lower)
+        x = (responses.stiffness.places - self._scene.centre_of_mass) / size
+        x, (i, j) = np.c_[np.ones(len(x)), x], np.triu_indices(4)
+        F = np.einsum("ac,nt->nact", np.eye(3), x[:, i] * x[:, j]).reshape(len(x), 3, -1)
         basis = whole.begun(fields)
         whole.extend(basis, responses.solve(whole.times_mass(F)), F.shape[2], F.shape[2])
         more = basis.vectors[:, :, squares.size :]
@@ -318,21 +315,9 @@ class Shaping:
         last = squares[off <= LACKING].max(initial=0.0)
         return off, found[found < (1 + LACKING) * last]
 
-    def spent(self, state: State) -> dict[str, float]:
-        """ν of each part: see `Spent`. Collective."""
-        return self._spent.follow(state, partial(self.about, state))
-
-    def taut(self, state: State) -> frozenset[str]:
-        """Names of the parts that stresses stiffen, without Γ. Collective."""
-        return self._spent.taut(state.bodies, partial(self.about, state))
-
-    def tense(self, state: State, taut: frozenset[str]) -> Bodies:
-        """The bodies, with Γ of some parts, by their names. Collective."""
-        return self._spent.tense(state.bodies, partial(self.about, state), taut)
-
-    def about(self, state: State, body: Body) -> About:
+    def about(self, body: Body) -> About:
         """The expansion of a body, about the start. Collective."""
-        self._bind(state)
+        self._bind()
         self._part(body.data)
         return self._expanded[body.data.name][1]
 
