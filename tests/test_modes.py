@@ -321,6 +321,17 @@ def test_coriolis_forces_are_not_passed_over(blade):
         rf.modes(one, 2, about=report)
 
 
+def test_a_free_state_that_turns_is_begun_from_once(blade, monkeypatch):
+    """Modes are looked for with its spin and without, and what is told of a start is told once."""
+    slow = blade(rf.InitialVelocity(angular=(0, 1.0, 0)))
+    report = next(iter(rf.simulate(slow, 1e-5, 1e-4)))
+    kind, begun = type(report), []
+    begin = kind.to_start_from
+    monkeypatch.setattr(kind, "to_start_from", lambda of: begun.append(of) or begin(of))
+    rf.modes(slow, 2, about=report)
+    assert len(begun) == 1
+
+
 def test_rayleigh_damping_has_both_ratios():
     drag, viscous = rf.rayleigh(2.0, 30.0, 0.02, 0.05)
     for f, ratio in ((2.0, 0.02), (30.0, 0.05)):
