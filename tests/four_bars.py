@@ -7,6 +7,7 @@ from common import boxes
 
 import rigidfx as rf
 
+METAL = rf.StVenantKirchhoff(rho=2700.0, E=2e10, nu=0.3)
 Z = 0.0, 0.0, 1.0
 # Crank, rocker and coupler: corners [m] and cells.
 BARS = {
@@ -15,6 +16,13 @@ BARS = {
     "coupler": ((0.07, 0.37, -0.03), (0.93, 0.43, 0.03), (4, 1, 1)),
 }
 PLACES = (0, 0, 0), (0, 0.4, 0), (1, 0.4, 0), (1, -0.5, 0)
+# The same with a long coupler.
+SLENDER = {
+    "crank": ((0, 0, 0), (0.1, 0.4, 0.1), (1, 4, 1)),
+    "rocker": ((2.14, -0.3, 0), (2.24, 0.4, 0.1), (1, 7, 1)),
+    "coupler": ((0.12, 0.3, 0), (2.12, 0.4, 0.1), (12, 1, 1)),
+}
+OF_SLENDER = (0.05, 0.05, 0.05), (0.11, 0.35, 0.05), (2.13, 0.35, 0.05), (2.19, -0.25, 0.05)
 
 
 def with_ends(bars):
@@ -37,21 +45,19 @@ def with_ends(bars):
     return domain
 
 
-def four_bars(*effects, face=rf.MeanFace, **options):
+def four_bars(*effects, face=rf.MeanFace, bars=BARS, places=PLACES, metal=METAL, **options):
     """The crank turns right round; a motor drives it where one is given."""
-    domain = with_ends(BARS)
-    A, B, C, D = PLACES
+    domain, (A, B, C, D) = with_ends(bars), places
     joints = [
         rf.Revolute("ground", face("crank 1"), A, Z, name="A"),
         rf.Revolute(face("crank 2"), face("coupler 1"), B, Z, name="B"),
         rf.Revolute(face("coupler 2"), face("rocker 2"), C, Z, name="C"),
         rf.Revolute("ground", face("rocker 1"), D, Z, name="D"),
     ]
-    metal = rf.StVenantKirchhoff(rho=2700.0, E=2e10, nu=0.3)
-    probes = {"tip": (0.5, 0.43, 0.03)}
-    return rf.Scene(
-        domain, metal, [*joints, *effects], element="enhanced", probes=probes, **options
-    )
+    low, high = (np.array(end) for end in bars["coupler"][:2])
+    probes = {"tip": (0.5 * (low[0] + high[0]), *high[1:])}
+    effects = [*joints, *effects]
+    return rf.Scene(domain, metal, effects, element="enhanced", probes=probes, **options)
 
 
 def driven(t):

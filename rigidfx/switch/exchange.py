@@ -31,8 +31,7 @@ from rigidfx.switch.mass_properties import freeze
 from rigidfx.switch.projected_velocities import Field, Present, RigidFields, WholeMass
 
 NEGLIGIBLE = 1e-15  # of the largest: difference velocities that need not be kept
-CONTINUOUS = 1e-13  # of the largest: difference of velocities at an interface that is only rounding
-ROUNDING = 1e-13  # of the energy: what is too little to find the scale of a field by
+ROUNDING = 1e-13  # of the energy, too little to scale a field by; of velocities at an interface
 
 
 class Works(NamedTuple):
@@ -153,10 +152,13 @@ class Exchange:
         self._shaped = shaped
         if not shaped:
             return
-        left = {b.data.number: b for b in state.bodies if b.data.number not in shaped}
         velocity = state.v.x.array.copy()
         going = [body for body in state.bodies if body.data.number in shaped]
         shift = None if self.leave is None else self.leave(going)
+        if shift is not None:
+            state.group(shift.bodies)
+            going = [body for body in state.bodies if body.data.number in shaped]
+        left = {b.data.number: b for b in state.bodies if b.data.number not in shaped}
         state.take_out(shaped)
         turned: Array = np.zeros(3)
         energy = 0.0  # what others have gained: the first body gives it
@@ -250,7 +252,7 @@ class Exchange:
         gap = state.gap(bodies, [np.flatnonzero(meet[body.data.nodes]) for body in bodies])
         largest = float(np.abs(state.v.x.array).max(initial=0.0))
         gap, largest = np.max(self._scene.comm.allgather((gap, largest)), axis=0)
-        return bool(gap <= CONTINUOUS * largest)
+        return bool(gap <= ROUNDING * largest)
 
     def _include(
         self, mass: WholeMass, state: State, body: Body, prescribed: Bools, named: bool = False

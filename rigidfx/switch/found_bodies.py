@@ -5,8 +5,9 @@ tension stiffens gets Γ, and cells wake where it bends so far that its energy i
 shapes (`bends`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from rigidfx.flexible.kernels import integral
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.mechanics.rigid_motions import best_motion
+from rigidfx.mechanics.rotation import axial
 from rigidfx.shapes import bends
 from rigidfx.shapes.excess import About, Excess
 from rigidfx.shapes.found import Found
@@ -30,6 +32,7 @@ from rigidfx.shapes.pressing import Pressing
 from rigidfx.shapes.responses import Responses
 from rigidfx.step.equations.actions import Actions, apart
 from rigidfx.step.stepper import Stepper
+from rigidfx.switch.closed_joints import ClosedJoints, Moved
 from rigidfx.switch.inventory import about_start
 from rigidfx.withheld.body_forces import BodyForces
 from rigidfx.withheld.fields import Fields, Force
@@ -38,9 +41,10 @@ from rigidfx.withheld.fields import Fields, Force
 class Shift(NamedTuple):
     """How nodes move, and what all but the bodies gain by that."""
 
-    d: Array  # of the owned nodes, shape (nodes, 3) [m]
+    d: Array  # of the owned nodes, beside their bodies' own motion, shape (nodes, 3) [m]
+    bodies: Bodies  # all bodies of the state, which keep velocities in their own frames
     energy: float  # of flexible cells, springs and contacts [J]
-    angular_momentum: Array  # of nodes of flexible cells, shape (3,) [kg m²/s]
+    angular_momentum: Array  # of nodes of flexible cells and of bodies, shape (3,) [kg m²/s]
 
 
 @dataclass(frozen=True)
@@ -349,29 +353,34 @@ class FoundBodies:
     def shift(self, bodies: Sequence[Body]) -> Shift | None:
         """How nodes move as bodies of the state leave their shapes; None if not. Collective."""
         stepper, own = self._stepper, [body for body in bodies if self.grows(body.data)]
-        stays = stepper.system.linkage is not None or any(self.stiff(b.data) for b in own)
-        if stays or not own:
+        if not own:
             return None
+        scene, state, system = self._scene, stepper.state, stepper.system
         d = np.sum([self.shortened(body) for body in own], axis=0)
         leaving = {body.data.number for body in bodies}
-        for body in stepper.state.bodies:
+        for body in state.bodies:
             if body.data.number not in leaving:
                 d[body.data.nodes] = 0.0
-        d.reshape(-1)[stepper.system.prescribed.mask] = 0.0  # supports may have begun since
-        stepper.state.rebuild()
-        scene, forces, u = self._scene, stepper.forces, stepper.state.u.x.array
+        d.reshape(-1)[system.prescribed.mask] = 0.0  # supports may have begun since
+        state.rebuild()
+        closed: Callable[[Array], Moved | None] = partial(Moved, bodies=state.bodies, energy=0.0)
+        if system.linkage is not None:
+            closed = ClosedJoints(scene, state, leaving, system.acting, self.responses).moved
         rows = Rows(scene.space, np.arange(len(d), dtype=np.int32))
-        actions = apart(scene, rows, u, forces.surface, stepper.system.acting)
-        found, stay, go = self._gained(d, bodies, rows, actions)
-        if stay * go < 0:  # between both it is that of the expansion
-            found, _, go = self._gained(stay / (stay - go) * d, bodies, rows, actions)
+        surface, u = stepper.forces.surface, state.u.x.array
+        actions = apart(scene, rows, u, surface, system.acting)
+        gained = partial(self._gained, bodies=bodies, rows=rows, actions=actions)
+        moved = closed(d)
+        found, stay, go = (None, 0.0, 0.0) if moved is None else gained(moved)
+        if stay * go < 0 and (moved := closed(stay / (stay - go) * d)) is not None:
+            found, _, go = gained(moved)  # between both it is that of the expansion
         actions.destroy()
         return found if abs(go) < abs(stay) else None
 
     def _gained(
-        self, d: Array, bodies: Sequence[Body], rows: Rows, actions: Actions
+        self, moved: Moved, bodies: Sequence[Body], rows: Rows, actions: Actions
     ) -> tuple[Shift, float, float]:
-        """The shift of all nodes by d, and the excess of energy if they stay and if they go [J].
+        """The shift of all nodes, and the excess of energy if they stay and if they go [J].
 
         Actions are those on all nodes. Collective.
         """
@@ -383,10 +392,15 @@ class FoundBodies:
             stored = np.sum(actions.stored(Instant(none, u[rows.dofs], state.t)))
             return [float(stored), integral(strain)]
 
-        before, after = self._stepper.system.energies.both(state, d, further)
+        before, after = self._stepper.system.energies.both(state, moved.d, further)
         more, wanted = after - before, float(Bodies.of_each(bodies).strain_of_each.sum())
-        gained = more[0] + more[4]
-        return Shift(d, gained, more[1:4]), before[5] - wanted, after[5] + gained - wanted
+        gained, turned = more[0] + more[4] + moved.energy, more[1:4]
+        d = moved.d.copy()
+        for was, now in zip(state.bodies, moved.bodies, strict=True):
+            d[was.data.nodes] -= now.displacement - was.displacement
+        turned += _turned(moved.bodies) - _turned(state.bodies)
+        found = Shift(d, moved.bodies, gained, turned)
+        return found, before[5] - wanted, after[5] + gained - wanted
 
     def bind(self) -> None:
         """Forget bodies that are no more. Collective."""
@@ -405,3 +419,8 @@ class FoundBodies:
             self._linear.destroy()
             self._linear.responses.destroy()
         self._linear = None
+
+
+def _turned(bodies: Bodies) -> Array:
+    """Angular momentum of bodies about the origin, shape (3,) [kg m²/s]."""
+    return np.asarray(axial(bodies.r.T @ bodies.momentum) + bodies.angular_momentum.sum(axis=0))

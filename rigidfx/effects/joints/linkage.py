@@ -316,6 +316,18 @@ class Linkage:
         rates = np.r_[np.zeros(active), speeds][bound]
         return rows[bound].reshape(rates.size, -1, 3), self._motion.after(share), rates
 
+    def bound(self) -> tuple[Array, Array]:
+        """Rows that joints and motors of given motion keep, at a step's start: values and slopes.
+
+        Values [m] are those of joints' rows and -ℓ q of motors, shape (rows,); derivatives are by
+        averages, shape (rows, 3 · averages).
+        """
+        drives = self.drives
+        q = [-drive.size * self._q[drive.key] for drive in drives.each]
+        rows = dense(self._by_averages(0.0, partial(drives.along, 0.0)))
+        bound = np.r_[np.ones(self.rows.active.size, dtype=bool), drives.prescribed]
+        return np.r_[self.rows.violation[self.rows.active], q][bound], rows[bound]
+
     def on_vectors(self, multipliers: Array) -> Array:
         """Forces of multipliers on vectors, as a resistance, shape (vectors, 3) [N]."""
         rows = self._by_vectors(self._share, self.drives.test)
