@@ -81,11 +81,11 @@ scene = rf.Scene(
 # ## Discretisation
 #
 # In space: cells with an edge of one metre, 117 of them, full integration. In time: the
-# energy-momentum method. With u½ = ½ (u₀ + u₁) and the averaged stress ½ (S₀ + S₁), the step from
-# t₀ to t₁ = t₀ + Δt solves
+# energy-momentum method. With u½ = ½ (u₀ + u₁), the averaged stress ½ (S₀ + S₁) and the mean t̄ of
+# the traction, the step from t₀ to t₁ = t₀ + Δt solves
 #
 # $$ \int ρ_0\, \frac{v_1 - v_0}{Δt} · δu \,dV + \int F(u_½)\, \tfrac12 (S_0 + S_1) : ∇δu \,dV
-#    = \int t_½ · δu \,dA, \qquad \frac{u_1 - u_0}{Δt} = \tfrac12 (v_0 + v_1). $$
+#    = \int \bar t · δu \,dA, \qquad \frac{u_1 - u_0}{Δt} = \tfrac12 (v_0 + v_1). $$
 #
 # The choice δu = u₁ - u₀ shows that energy is conserved whatever Δt, a translation and a rotation
 # of space as δu show that momenta are. For the other materials a discrete gradient takes the place

@@ -105,7 +105,7 @@ class Action:
         return getattr(cls, method, None) is not getattr(Action, method, None)
 
     def set_time(self, t: float, dt: float) -> None:
-        """Evaluate functions of time for a step whose midpoint is t [s]; one that fails raises."""
+        """Evaluate functions of time for a step of Δt about t [s]; one that fails raises."""
 
     def load(self, forces: Any) -> None:
         """Add dead loads to the external forces of a step: asked once in each."""

@@ -1,10 +1,10 @@
 """Do loads, and forces of motors, joints and supports, change faster than Δt?
 
-A step takes a load f in its middle, which is its mean over the step as far as f is straight there.
-The rest is r = f - f(middle) - s (t - middle), with the slope s that fits best, and
-Σ Δt mean |r| of Σ Δt mean |f| is (ωΔt)²/24 in a vibration of ω. Means are taken at Gauss's five
-points, whose distances have no common divisor: no vibration looks straight in them. Of the path of
-a support, and of a motor that prescribes a motion, f is the velocity.
+A step takes the mean of a load f, and what is straight in it errs by little. The rest is
+r = f - f(middle) - s (t - middle), with the slope s that fits best, and Σ Δt mean |r| of
+Σ Δt mean |f| is (ωΔt)²/24 in a vibration of ω. Means are taken at Gauss's five points, whose
+distances have no common divisor: no vibration looks straight in them. Of the path of a support,
+and of a motor that prescribes a motion, f is the velocity.
 
 The second difference of a constraint's force, over 4, counts as alternating where it changes its
 sign in two of three steps, which it does at three steps a period and less. One event in between

@@ -276,7 +276,7 @@ class LoadPath:
     def _set_loads(self, t: float, dt: float) -> None:
         """Evaluate actions at the end t of a load step of length dt [s]. Collective."""
         at = nextafter(t, -1.0) if self._fixed is None else self._fixed
-        self._forces.set_time(at, dt)
+        self._forces.set_time(at, 0.0)
         self.system.actions.set_time(at, dt)
         if self._fixed is not None:
             self.share = t

@@ -2,7 +2,7 @@
 
 A multiplier λ is the force along a coordinate q, over the joint's size ℓ where q is an angle. Its
 equation F = 0 [m] is ℓ (q₁ - q(t₁)) = 0 where q is prescribed, (λ - f/ℓ)/κ = 0 with a given force
-f(t½) or a law f(q₀, q₁), with κ = 2 m/Δt² of the mass that the joint moves, in statics its
+f̄ or a law f(q₀, q₁), with κ = 2 m/Δt² of the mass that the joint moves, in statics its
 stiffness. So stiff springs are no stiffness of nodes.
 """
 
@@ -15,6 +15,7 @@ from scipy.sparse import csr_array
 
 from rigidfx.base.matrices import Matrix
 from rigidfx.base.types import Array
+from rigidfx.effects.base import mean_over
 from rigidfx.effects.joints.elements import (
     Blow,
     JointSpring,
@@ -167,7 +168,8 @@ class Drives:
         for drive in self._motors:
             motor = drive.effect
             if not motor.prescribes:
-                drive.force = motor.at(t + dt if self.static else t + 0.5 * dt)
+                end = (t + dt, 0.0) if self.static else (t + 0.5 * dt, dt)
+                drive.force = mean_over(motor.at, *end)
                 continue
             first, last = motor.at(t), motor.at(t + dt)
             if motor.by_speed:

@@ -27,6 +27,7 @@ from rigidfx.effects.base import (
     Vector,
     check_values,
     is_truth,
+    mean_over,
     must_be,
     of_place,
     values_at,
@@ -282,11 +283,16 @@ class DeadForces(Action):
         self._moments = load.moments(structure, weights)
         self._weights = np.where(structure.own, weights[structure.rows.nodes], 0.0)[:, None]
         self._q: Array = np.zeros(3)
+        self._static = structure.static
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate q; `SceneError` on this rank, unless it is three finite numbers."""
         load = self._load
-        self._q = vector_at(load.owner, "value or time function", t, lambda: load.intensity(t))
+
+        def q(t: float) -> Array:
+            return vector_at(load.owner, "value or time function", t, lambda: load.intensity(t))
+
+        self._q = mean_over(q, t, 0.0 if self._static else dt)
 
     def load(self, forces: Forces) -> None:
         """Add w q, and Σ w a qᵀ of bodies."""
@@ -306,11 +312,16 @@ class FieldForces(Action):
         self._weights = weights[nodes.nodes, None]
         self._X = structure.scene.space.tabulate_dof_coordinates()[nodes.nodes]
         self._forces: Array = np.zeros((len(nodes), 3))
+        self._static = structure.static
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate q at the nodes; `SceneError` on this rank, unless it is finite vectors."""
         load, X = self._load, self._X
-        self._forces = self._weights * check_values(load.owner, t, load.intensity(t, X), X)
+
+        def q(t: float) -> Array:
+            return check_values(load.owner, t, load.intensity(t, X), X)
+
+        self._forces = self._weights * mean_over(q, t, 0.0 if self._static else dt)
 
     def load(self, forces: Forces) -> None:
         """Add w q."""

@@ -22,7 +22,7 @@ from rigidfx.base.inputs import is_function, number, scalar
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, FormTerm, Structure
-from rigidfx.effects.base import Scaled
+from rigidfx.effects.base import Scaled, mean_over
 from rigidfx.effects.nodes import Motion, Tangent
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.element import Element
@@ -100,7 +100,7 @@ class PressureTerm(FormTerm):
 
     def set_time(self, t: float, dt: float) -> None:
         """Set p."""
-        self._p.value = self._effect.intensity(t)
+        self._p.value = mean_over(self._effect.intensity, t, dt)
 
     def virtual_work(self, element: Element, u0: Any, u1: Any, w: Any) -> Any:
         """The integrand p cof(F½) N·w."""
@@ -122,7 +122,7 @@ class RotatedPressure(Action):
         self._moments = surface.outward_moments(*where)
         deform = structure.bodies.of.shapes is not None
         self._slopes = surface.outward_slopes(*where) if deform else None
-        self._p = 0.0
+        self._p, self._static = 0.0, structure.static
 
     def _unit(self, increments: Increments) -> Array:
         """Σ a fᵀ for p = 1 at the place where forces are taken, (bodies, n, 3) [m², m³]."""
@@ -133,7 +133,7 @@ class RotatedPressure(Action):
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate p."""
-        self._p = self._effect.intensity(t)
+        self._p = mean_over(self._effect.intensity, t, 0.0 if self._static else dt)
 
     def _turned(self, increments: Increments) -> Array:
         """Moments in space."""

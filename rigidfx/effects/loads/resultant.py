@@ -11,7 +11,7 @@ from rigidfx.base.inputs import vector
 from rigidfx.base.taken import Checks
 from rigidfx.base.types import Array
 from rigidfx.effects.action import Action, Structure
-from rigidfx.effects.base import NO_VECTOR, WHOLE, Scaled, Vector
+from rigidfx.effects.base import NO_VECTOR, WHOLE, Scaled, Vector, mean_over
 from rigidfx.effects.joints.remote import OnFace, RemoteMotion, RemoteNodes
 from rigidfx.effects.joints.sides import Surface
 from rigidfx.effects.loads.dead_load import DeadForces
@@ -112,7 +112,7 @@ class Resultant(OnFace, Scaled):
         names = [body.name for body in structure.bodies.of.records]
         if self.body not in names:
             return None
-        return BodyLoad(self, names.index(self.body), structure.once)
+        return BodyLoad(self, structure, names.index(self.body))
 
 
 class ForceAndTorque(Action):
@@ -120,23 +120,23 @@ class ForceAndTorque(Action):
 
     kind = Resultant.__name__
 
-    def __init__(self, load: Resultant) -> None:
+    def __init__(self, load: Resultant, structure: Structure) -> None:
         """Begin with none."""
-        self._load = load
+        self._load, self._static = load, structure.static
         self._both: Array = np.zeros((2, 3))
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate force and torque; `SceneError` on this rank, if one is not finite."""
-        self._both = self._load.both_at(t)
+        self._both = mean_over(self._load.both_at, t, 0.0 if self._static else dt)
 
 
 class BodyLoad(ForceAndTorque):
     """A resultant on one of the bodies."""
 
-    def __init__(self, load: Resultant, place: int, once: float) -> None:
-        """Store which of the bodies it acts on, and `Structure.once`."""
-        super().__init__(load)
-        self._place, self._once = place, once
+    def __init__(self, load: Resultant, structure: Structure, place: int) -> None:
+        """Store which of the bodies it acts on."""
+        super().__init__(load, structure)
+        self._place, self._once = place, structure.once
 
     def load(self, forces: Forces) -> None:
         """Add force and torque."""
@@ -155,7 +155,7 @@ class FaceCouple(ForceAndTorque):
 
     def __init__(self, load: Resultant, structure: Structure) -> None:
         """Store the directions of its face."""
-        super().__init__(load)
+        super().__init__(load, structure)
         self.nodes = RemoteNodes(structure, load.remote.directions)
         self._arm = load.remote.arm[:, None]
 

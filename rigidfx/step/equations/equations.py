@@ -3,7 +3,7 @@
 The unknowns y are increments, of the free dofs and of the rigid bodies, so that a motion far from
 the origin loses no digits; with d = d(y) = u₁ - u₀ and v₁ = 2 d/Δt - v₀ the residual reads, in N,
 
-    f(d) = M (2 d/Δt - 2 v₀)/Δt + f_int(u₀, u₀ + d) - f_ext(t½),    R(y) = Lᵀ f + bodies' own.
+    f(d) = M (2 d/Δt - 2 v₀)/Δt + f_int(u₀, u₀ + d) - f̄_ext,    R(y) = Lᵀ f + bodies' own.
 
 d and f have rows for the active nodes only. Multipliers of joints come last, see `constraints`.
 """

@@ -206,7 +206,7 @@ class Onset(NamedTuple):
 class Onsets:
     """Finds such times among the loads of a scene that are functions of the user's.
 
-    A step evaluates loads at its middle. The jerk of the motion shows this error for smooth loads,
+    A step takes loads by two samples. The jerk of the motion shows this error for smooth loads,
     but not for a load that jumps or begins after the middle. So loads that are functions of the
     user's are evaluated at five times before a step. If Simpson's means of five and three samples
     differ by more than `tol` of the change of the load so far, or if the mean differs from the
