@@ -1,8 +1,9 @@
 """The rule of `Accuracy`: the displacement that bodies lack stays within a budget.
 
 All cells freeze after the first step, and bodies get shapes. What shapes lack
-(`rigidfx.switch.growth`) may be half of the budget that time integration has left. Before woken
-cells freeze again, the displacement that a freeze would lose is estimated by
+(`rigidfx.switch.growth`) may be half of the budget that time integration has left. This may spend
+all but what shapes have lacked so far, or a tenth, or half as a motion begins. Before woken cells
+freeze again, the displacement that a freeze would lose is estimated by
 
     m = Σ w S s / Σ w S² ,    w = C V   of each cell, sums over cells that freeze, and all,  (1)
 
@@ -24,9 +25,10 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
 PER_OCTAVE, OCTAVES = 4, 400  # levels between which contributions are told apart
-OF_REST = 0.5  # part of the budget that time integration has left, that rigid parts may spend
-# Part of the allowed value that freezes use. A part that vibrated on took two to seven times what
-# (1) says; at 0.5 an arm of 20 073 unknowns was released repeatedly.
+TO_BODIES = 0.5  # part of the budget that time integration has left, that rigid parts may spend
+# Part of that which freezes use, and which time integration leaves to them in any case. A part that
+# vibrated on took two to seven times what (1) says; at 0.5 an arm of 20 073 unknowns was released
+# repeatedly.
 FREEZING = 0.2
 AMPLIFIED = 2.0  # amplification of m by loads that change
 AT_REST = 2  # steps in which loads have not changed where motions are free
@@ -70,7 +72,7 @@ class BudgetRule:
         self._weights: Array = np.zeros(cells)
         self._period, self._energy = nan, 0.0  # 2π τ [s]; Σ w S² [J]
         self._free, self._t = False, 0.0
-        self._budget = OF_REST * budget  # what rigidity may spend
+        self._budget = TO_BODIES * budget  # what rigidity may spend, as it stands
         self._size, self._largest = 0.0, 0.0  # what bodies lack, and U [m]
         self._from_rest = False  # whether a motion begins
         self._frozen = False  # whether there are bodies that were found
@@ -83,17 +85,29 @@ class BudgetRule:
         """Part of the deflection that a freeze may take: m."""
         if not self._largest > 0:
             return 0.0
-        room = max(FREEZING * self._budget - self._size / self._largest, 0.0)
+        room = max(FREEZING * self._budget - self._motion, 0.0)
         if not self._free or isnan(self._period):
             return room / AMPLIFIED
         return room / (1 + pi * max(self._timeline.t_end - self._t, 0.0) / self._period)
 
     @property
+    def _motion(self) -> float:
+        """Error of the motion by bodies so far, over the largest displacement."""
+        return self._size / self._largest if self._largest > 0 else 0.0
+
+    @property
+    def _kept(self) -> float:
+        """Part of the largest displacement that time integration leaves to bodies."""
+        most = TO_BODIES * self._whole
+        if self._frozen and self._from_rest:  # what bodies will lack is not known yet
+            return most
+        least = FREEZING * most if self._frozen else 0.0
+        return min(max(self._motion, least), most)
+
+    @property
     def rigidity(self) -> Rigidity:
         """Error of the motion by bodies."""
-        motion = self._size / self._largest if self._largest > 0 else 0.0
-        kept = self._budget if self._frozen else min(motion, self._budget)
-        return Rigidity(motion, kept, self._whole - kept, self._lost)
+        return Rigidity(self._motion, self._kept, self._whole - self._kept, self._lost)
 
     def limits(self) -> Limits:
         """The displacement that bodies may lack."""
@@ -127,9 +141,8 @@ class BudgetRule:
         self._largest, self._t = control.length.displacement, seen.t
         self._from_rest = control.length.begins(seen.t)
         self._frozen = any(not body.named and not body.is_face for body in seen.bodies)
-        if not self._frozen:  # time integration spends what there is, until something is
-            left = max(self._whole - control.length.used, 0.0)
-            self._budget = OF_REST * left
+        left = max(self._whole - control.length.used, 0.0)
+        self._budget = max(TO_BODIES * left, self._kept)
 
     def window_ends(self, seen: Observation, flexible: Bools) -> None:
         """Find the tolerances that use the allowed value. Collective."""
