@@ -1,7 +1,8 @@
 """A run that loses its balance of energy says so, once, and no other does."""
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from histories import heard
 
 import rigidfx as rf
+from rigidfx.report.energy_balance import EnergyBalance
 
 
 def spinning(scheme=None):
@@ -94,6 +96,19 @@ def test_a_balance_that_is_lost_is_named_while_it_happens():
     assert f"At t = {t:.6g} s the energy was {energy:.3g} J" in lost
     assert energy > 2 * reports[0][1]
     assert all(e <= 2 * reports[0][1] * (1 + 1e-9) for when, e, _ in reports if when < t)
+
+
+def test_releases_that_gain_energy_are_named():
+    """A tenth of the energy; of no event, rounding is named."""
+    scene = spinning()
+    first, second = list(rf.simulate(scene, 0.2, 0.2))
+    gain = 0.1 * first.energy
+    more = replace(second, energies=replace(second.energies, kinetic=second.kinetic + gain))
+    for events, words in ((SimpleNamespace(energy_lost=-gain),), "were released"), ((), "Rounding"):
+        balance = EnergyBalance(scene)
+        balance.follow(first)
+        with pytest.warns(rf.RigidfxWarning, match=words):
+            balance.follow(replace(more, events=events))
 
 
 def halves(material, ratio, effects=()):

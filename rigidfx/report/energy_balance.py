@@ -28,7 +28,7 @@ class EnergyBalance(Adviser):
     """Follows the energy of a run and the energy supplied to it."""
 
     remembered: ClassVar[Remembered] = Adviser.remembered | same(
-        "_expected", "_scale", "_known", "_held", "_most", "_given", "_lost"
+        "_expected", "_scale", "_known", "_held", "_most", "_given", "_lost", "_switched"
     )
 
     def __init__(self, scene: Scene) -> None:
@@ -41,6 +41,7 @@ class EnergyBalance(Adviser):
         self._most = 0.0  # largest error of the balance so far [J]
         self._given = 0.0  # most that a run has begun with, or that work has brought [J]
         self._lost = ""  # when, and how much of it, once it is lost
+        self._switched = 0.0  # how far bodies have changed it as they began and ended [J]
 
     def follow(self, report: Report) -> None:
         """Add the next report, that of the initial state first."""
@@ -58,6 +59,7 @@ class EnergyBalance(Adviser):
         self._known = max(self._known, abs(self._expected), abs(work), taken)
         self._scale = max(self._scale, report.energy, abs(work), taken)
         off = max(0.0, abs(report.energy - self._expected) - self._held)
+        self._switched += sum(abs(event.energy_lost) for event in report.events)
         rounding = self._rounding
         self._most = max(self._most, off)
         beyond_rounding = off > ADVICE[OFF].bound * self._scale + rounding.all
@@ -69,6 +71,12 @@ class EnergyBalance(Adviser):
                 "set, make it smaller."
             )
             why = why if beyond_rounding else rounding.why
+            if 2 * self._switched > off:
+                why = (
+                    f"Bodies that were released have changed it by {self._switched:.1e} J: their "
+                    "cells had another strain energy than shapes, and no velocities to take the "
+                    "difference from. Take a smaller Δt or tolerance, or let them stay flexible."
+                )
             self.advise(OFF, t=report.t, number=off / self._scale, why=why)
         if off > ADVICE[LOST].bound * self._known + rounding.softest:
             self._lost = (
