@@ -112,8 +112,9 @@ def shapes_of(
     wanted, before, vectors = whole("Reduced", "shapes", count, least=1), -1, none
     k, joined, once = (own.shape[2] for own in loads)
     depth, shapes = max(1, (wanted - once) // max(k + joined, 1)), part.shapes(vectors, wanted)
-    while len(shapes.force) < wanted and vectors.shape[2] > before:
+    # Beyond the unknowns of a part vectors are rounding.
+    while len(shapes.force) < wanted and before < vectors.shape[2] and before < part.room:
         before = vectors.shape[2]
         vectors, _ = ritz(responses, *zip(loads, (depth, depth, 1), strict=True), most=ALL)
-        shapes, depth = part.shapes(vectors, wanted), depth + 1
+        shapes, depth = part.shapes(vectors, wanted), 2 * depth
     return shapes
