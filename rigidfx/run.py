@@ -66,9 +66,7 @@ class Run:
         The outcome of the step of a number, and its events, are returned.
         """
         stepper, policy = self.stepper, self.policy
-        spent, bodies = self.switch.shaping.spent, stepper.state.bodies
-        if taut := spent.taut(bodies):
-            self.switch.regroup(spent.tense(bodies, taut))
+        self.switch.renew()
         attempt = stepper.attempt(target)
         while self.switch.grow(attempt.dt):
             attempt = stepper.attempt(attempt.end, again=True)
@@ -158,7 +156,7 @@ class Run:
         if self.resolved is not None:
             report = self.resolved.of(report)
         found = {} if self.growth is None else self.growth.found.nu
-        if nu := self.switch.shaping.spent.follow(self.stepper.state) | found:
+        if nu := self.switch.shaping.followed(self.stepper.state) | found:
             report = replace(report, nu=nu)
         if self.ledgers is None:
             return report

@@ -6,12 +6,14 @@ w·∫ S(E₁) : δE₁ dV + ∫ p cof(F₁) N · w dA, without viscous stresses
 """
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
+import numpy as np
 import ufl
 from dolfinx import fem
 
-from rigidfx.base.types import Array
+from rigidfx.base.types import Array, Ints
 from rigidfx.effects import Effect
 from rigidfx.flexible.internal_forces import BoundForces, Cells, InternalForces
 from rigidfx.flexible.kernels import Kernel, MaterialClass
@@ -91,16 +93,17 @@ class LinearForms:
         return kernel.bind(cells, instead={strained: self.shape})
 
     def tension(self, cells: Cells, along: Array) -> fem.Form:
-        """∫ S'[along] : ∇wᵀ∇v: what stresses add to the stiffness.
+        """∫ S'[along] : ∇wᵀ∇v: what stresses add to the stiffness, of each component alike.
 
         They are those of a displacement at the owned dofs [m], without what elements do to it, at
         one point of each cell where strains are constant or parasitic, and as they vary in cells of
-        second order.
+        second order. Arguments are in the space of one component: see `node_of`.
         """
         if self._tension is None:
-            V = self._scene.space
+            V, Q = self._scene.space, self._component[0]
             strained, moved = fem.Function(V), fem.Function(V)
-            slopes = ufl.grad(self._test).T * ufl.grad(self._trial)
+            test, trial = ufl.TestFunction(Q), ufl.TrialFunction(Q)
+            slopes = ufl.outer(ufl.grad(test), ufl.grad(trial))
 
             def work(i: int, c: MaterialClass) -> Any:
                 F = ufl.Identity(3) + ufl.grad(strained)
@@ -109,11 +112,22 @@ class LinearForms:
 
             degree = 2 * (self._scene.order - 1)
             form = ufl.derivative(self._forces.integrate(work, degree), strained, moved)
-            self._tension = strained, moved, Kernel(form, [V, V], self._scene.mesh)
+            self._tension = strained, moved, Kernel(form, [Q, Q], self._scene.mesh)
         strained, moved, kernel = self._tension
         moved.x.array[: along.size] = along
         moved.x.scatter_forward()
         return kernel.bind(cells, instead={strained: self.shape})
+
+    @cached_property
+    def _component(self) -> tuple[fem.FunctionSpace, Ints]:
+        """The space of a component of displacements, and the local node of each dof. Collective."""
+        space, dofs = self._scene.space.sub(0).collapse()
+        return space, np.asarray(dofs) // 3
+
+    @property
+    def node_of(self) -> Ints:
+        """Local node of each local dof of the space of one component. Collective at first."""
+        return self._component[1]
 
     def tangent(self, cells: Cells) -> fem.Form:
         """Derivative of `force` by the shape; compiled when first asked for. Collective."""

@@ -13,22 +13,23 @@ in each step, with `BOUND`, as a pull may have little energy beside that of a be
 of ν cells of bodies that were found wake; for named parts the run warns.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
 from rigidfx.base.log import tell
-from rigidfx.base.remembered import PART, Remembered, same
-from rigidfx.base.types import Array, Indices
+from rigidfx.base.remembered import ON_CELLS, PART, Remembered, same
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.base.warning import warn
-from rigidfx.coupling.dof_layout import AtNodes
+from rigidfx.coupling.dof_layout import AtNodes, nodes_of
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.excess import About, Excess, deformed
 from rigidfx.shapes.expanded import Expanded
+from rigidfx.shapes.part import MOST
 from rigidfx.state import State
 
 BOUND = 0.003  # of ν, above which cells wake, and a run warns: amplitudes err by 0.9 %
@@ -59,7 +60,7 @@ def tightens(body: Body, part: Expanded, d: Array, allowed: float | None = None)
     """
     shapes, q = body.data.shapes, body.motion.q
     assert shapes is not None
-    change = part.tension_by(d, shapes.whole.swapaxes(1, 2))
+    (change,) = part.tension_by(d[:, :, None], shapes.whole.swapaxes(1, 2))
     stiffness = shapes.tightened(q)
     if allowed is not None:
         bend = np.asarray(np.linalg.solve(stiffness, change @ q), dtype=np.float64)
@@ -100,8 +101,7 @@ def tension_of(body: Body, part: Expanded, known: Array) -> Array:
     modes = shapes.whole.swapaxes(1, 2)
     tension = np.zeros(3 * (len(shapes),))
     tension[:n, :n, :n] = known
-    for k in range(n, len(shapes)):
-        tension[k] = part.tension_by(modes[:, :, k], modes)
+    tension[n:] = part.tension_by(modes[:, :, n:], modes)
     return tension
 
 
@@ -157,9 +157,13 @@ class Spent:
 
     Attributes:
         nu: ν of each part, the largest so far, by its name.
+        leaving: Which owned cells leave parts before the next step.
     """
 
-    remembered: ClassVar[Remembered] = same("nu", "_rise", "_large") | {"_looks": PART}
+    remembered: ClassVar[Remembered] = same("nu", "_rise", "_large") | {
+        "_looks": PART,
+        "leaving": ON_CELLS,
+    }
 
     def __init__(self, scene: Scene, about: Callable[[Body], About]) -> None:
         """Nothing has been looked at; `about` expands a part, collectively."""
@@ -167,21 +171,51 @@ class Spent:
         self.nu: dict[str, float] = {}
         self._rise: dict[str, float] = {}  # ν over q·Dq when it was looked at [1/(kg m²)]
         self._large: frozenset[str] = frozenset()  # parts of whose ν has been warned
-        # How stretches stiffen the softest shapes, per e, by name and number of shapes [1/m].
-        self._stiffer: dict[tuple[str, int], Array] = {}
+        # How stretches stiffen the softest shapes, per e, by name, cells and shapes [1/m].
+        self._stiffer: dict[tuple[str, int, int], Array] = {}
+        owned = scene.mesh.topology.index_map(3).size_local
+        self.leaving: Bools = np.zeros(owned, dtype=bool)
 
-    def follow(self, state: State) -> dict[str, float]:
-        """ν of each part, but those that are to get Γ. Collective."""
+    def follow(self, state: State, pressed: Mapping[str, Bools] | None = None) -> dict[str, float]:
+        """ν of each part, but those that are to get Γ. Collective.
+
+        Where owned nodes are pressed, cells at these may leave a part: see `leaving`.
+        """
         for body in _named(state.bodies):
             name, (_, square) = body.data.name, _sizes(body)
-            if self._tightens(body):
-                continue
-            if self._looks.due(body):
+            marks, taut = (pressed or {}).get(name), self._tightens(body)
+            if (not taut or marks is not None) and self._looks.due(body):
                 found = Excess(self._about(body), body)
-                self._look(state.t, body, found)
+                leaves = marks is not None and self._leave(body, found, marks)
+                if not (leaves or taut):
+                    self._look(state.t, body, found)
                 self._rise[name] = found.nu / square
-            self.nu[name] = max(self.nu.get(name, 0.0), self._rise.get(name, 0.0) * square)
+            if not taut:
+                self.nu[name] = max(self.nu.get(name, 0.0), self._rise.get(name, 0.0) * square)
         return dict(self.nu)
+
+    def _leave(self, body: Body, found: Excess, pressed: Bools) -> bool:
+        """Whether cells of a body leave it, as they are pressed. Collective.
+
+        They are those with most of ν, if they alone have `SHARE` of its bound or more, as long as
+        few nodes are pressed or belong to cells that have left.
+        """
+        scene = self._scene
+        cells = most_bent(scene, body.data, found)
+        cells = cells[at_cells(scene, pressed.astype(np.float64), cells) > 0]
+        loose = pressed | nodes_of(scene, {0: cells})[: scene.owned_nodes]
+        few = (
+            scene.sum(np.count_nonzero(loose)) <= 3 * MOST
+            and 2 * scene.sum(cells.size) <= body.data.size
+        )
+        if not few or found.within(cells) * found.nu < SHARE * BOUND:
+            return False
+        self.leaving[cells] = True
+        return True
+
+    def left(self, number: int) -> None:
+        """Cells have left a body: ν is another one."""
+        self._looks.forget(number)
 
     def taut(self, bodies: Bodies) -> frozenset[str]:
         """Names of the parts that are to get Γ, as stresses stiffen them. Collective."""
@@ -193,7 +227,7 @@ class Spent:
         assert shapes is not None
         if not lacks_tension(body) or np.abs(q).max() <= ROUNDING * body.data.length:
             return False
-        key = body.data.name, len(shapes)
+        key = body.data.name, body.data.size, len(shapes)
         if key not in self._stiffer:
             own = np.diag(shapes.stiffness)[shapes.given :]
             soft = shapes.given + np.argsort(own, kind="stable")[:SOFTEST]

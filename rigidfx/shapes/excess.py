@@ -15,7 +15,8 @@ from functools import cached_property
 import numpy as np
 from mpi4py import MPI
 
-from rigidfx.base.types import Array, Bools
+from rigidfx.base.types import Array, Bools, Indices
+from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.mechanics.rigid_body import Body
@@ -115,6 +116,13 @@ class Excess:
         """The nodes of the body that miss more than a share of the largest miss. Collective."""
         here = float(self._dense.max(initial=0.0))
         return np.asarray(self._dense > share * self._scene.comm.allreduce(here, op=MPI.MAX))
+
+    def within(self, cells: Indices) -> float:
+        """The part of all misses that nodes of some owned cells have. Collective."""
+        inside = nodes_of(self._scene, {0: cells})[self._about.part.nodes]
+        missed = self._dense * self._scene.averaging_mass[self._about.part.nodes]
+        here, every = self._scene.sum([missed[inside].sum(), missed.sum()])
+        return float(here / every)
 
     def spent(self) -> tuple[int, Array, Array]:
         """A box with two thirds of ½ d·K d or more, halved as long as one half has. Collective.

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
+from dolfinx import fem
 from mpi4py import MPI
 
 from rigidfx.base.types import Array, Bools, Indices, Ints
@@ -109,6 +110,11 @@ class Expanded:
         basis.vectors, basis.images = np.asarray(vectors / sizes), np.asarray(images / sizes)
         return basis
 
+    def still(self, fields: Array) -> Array:
+        """Independent fields without their rigid motion, made orthonormal by mass. Collective."""
+        own = self.unmoved(fields)
+        return normalised(own, self.dot(own, self.times_mass(own)))
+
     def moments(self, offsets: Array, modes: Array) -> Array:
         """G of ξ, shape (nodes, 3), and Φ, shape (nodes, 3, m): see `Shapes`. Collective."""
         fields = np.concatenate([offsets[:, :, None], modes], axis=2)
@@ -179,16 +185,30 @@ class Expanded:
             K.destroy()
         return self.dot(left, images)
 
-    def tension_by(self, d: Array, modes: Array) -> Array:
-        """What the stresses of d, (nodes, 3) [m], add to Ω, shape (m, m) [N/m]. Collective."""
-        along = np.zeros((self._scene.owned_nodes, 3))
-        along[self.nodes] = d
-        with self._displaced(0 * self._state):
-            K = self.rows.assembled(self._linear.tension(self.cells, along.reshape(-1)))
-        image = times(K, columns(modes), self.rows.vector).reshape(modes.shape)
-        K.destroy()
-        found = self.dot(modes, image)
-        return 0.5 * (found + found.T)
+    def tension_by(self, fields: Array, modes: Array) -> Array:
+        """What the stresses of fields, (nodes, 3, k) [m], add to Ω, (k, m, m) [N/m]. Collective."""
+        scene, linear, own = self._scene, self._linear, fem.Function(self._scene.space)
+        at = np.zeros((linear.node_of.size, 3, modes.shape[2]))
+        for j, mode in enumerate(np.moveaxis(modes, 2, 0)):
+            own.x.array[:] = 0.0
+            own.x.array.reshape(-1, 3)[self.nodes] = mode
+            own.x.scatter_forward()
+            at[:, :, j] = own.x.array.reshape(-1, 3)[linear.node_of]
+        out, A = np.zeros((fields.shape[2], *2 * modes.shape[2:])), None
+        for k, field in enumerate(np.moveaxis(fields, 2, 0)):
+            along = np.zeros((scene.owned_nodes, 3))
+            along[self.nodes] = field
+            with self._displaced(0 * self._state):
+                form = linear.tension(self.cells, along.reshape(-1))
+                if A is None:
+                    A = fem.create_matrix(form)
+                A.set_value(0.0)
+                fem.assemble_matrix(A, form)
+            # Of this rank's cells; columns that other ranks would fill come last.
+            image = A.to_scipy(ghosted=True)[:, : len(at)] @ at.reshape(len(at), -1)
+            out[k] = columns(at).T @ image.reshape(-1, modes.shape[2])
+        out = np.asarray(scene.sum(out))
+        return 0.5 * (out + out.swapaxes(1, 2))
 
     def energy(self, d: Array) -> float:
         """½ d·K d [J]. Collective."""

@@ -23,14 +23,18 @@ Known = tuple[Array, Array]  # Φ, shape (nodes, 3, m), and Ω of the shapes of 
 
 
 class Pressing:
-    """Which nodes contacts have pressed, and unit forces on those that they press first."""
+    """Which nodes contacts have pressed, and unit forces on those that they press first.
 
-    remembered: ClassVar[Remembered] = {"_pressed": ON_NODES}
+    Attributes:
+        pressed: Whether each owned node has been pressed.
+    """
+
+    remembered: ClassVar[Remembered] = {"pressed": ON_NODES}
 
     def __init__(self, scene: Scene) -> None:
         """Nothing has been pressed."""
         self._scene, self._any = scene, bool(scene.named(Contact))
-        self._pressed = np.zeros(scene.owned_nodes, dtype=bool)
+        self.pressed = np.zeros(scene.owned_nodes, dtype=bool)
 
     def new(self, pressing: tuple[Ints, Array]) -> tuple[Ints, Array] | None:
         """Owned nodes that are pressed for the first time, and how; None if none is. Collective.
@@ -39,16 +43,16 @@ class Pressing:
         """
         if not self._any:
             return None
-        some = ~self._pressed[pressing[0]]
+        some = ~self.pressed[pressing[0]]
         nodes, ways = pressing[0][some], pressing[1][some]
         if not self._scene.sum(nodes.size):
             return None
-        self._pressed[nodes] = True
+        self.pressed[nodes] = True
         return nodes, ways
 
     def forget(self) -> None:
         """Begin anew: a new body has no shapes for those that press."""
-        self._pressed[:] = False
+        self.pressed[:] = False
 
     def vectors(
         self, about: About, R: Array, new: tuple[Ints, Array], known: Known, dt: float, room: int

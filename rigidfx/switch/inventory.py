@@ -6,7 +6,7 @@ the masses of its nodes. With a consistent one it has only point masses; the mas
 beside it stays theirs, and its six unknowns move it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import count
 from typing import Any
@@ -109,8 +109,8 @@ def divide(
     for number, effect in enumerate(named_parts(scene, shape is None), start=1):
         if effect.deforms and shape is None:
             continue
-        cells, nodes = scene.owned_cells(effect.where, "Rigid"), nodes_of(scene, effect)
         name = effect.name
+        cells, nodes = _cells_and_nodes(scene, effect, known)
         agree(scene.comm, HINGE.format(name) if taken[nodes].any() else None)
         taken[nodes] = True
         rigid.append(cells)
@@ -149,6 +149,15 @@ def divide(
         clamped,
         held,
     )
+
+
+def _cells_and_nodes(
+    scene: Scene, effect: fx.Rigid, known: Mapping[str, Body]
+) -> tuple[Indices, Indices]:
+    """Owned cells and nodes of a named part; some may have left one with shapes. Collective."""
+    if effect.deforms and effect.name in known:
+        return known[effect.name].data.cells, known[effect.name].data.nodes
+    return scene.owned_cells(effect.where, "Rigid"), nodes_of(scene, effect)
 
 
 def about_start(

@@ -13,9 +13,10 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.log import tell
-from rigidfx.base.remembered import ON_DOFS, PART, Remembered
+from rigidfx.base.remembered import ON_DOFS, ON_NODES, PART, Remembered
 from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
+from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.effects import Contact, Reduced, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
@@ -36,6 +37,7 @@ from rigidfx.state import State
 from rigidfx.step.equations.division import Hold
 from rigidfx.step.system.held_bodies import guided
 from rigidfx.switch.inventory import about_start
+from rigidfx.switch.loosening import Loosening
 
 # Square of a spin over that of the lowest frequency, above which spin stiffens: frequencies are
 # off by half of it without.
@@ -56,6 +58,7 @@ class Shaping:
         "start": ON_DOFS,
         "_pressing": PART,
         "spent": PART,
+        "_loose": ON_NODES,
     }
 
     def __init__(
@@ -71,6 +74,7 @@ class Shaping:
         self._dt = dt
         self.start: Array | None = None
         self._pressing = Pressing(scene)
+        self._loose = np.zeros(scene.owned_nodes, dtype=bool)  # nodes of cells that left parts
         self._responses: Responses | None = None
         self._loads: dict[str, Array] = {}  # patterns of forces from the start on, of each part
         self._expanded: dict[str, tuple[Part, About]] = {}
@@ -203,9 +207,15 @@ class Shaping:
         if data.name not in self._expanded:
             assert self._responses is not None
             cells = self._forces.cells(data.cells)
-            part = Part(self._responses, cells, data.nodes, data.name)
-            self._expanded[data.name] = part, About(self._responses, part, np.eye(3))
+            self._expand(Part(self._responses, cells, data.nodes, data.name), data.name)
         return self._expanded[data.name][0]
+
+    def _expand(self, part: Part, name: str) -> None:
+        """Keep the matrices of a part in place of those that it had. Collective."""
+        if name in self._expanded:
+            self._expanded[name][1].destroy()
+        assert self._responses is not None
+        self._expanded[name] = part, About(self._responses, part, np.eye(3))
 
     # Growing --------------------------------------------------------------------------------------
 
@@ -229,6 +239,29 @@ class Shaping:
         changed = any(own is not body for own, body in zip(now, before, strict=True))
         return Bodies.of_each(now) if changed else None
 
+    def loosened(self, state: State) -> Bodies | None:
+        """The bodies without cells that contacts press too far; None if none leave. Collective."""
+        leaving = self.spent.leaving
+        if not self._scene.sum(np.count_nonzero(leaving)):
+            return None
+        state.rebuild()
+        out, loosening = [], Loosening(self._scene, self._forces, self._bind())
+        for body in state.bodies:
+            cells = body.data.cells[leaving[body.data.cells]]
+            if not self._scene.sum(cells.size):
+                out.append(body)
+                continue
+            made, part = loosening.without(state, body, cells)
+            out.append(made)
+            self._expand(part, body.data.name)
+            self.spent.left(body.data.number)
+            left = nodes_of(self._scene, self._forces.cells(cells))
+            self._loose |= left[: self._scene.owned_nodes]
+            text = f"{body.data.size - made.data.size} cells that a contact presses leave it"
+            tell(self._scene.comm, f"Reduced '{body.data.name}': {text}")
+        leaving[:] = False
+        return Bodies.of_each(out)
+
     def _with_more(self, body: Body, new: tuple[Ints, Array], dt: float) -> Body:
         """A body with shapes for nodes that press, as far as its own lack some. Collective."""
         data = body.data
@@ -236,7 +269,9 @@ class Shaping:
             return body
         part = self._part(data)
         about, known = self._expanded[data.name][1], part.projected(_free(data))
-        m, basis, own = len(known.force), part.begun(known.modes), (known.modes, known.stiffness)
+        m, own = len(known.force), (known.modes, known.stiffness)
+        # Those of a part that has lost cells have a rigid motion, which is none of new shapes.
+        basis = part.begun(part.still(known.modes))
         room = max(MOST - m, 0)
         found, fits = self._pressing.vectors(about, body.motion.R, new, own, dt, room)
         for vectors, count in found:
@@ -314,6 +349,16 @@ class Shaping:
         off = 0.5 * gained / squares
         last = squares[off <= LACKING].max(initial=0.0)
         return off, found[found < (1 + LACKING) * last]
+
+    def followed(self, state: State) -> dict[str, float]:
+        """ν of each part; where contacts press one, cells may leave it. Collective.
+
+        None leaves with a consistent mass: nodes of cells beside a part have velocities of their
+        own there, with which the energy of those that leave would be another one.
+        """
+        loose = self._loose | self._pressing.pressed
+        some = self._growing if self._scene.mass == "lumped" else ()
+        return self.spent.follow(state, dict.fromkeys(some, loose))
 
     def about(self, body: Body) -> About:
         """The expansion of a body, about the start. Collective."""

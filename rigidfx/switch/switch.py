@@ -248,8 +248,18 @@ class Switch:
         self.regroup(grown)
         return True
 
+    def renew(self) -> None:
+        """Take cells out of named parts that a contact presses, or give these Γ. Collective."""
+        state, shaping = self._stepper.state, self.shaping
+        loosened = shaping.loosened(state)
+        if loosened is not None:
+            state.group(loosened)
+        taut, bodies = shaping.spent.taut(state.bodies), state.bodies
+        if taut or loosened is not None:
+            self.regroup(shaping.spent.tense(bodies, taut) if taut else bodies)
+
     def regroup(self, bodies: Bodies) -> None:
-        """Replace the bodies by those with more shapes. Collective."""
+        """Replace the bodies by those with more shapes, or fewer cells. Collective."""
         self._stepper.state.group(bodies)
         self._bind(list(bodies))
 
