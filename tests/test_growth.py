@@ -183,16 +183,16 @@ def test_a_bent_body_that_gains_cells_keeps_its_energy():
 def test_a_run_that_begins_reduced_keeps_its_budget():
     """All of a plate is one body from the second step on, and follows two blows.
 
-    Δt is a fifth of a blow: the first step with shapes for it was followed by one of 4 ms, and the
-    plate erred by 1.02 %.
+    Δt may be half of a blow, which begins in a long step: the first step with shapes for it was
+    followed by one of 4 ms, and the plate erred by 1.02 %.
     """
-    budget, dt = 0.01, 4e-3
+    budget, dt = 0.01, 5e-3
     own = list(rf.simulate(struck_gong(), dt, 0.3, accuracy=rf.Accuracy(budget, min_cells=9)))
     assert max(unknowns(own)[2:]) < 60
     assert imbalance(own) < 1e-10
     ledger = own[-1].ledger
     assert 0 < ledger.rigidity.relative < ledger.rigidity.part < budget
-    twin = list(rf.simulate(struck_gong(), dt / 2, 0.1))
+    twin = list(rf.simulate(struck_gong(), 2e-3, 0.1))
     between = [np.interp([r.t for r in own], [r.t for r in twin], u) for u in tips(twin).T]
     apart = tips(own) - np.transpose(between)
     here = np.array([r.t < 0.1 for r in own])
