@@ -434,7 +434,7 @@ def test_value_as_a_function_of_time():
     def value(t):
         return (np.cos(t), np.sin(t), 0.0)
 
-    expected = np.sin(1.0), 1 - np.cos(1.0), 0.0
+    expected = np.array([np.sin(1.0), 1 - np.cos(1.0), 0.0])
     assert np.abs(_impulse(rf.NodalForce("x1", value)) - expected).max() <= 1e-7
     both = rf.NodalForce("x1", value, time=lambda t: 2.0)
     assert np.abs(_impulse(both) - 2 * expected).max() <= 100 * NEWTON
