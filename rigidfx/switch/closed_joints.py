@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigidfx.base.types import Array
+from rigidfx.coupling.groups import Groups, Motions
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Structure, Windowed
 from rigidfx.effects.joints.linkage import Linkage
@@ -27,7 +28,6 @@ from rigidfx.shapes.responses import ROUNDING, Responses
 from rigidfx.state import State
 from rigidfx.step.equations.constraints import linked
 from rigidfx.step.equations.supports import PrescribedDofs, supports_of
-from rigidfx.switch.groups import Groups, Motions
 
 LEAST = 0.01  # way of joints per motion of groups, below which joints are closed by strains
 
