@@ -82,13 +82,13 @@ def test_energy_and_both_momenta_are_kept(parts, mass):
 
 @TOO_MANY
 def test_reduced_parts_get_shapes_where_they_strike_each_other(monkeypatch):
-    """They bounce off as flexible ones do; more nodes press than 36 shapes follow exactly."""
+    """They bounce off as flexible ones do; cells that are pressed too far leave them."""
     monkeypatch.setitem(globals(), "SOFT", rf.StVenantKirchhoff(rho=1000.0, E=1e8, nu=0.3))
     both = rf.Reduced("high"), rf.Reduced("low")
     flexible, (reduced, H, L, J) = (
         drifts(blocks(*BOTH, *p, gap=0.004), 2e-4, 60) for p in ((), both)
     )
-    assert 12 < reduced[0].unknowns < reduced[-1].unknowns <= 84
+    assert 12 < reduced[0].unknowns < reduced[-1].unknowns <= 160
     assert H <= 1e-12
     assert max(L, J) <= 1e-13
     impulse, expected = (
@@ -106,7 +106,7 @@ def test_a_reduced_part_may_touch_itself():
     reports, H, L, J = drifts(fork(contact, rf.Reduced(), speed=6), 1e-3, 20)
     assert any(r.touches["slot_slot"].nodes for r in reports)
     assert H <= 1e-11
-    assert max(L, J) <= 1e-12
+    assert max(L, J) <= 2e-12
 
 
 def test_equal_bars_exchange_their_velocities():

@@ -243,7 +243,7 @@ def mean_over(value: Callable[[float], Any], t: float, dt: float) -> Any:
     if not dt:
         return value(t)
     apart = dt / np.sqrt(12)
-    return 0.5 * (value(t - apart) + value(t + apart))
+    return 0.5 * value(t - apart) + 0.5 * value(t + apart)
 
 
 @dataclass(frozen=True)
