@@ -6,6 +6,7 @@ ones of this division. Where factors without pivots fail, it is solved again wit
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -223,12 +224,19 @@ class Newton:
         self.conserving.restart()
         self._choose(guesses)
         self.stop.expect_rounding(self.equations.noise())
+        # While PETSc passes an error of a callback on, nothing of PETSc may be freed: processes with
+        # many failed runs have crashed there.
+        collects = gc.isenabled()
+        gc.disable()
         try:
             self._snes.solve(None, self._y)
         except PETSc.Error as error:
             # Python raises a Ctrl-C mostly in a function that SNES has called. PETSc replaces any
             # exception there by an error of its own (number -1), with the exception as its cause.
             raise (error.__cause__ or error.__context__ or error) from None
+        finally:
+            if collects:
+                gc.enable()
         reason = stopping.judged(int(self._snes.getConvergedReason()))
         self._failed = reason < 0
         self._left = self.stop.history[-1] if self.stop.history else np.inf
