@@ -224,8 +224,8 @@ class Newton:
         self.conserving.restart()
         self._choose(guesses)
         self.stop.expect_rounding(self.equations.noise())
-        # While PETSc passes an error of a callback on, nothing of PETSc may be freed: processes with
-        # many failed runs have crashed there.
+        # While PETSc passes an error of a callback on, nothing of PETSc may be freed: processes
+        # with many failed runs have crashed there.
         collects = gc.isenabled()
         gc.disable()
         try:
