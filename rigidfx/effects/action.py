@@ -41,6 +41,10 @@ class Structure:
         """1 on the first rank, 0 on others: counts once what all ranks know."""
         return float(self.scene.comm.rank == 0)
 
+    def over(self, dt: float) -> float:
+        """Time that loads are means over, in a step of Δt [s]: none in statics."""
+        return 0.0 if self.static else dt
+
 
 def _nothing() -> Array:
     return np.zeros(3)

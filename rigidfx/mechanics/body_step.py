@@ -25,7 +25,7 @@ from rigidfx.mechanics.rotation import IDENTITY, orthonormalized, skew
 # f̂ v̂ = v fᵀ - (f·v) I from v fᵀ, both row by row.
 COUPLES = np.eye(9) - np.outer(IDENTITY, IDENTITY)
 SOURCES = [Path(__file__).with_name(f"{name}.c") for name in ("body_step", "shaped_step")]
-# What the C code knows of a step of bodies with shapes: see `Step.shaped`.
+# Data of a step of bodies with shapes for the C code; `Step.shaped` fills them in.
 NUMBERS_OF_SHAPES = ("dt", "share", "rate")
 ARRAYS_OF_SHAPES = (
     *("mass", "inertia", "length", "pose", "spin", "W0", "deformed"),
@@ -125,7 +125,7 @@ class Step:
 
     @cached_property
     def shaped(self) -> Any:
-        """What the C code knows of bodies with shapes, which some have, and what keeps it."""
+        """Data of bodies with shapes for the C code, and the arrays that they point to."""
         start, of, shapes = self.start, self.start.of, self.start.of.shapes
         assert shapes is not None
         doubles = (

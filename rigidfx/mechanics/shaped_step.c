@@ -61,7 +61,7 @@ static void slopes(int m, const double *relieved, const double *q, double *out)
     out[i] = dot(m, relieved + (size_t)m * i, q);
 }
 
-/* Numbers of a body with shapes after a trial; their places are those of `SHAPED` in Python. */
+/* Numbers of a body with shapes after a trial; `places` of shaped_step.py has their order. */
 struct told {
   double *q1, *S, *de, *elastic, *middle, *stress, *W1, *rates1, *E1, *half;
 };
@@ -83,7 +83,7 @@ static struct told told_of(const struct shaped *s, double *all)
   return t;
 }
 
-/* (p₁ - p₀)/Δt - ½ w₁·∂A/∂q w₀, and what shapes add to J W, `turning`. */
+/* (p₁ - p₀)/Δt - ½ w₁·∂A/∂q w₀, and `turning`, which shapes add to J W. */
 static void inertia_of(const struct shaped *s, int k, struct told t, double *turning, double *out)
 {
   const int m = s->m, b = s->at[k];

@@ -19,9 +19,8 @@ supports move in the frame.
 The derivative is complete, forces on nodes included: with v₁ = R₁ (V + Φ q₁), moments change by
 ½ (T dθ × v₁ + R₁ Φ dq) × f, and Q_k by ½ dθ · (R₀ Φ_k × f).
 
-Bodies without shapes take the step of rigid ones; arrays named (some, ...) are of the others. What
-a residual and a tangent ask for is in shaped_step.c: by NumPy, steps of a plate took 1.4 times as
-long.
+Bodies without shapes take the step of rigid ones; arrays named (some, ...) are of the others.
+shaped_step.c has residual and tangent: by NumPy, steps of a plate took 1.4 times as long.
 """
 
 from functools import cache, cached_property
@@ -38,7 +37,7 @@ from rigidfx.mechanics.shapes import ShapesOfBodies, times
 
 @cache
 def places(m: int) -> dict[str, tuple[int, int]]:
-    """Where numbers of a body with m shapes are in what a trial tells, `told` of the C code."""
+    """Places of the results of a trial for a body with m shapes, `told` in shaped_step.c."""
     row = 9 * (m + 1)
     kinds = {"q1": m, "S": 9, "de": m, "elastic": m, "middle": m, "stress": m}
     kinds |= {"W1": 3, "rates1": m, "E1": row, "half": row}
@@ -99,7 +98,7 @@ class ShapedIncrements(Increments):
         return self.unknowns[:, 6:]
 
     def _of_shapes(self, name: str) -> Array:
-        """What the trial tells of the bodies that have shapes, shape (some, numbers)."""
+        """A result of the trial, of the bodies that have shapes, shape (some, numbers)."""
         some, (first, end) = self._some.size, places(self._shapes.most)[name]
         return self._all[some * first : some * end].reshape(some, -1)
 
@@ -196,7 +195,7 @@ class ShapedIncrements(Increments):
         return float(np.vdot(rows[given], self._apart[given]))
 
     def _called(self, what: str, shape: tuple[int, ...], *arrays: Array) -> Array:
-        """What the C code makes of arrays after the trial."""
+        """The result of a function of the C code, by arrays, after the trial."""
         out, (code, at), (told, _) = np.empty(shape), self.step.code, self.step.shaped
         given = (at(np.ascontiguousarray(values)) for values in arrays)
         getattr(code, what)(told, at(self._told), *given, at(out))

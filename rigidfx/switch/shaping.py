@@ -242,7 +242,7 @@ class Shaping:
     def loosened(self, state: State) -> Bodies | None:
         """The bodies without cells that contacts press too far; None if none leave. Collective."""
         leaving = self.spent.leaving
-        if not self._scene.sum(np.count_nonzero(leaving)):
+        if not self._growing or not self._scene.sum(np.count_nonzero(leaving)):
             return None
         state.rebuild()
         out, loosening = [], Loosening(self._scene, self._forces, self._bind())
@@ -356,9 +356,10 @@ class Shaping:
         None leaves with a consistent mass: nodes of cells beside a part have velocities of their
         own there, with which the energy of those that leave would be another one.
         """
+        if not self._growing or self._scene.mass != "lumped":
+            return self.spent.follow(state)
         loose = self._loose | self._pressing.pressed
-        some = self._growing if self._scene.mass == "lumped" else ()
-        return self.spent.follow(state, dict.fromkeys(some, loose))
+        return self.spent.follow(state, dict.fromkeys(self._growing, loose))
 
     def about(self, body: Body) -> About:
         """The expansion of a body, about the start. Collective."""

@@ -283,7 +283,7 @@ class DeadForces(Action):
         self._moments = load.moments(structure, weights)
         self._weights = np.where(structure.own, weights[structure.rows.nodes], 0.0)[:, None]
         self._q: Array = np.zeros(3)
-        self._static = structure.static
+        self._over = structure.over
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate q; `SceneError` on this rank, unless it is three finite numbers."""
@@ -292,7 +292,7 @@ class DeadForces(Action):
         def q(t: float) -> Array:
             return vector_at(load.owner, "value or time function", t, lambda: load.intensity(t))
 
-        self._q = mean_over(q, t, 0.0 if self._static else dt)
+        self._q = mean_over(q, t, self._over(dt))
 
     def load(self, forces: Forces) -> None:
         """Add w q, and Σ w a qᵀ of bodies."""
@@ -312,7 +312,7 @@ class FieldForces(Action):
         self._weights = weights[nodes.nodes, None]
         self._X = structure.scene.space.tabulate_dof_coordinates()[nodes.nodes]
         self._forces: Array = np.zeros((len(nodes), 3))
-        self._static = structure.static
+        self._over = structure.over
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate q at the nodes; `SceneError` on this rank, unless it is finite vectors."""
@@ -321,7 +321,7 @@ class FieldForces(Action):
         def q(t: float) -> Array:
             return check_values(load.owner, t, load.intensity(t, X), X)
 
-        self._forces = self._weights * mean_over(q, t, 0.0 if self._static else dt)
+        self._forces = self._weights * mean_over(q, t, self._over(dt))
 
     def load(self, forces: Forces) -> None:
         """Add w q."""

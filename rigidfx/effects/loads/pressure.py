@@ -122,7 +122,7 @@ class RotatedPressure(Action):
         self._moments = surface.outward_moments(*where)
         deform = structure.bodies.of.shapes is not None
         self._slopes = surface.outward_slopes(*where) if deform else None
-        self._p, self._static = 0.0, structure.static
+        self._p, self._over = 0.0, structure.over
 
     def _unit(self, increments: Increments) -> Array:
         """Σ a fᵀ for p = 1 at the place where forces are taken, (bodies, n, 3) [m², m³]."""
@@ -133,7 +133,7 @@ class RotatedPressure(Action):
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate p."""
-        self._p = mean_over(self._effect.intensity, t, 0.0 if self._static else dt)
+        self._p = mean_over(self._effect.intensity, t, self._over(dt))
 
     def _turned(self, increments: Increments) -> Array:
         """Moments in space."""

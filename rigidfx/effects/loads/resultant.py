@@ -122,12 +122,12 @@ class ForceAndTorque(Action):
 
     def __init__(self, load: Resultant, structure: Structure) -> None:
         """Begin with none."""
-        self._load, self._static = load, structure.static
+        self._load, self._over = load, structure.over
         self._both: Array = np.zeros((2, 3))
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate force and torque; `SceneError` on this rank, if one is not finite."""
-        self._both = mean_over(self._load.both_at, t, 0.0 if self._static else dt)
+        self._both = mean_over(self._load.both_at, t, self._over(dt))
 
 
 class BodyLoad(ForceAndTorque):
