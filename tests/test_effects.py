@@ -1,5 +1,6 @@
 """Effects: balances, closed forms, where and when loads arrive, what a scene without them pays."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -426,6 +427,21 @@ def test_impulse_of_a_table_is_exact():
     area = 0.23 * 1.5 + 0.47 * 2 + 0.2 * 1.0
     load = rf.NodalForce("x1", tuple(Q), time=table)
     assert np.abs(_impulse(load) - area * Q).max() <= 100 * NEWTON
+
+
+@pytest.mark.parametrize("load", [rf.Traction("x1", (0, 0, 0.1)), rf.Pressure("x1", 0.1)])
+def test_loads_are_asked_within_a_run_only(load):
+    """Stresses that are recovered in rigid parts are under the loads of their instant."""
+
+    def within(t):
+        assert 0.0 <= t <= 0.5
+        return np.sin(4 * t)
+
+    box = rf.box((0, 0, 0), (4, 1, 1), (8, 2, 2)).with_cells("stiff", lambda x: x[0] > 2 - 1e-9)
+    effects = [rf.Fixed("x0"), replace(load, time=within), rf.Rigid("stiff")]
+    scene = rf.Scene(box, MATERIAL, effects, probes={"tip": (4, 0.5, 0.5)})
+    for report in rf.simulate(scene, 0.05, 0.5, rigidify=rf.StrainRate(1e-9, 5.0)):
+        assert np.isfinite(report.stresses["tip"].von_mises)
 
 
 def test_value_as_a_function_of_time():

@@ -35,6 +35,7 @@ class Structure:
     # they were flexible.
     notes: dict[int, Any] | None = None
     static: bool = False  # whether forces are those at the end of a step, and nothing moves
+    instant: bool = False  # whether loads are those of an instant
 
     @property
     def once(self) -> float:
@@ -43,7 +44,7 @@ class Structure:
 
     def over(self, dt: float) -> float:
         """Time that loads are means over, in a step of Δt [s]: none in statics."""
-        return 0.0 if self.static else dt
+        return 0.0 if self.static or self.instant else dt
 
 
 def _nothing() -> Array:

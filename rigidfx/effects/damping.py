@@ -40,8 +40,8 @@ class ViscousTerm(FormTerm):
         self.kind, self._modulus, self._rate = kind, modulus, fem.Constant(mesh, modulus)
 
     def set_time(self, t: float, dt: float) -> None:
-        """Set modulus/Δt."""
-        self.set_rate(1 / dt)
+        """Set modulus/Δt; an instant has no rate."""
+        self.set_rate(1 / dt if dt else 0.0)
 
     def set_rate(self, rate: float) -> None:
         """Set the modulus times a rate [1/s]."""

@@ -55,7 +55,7 @@ class Whole:
         division = Division(flexible, others, cells, nodes, {})
         known = state, division, stepper.system.prescribed.active
         notes = deepcopy(state.notes)  # they follow its iterates
-        self._equations = of = Equations("step", scene, forces, *known, notes=notes)
+        self._equations = of = Equations("step", scene, forces, *known, notes=notes, instant=True)
         of.bind(scene.effects, stepper.system.acting, joints=False)
         self._layout, self._prolongation, self._actions = of.layout, of.prolongation, of.actions
         self._still = self._layout.rows.vector()
@@ -82,8 +82,7 @@ class Whole:
         state.rebuild()
         self._kept, self._end = state.snapshot(), forces.u1.x.array.copy()
         self._dt, self._from = dt, self._others()
-        forces.set_time(state.t, dt)
-        forces.set_rate(0.0)
+        forces.set_time(state.t, 0.0)
         self._begin(self._from)
         self._equations.residual(self._y, self._rest)
         if self._factors is None:

@@ -123,11 +123,12 @@ class Equations:
         *,
         notes: dict[int, Any] | None = None,
         dealing: Dealing | None = None,
+        instant: bool = False,
     ) -> None:
         """Number the unknowns and assemble the mass of a division, under supports that act.
 
         `notes` is the memory of effects (`Structure`); `dealing` deals flexible cells out among the
-        ranks where that pays. Collective.
+        ranks where that pays. Loads are those of an `instant`, or means over steps. Collective.
         """
         flexible, bodies, driven = division.flexible, division.bodies, division.driven_cells
         self.kind, self._scene, self._forces, self._driven = kind, scene, forces, driven
@@ -146,6 +147,7 @@ class Equations:
             surface=forces.surface,
             notes=notes,
             static=kind != "step",
+            instant=instant,
         )
         self._dealt = (
             None if dealing is None else dealing.rows(layout, forces.loaded(flexible, driven or {}))
