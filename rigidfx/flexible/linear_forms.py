@@ -17,6 +17,7 @@ from rigidfx.base.types import Array, Ints
 from rigidfx.effects import Effect
 from rigidfx.flexible.internal_forces import BoundForces, Cells, InternalForces
 from rigidfx.flexible.kernels import Kernel, MaterialClass
+from rigidfx.flexible.strain_rate import StrainRates
 from rigidfx.mechanics.element import Portion
 from rigidfx.mechanics.schemes import second_piola_kirchhoff, static_virtual_work
 from rigidfx.scene.scene import Scene
@@ -117,6 +118,11 @@ class LinearForms:
         moved.x.array[: along.size] = along
         moved.x.scatter_forward()
         return kernel.bind(cells, instead={strained: self.shape})
+
+    @cached_property
+    def strains(self) -> StrainRates:
+        """Strains of cells between two displacements. Collective, when first asked for."""
+        return StrainRates(self._scene, self._forces, "rms")
 
     @cached_property
     def _component(self) -> tuple[fem.FunctionSpace, Ints]:

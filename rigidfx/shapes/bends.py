@@ -25,7 +25,7 @@ from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.base.warning import warn
 from rigidfx.coupling.dof_layout import AtNodes, nodes_of
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.rigid_body import Body, RigidBody
+from rigidfx.mechanics.rigid_body import Body
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.excess import About, Excess, deformed
 from rigidfx.shapes.expanded import Expanded
@@ -39,7 +39,7 @@ FARTHEST = 0.03
 # Factors of ½ q·Ωq or q·Dq after which ν is looked at again: near its bound, and far below it.
 NEAR = 2.0
 FAR = NEAR * NEAR * NEAR
-SHARE = 0.3  # part of the largest miss of any node, by mass, above which cells wake
+SHARE = 0.3  # part of the largest miss of any cell, over its volume, above which cells wake
 LEAST = 1e-6  # part of the largest ½ q·Ωq so far up to which ν is not looked at
 SOFTEST = 3  # shapes of a named part whose stiffness is asked for in each step
 ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))  # of q, over the length of a body
@@ -201,7 +201,7 @@ class Spent:
         few nodes are pressed or belong to cells that have left.
         """
         scene = self._scene
-        cells = most_bent(scene, body.data, found)
+        cells = found.most(SHARE)
         cells = cells[at_cells(scene, pressed.astype(np.float64), cells) > 0]
         loose = pressed | nodes_of(scene, {0: cells})[: scene.owned_nodes]
         few = (
@@ -248,7 +248,7 @@ class Spent:
         if found.nu <= BOUND or name in self._large:
             return
         self._large |= {name}
-        count, lower, upper = found.spent()
+        count, lower, upper = found.spent(SHARE)
         least = ROUNDING * np.abs(upper - lower).max()
         ends = [np.where(np.abs(end) < least, 0.0, end) for end in (lower, upper)]
         box = " to ".join("(" + ", ".join(f"{x:.4g}" for x in end) + ")" for end in ends)
@@ -260,13 +260,6 @@ class Spent:
             f"in {count} cells, those within {box} m. Keep these flexible: take them out of the "
             "set of the Reduced.",
         )
-
-
-def most_bent(scene: Scene, data: RigidBody, found: Excess) -> Indices:
-    """Owned cells of a body that have most of its ν. Collective."""
-    marks: Array = np.zeros(scene.owned_nodes)
-    marks[data.nodes] = found.most(SHARE)
-    return np.asarray(data.cells[at_cells(scene, marks, data.cells) > 0])
 
 
 def at_cells(scene: Scene, values: Array, cells: Indices) -> Array:

@@ -15,10 +15,7 @@ from functools import cached_property
 import numpy as np
 from mpi4py import MPI
 
-from rigidfx.base.types import Array, Bools, Indices
-from rigidfx.coupling.dof_layout import nodes_of
-from rigidfx.flexible.internal_forces import Cells
-from rigidfx.flexible.surface import SMALL_WAY
+from rigidfx.base.types import Array, Indices
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.mechanics.shapes import ShapesOfBodies
 from rigidfx.shapes.expanded import Expanded
@@ -99,64 +96,47 @@ class Excess:
         assert shapes is not None
         self.d = deformed(body, body.motion.q)
         stretched, _ = body.stretched
-        e = deformed(body, stretched)
-        self._about, self._energy, even = about, part.energy(e), part.even(e)
+        self._e = e = deformed(body, stretched)
+        self._about, even = about, part.even(e)
         on_shapes = part.dot(shapes.whole.swapaxes(1, 2), even[:, :, None])[:, 0]
         respond = about.responses.of_nodes(part.nodes, about.Q)
         free = deformed(body, shapes.free(body.motion.q))
-        w = part.whole(free, part.beyond(shapes, even), respond)
-        missed = part.missed(e, w)
-        self._dense = np.abs(missed) / self._scene.averaging_mass[part.nodes]
-        energy = abs(float(self._scene.sum(missed.sum())))
-        energy += about.beside.energy(self.d @ about.Q) / self._energy
+        self._w = part.whole(free, part.beyond(shapes, even), respond)
+        energy = abs(float(self._scene.sum(part.missed(e, self._w).sum())))
+        energy += about.beside.energy(self.d @ about.Q) / part.energy(e)
         left = on_shapes - ShapesOfBodies([shapes]).even_force(stretched[None])[0]
         self.nu = max(energy, 0.5 * abs(part.followed(shapes, left, e)))
 
-    def most(self, share: float) -> Bools:
-        """The nodes of the body that miss more than a share of the largest miss. Collective."""
-        here = float(self._dense.max(initial=0.0))
-        return np.asarray(self._dense > share * self._scene.comm.allreduce(here, op=MPI.MAX))
+    @cached_property
+    def _lacking(self) -> Array:
+        """Energy that each owned cell misses, over its volume [J/m³]. Collective.
+
+        Cells beyond a leaf turn as it bends, and have none: it is the leaf that spends ν.
+        """
+        return self._about.part.lacking(self._e, self._w)
+
+    def most(self, share: float) -> Indices:
+        """Owned cells that miss more than a share of the largest miss, sorted. Collective."""
+        largest = self._scene.comm.allreduce(float(self._lacking.max(initial=0.0)), op=MPI.MAX)
+        return np.flatnonzero(self._lacking > share * largest).astype(np.int32)
 
     def within(self, cells: Indices) -> float:
-        """The part of all misses that nodes of some owned cells have. Collective."""
-        inside = nodes_of(self._scene, {0: cells})[self._about.part.nodes]
-        missed = self._dense * self._scene.averaging_mass[self._about.part.nodes]
-        here, every = self._scene.sum([missed[inside].sum(), missed.sum()])
+        """The part of all misses that some owned cells have. Collective."""
+        missed = self._lacking * self._about.responses.stiffness.linear.strains.weights
+        here, every = self._scene.sum([missed[cells].sum(), missed.sum()])
         return float(here / every)
 
-    def spent(self) -> tuple[int, Array, Array]:
-        """A box with two thirds of ½ d·K d or more, halved as long as one half has. Collective.
+    def spent(self, share: float) -> tuple[int, Array, Array]:
+        """How many cells miss more than a share of the largest miss, and the box that they are in.
 
-        Cells beyond a leaf turn as it bends, and part from the expansion by that alone: it is the
-        leaf that spends ν. Number of its cells, and the corners of their box where nothing is
-        deformed [m].
+        It is where nothing is deformed, by two corners [m]. Collective.
         """
-        scene, cells = self._scene, self._about.part.cells
-        X = scene.space.tabulate_dof_coordinates()
-        while True:
-            nodes = {i: X[scene.space.dofmap.list[own]] for i, own in cells.items()}
-            every = np.concatenate([x.reshape(-1, 3) for x in nodes.values()])
-            lower, upper = every.min(axis=0, initial=np.inf), every.max(axis=0, initial=-np.inf)
-            scene.comm.Allreduce(MPI.IN_PLACE, lower, op=MPI.MIN)
-            scene.comm.Allreduce(MPI.IN_PLACE, upper, op=MPI.MAX)
-            axis, middle = int(np.argmax(upper - lower)), 0.5 * (lower + upper)
-            first = {i: x.mean(axis=1)[:, axis] < middle[axis] for i, x in nodes.items()}
-            halves = [
-                {i: own[first[i] == side] for i, own in cells.items()} for side in (True, False)
-            ]
-            most = [half for half in halves if 3 * self._in(half) > 2 * self._energy]
-            count = int(scene.sum(sum(len(own) for own in cells.values())))
-            if len(most) != 1 or count == 1:
-                return count, lower, upper
-            (cells,) = most
-
-    def _in(self, cells: Cells) -> float:
-        """½ d·K d of some of its cells, by their forces at ± a small part of d [J]. Collective."""
-        scene, forces = self._scene, self._about.part.forces
-        size = scene.comm.allreduce(float(np.abs(self.d).max(initial=0.0)), op=MPI.MAX)
-        h = SMALL_WAY * scene.mean_cell_size / size
-        change = forces(h * self.d, cells) - forces(-h * self.d, cells)
-        return 0.25 * float(scene.sum((self.d * change).sum())) / h
+        scene, cells = self._scene, self.most(share)
+        places = scene.space.tabulate_dof_coordinates()
+        x = places[scene.space.dofmap.list[cells]].reshape(-1, 3)
+        ends = np.stack([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
+        scene.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+        return int(scene.sum(cells.size)), -ends[1], ends[0]
 
 
 def deformed(body: Body, q: Array) -> Array:

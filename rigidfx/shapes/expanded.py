@@ -243,14 +243,33 @@ class Expanded:
         return float((self.dot(along, own) @ moved / square)[0, 0])
 
     def missed(self, e: Array, w: Array) -> Array:
-        """Energy that ½ e·K e misses, by nodes, over it, shape (nodes,).
+        """Energy that ½ e·K e misses, over it, whose sum over the nodes, (nodes,), is meant.
 
-        Its sum is ν but for the sign, with the energy by Simpson's rule along w, see `whole`, which
+        That is ν but for the sign, with the energy by Simpson's rule along w, see `whole`, which
         is exact where it is of fourth order. Collective.
         """
         mean = (self.forces(w) + 4 * self.forces(0.5 * w) - 5 * self.internal) / 6
         linear = self.times_stiffness(e[:, :, None])[:, :, 0]
         return np.asarray((w * mean - 0.5 * e * linear).sum(axis=1) / self.energy(e))
+
+    def lacking(self, e: Array, w: Array) -> Array:
+        """Energy that ½ e·K e misses in each owned cell, over its volume [J/m³]. Collective.
+
+        It is told by Young's modulus and Green's strain at w, and by that which is linear in e.
+        """
+        scene, strains = self._scene, self._linear.strains
+        ends, squares = (fem.Function(scene.space), fem.Function(scene.space)), []
+        strains.bind(self.cells, ends)
+        for moved in ((0 * w, w), (-0.5 * e, 0.5 * e)):  # even parts cancel in the latter
+            for end, d in zip(ends, moved, strict=True):
+                end.x.array.reshape(-1, 3)[self.nodes] = self._state + d
+                end.x.scatter_forward()
+            strains.measure(1.0)
+            squares.append(strains.values**2)
+        modulus = np.zeros(strains.values.size)
+        for material, cells in scene.materials:
+            modulus[cells] = material.stiffness
+        return np.asarray(modulus * np.abs(squares[0] - squares[1]))
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

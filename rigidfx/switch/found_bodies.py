@@ -314,7 +314,7 @@ class FoundBodies:
             words = "bends by more than its shapes follow"
             tell(self._scene.comm, f"{data.name} {words}: ν = {nu:.3g}")
             woken: Bools = np.zeros(self._cells, dtype=bool)
-            cells = bends.most_bent(self._scene, data, found)
+            cells = found.most(bends.SHARE)
             woken[cells if self._scene.sum(cells.size) > 0 else data.cells] = True
             return Looked(woken=woken, reason="they bend by more than their shapes follow")
         return None
