@@ -139,7 +139,7 @@ def test_a_bar_that_bends_far_keeps_its_budget(mass):
     asked = rf.Accuracy(0.01, min_cells=8)
     own = list(rf.simulate(scene, 1e-2, 0.6, accuracy=asked))
     events = [event for r in own for event in r.events]
-    assert [event.kind for event in events].count("release") > 1
+    assert any(event.kind == "release" for event in events)
     exact = CubicSpline([r.t for r in twin], tips(twin))([r.t for r in own])
     assert np.abs(tips(own) - exact).max() < 0.01 * np.abs(tips(twin)).max()
     assert max(abs(event.energy_lost) for event in events) < EXACT
