@@ -23,17 +23,11 @@ HELD = float(np.sqrt(np.finfo(np.float64).eps))  # largest square of what suppor
 
 @dataclass(frozen=True)
 class Motions:
-    """Motions that supports leave to groups where they are.
+    """Motions that supports leave to groups where they are."""
 
-    Attributes:
-        centres: a, shape (groups, 3) [m].
-        each: t and θ of motions of size one, shape (groups, 6, n).
-        even: Combinations of these that have size one by mass, shape (n, n).
-    """
-
-    centres: Array
-    each: Array
-    even: Array
+    centres: Array  # a, shape (groups, 3) [m]
+    each: Array  # t and θ of motions of size one, shape (groups, 6, n)
+    even: Array  # combinations of these that have size one by mass, shape (n, n)
 
 
 class Groups:

@@ -79,19 +79,12 @@ def _at(t: float, known: deque[tuple[float, Array]]) -> Array:
 
 @dataclass(frozen=True)
 class Budgeted(Criterion):
-    """Parts become rigid as far as that keeps a budget.
+    """Parts become rigid as far as that keeps a budget."""
 
-    Attributes:
-        budget: Error of the displacement over the largest one so far.
-        never: Names of sets of cells that stay flexible.
-        min_cells: Least number of cells of a new body; see `Accuracy`.
-        patience: See `Criterion`.
-    """
-
-    budget: float
-    never: Sequence[str]
-    min_cells: int | None
-    patience: float = 1.0
+    budget: float  # error of the displacement over the largest one so far
+    never: Sequence[str]  # names of sets of cells that stay flexible
+    min_cells: int | None  # least number of cells of a new body; see `Accuracy`
+    patience: float = 1.0  # see `Criterion`
 
     @property
     def owner(self) -> str:

@@ -26,52 +26,34 @@ SWITCHES = 7.0  # flexible steps that a freeze and a release of a body take
 
 @dataclass(frozen=True)
 class PlannedBody:
-    """A body as it is to be.
+    """A body as it is to be."""
 
-    Attributes:
-        cells: Owned cells, sorted.
-        nodes: All owned nodes of these cells, sorted.
-        name: Its name.
-        number: Its number.
-        named: Sets of cells in it that are rigid always.
-        kept: Whether there is such a body already, which stays as it is.
-    """
-
-    cells: Indices
-    nodes: Indices
-    name: str
-    number: int
-    named: tuple[str, ...] = ()
-    kept: bool = False
+    cells: Indices  # owned cells, sorted
+    nodes: Indices  # all owned nodes of these cells, sorted
+    name: str  # its name
+    number: int  # its number
+    named: tuple[str, ...] = ()  # sets of cells in it that are rigid always
+    kept: bool = False  # whether there is such a body already, which stays as it is
 
 
 @dataclass(frozen=True)
 class Decision:
-    """A freeze or a release that is to be applied.
+    """A freeze or a release that is to be applied."""
 
-    Attributes:
-        kind: Reported as such.
-        reason: Reported as such.
-        bodies: The bodies from then on, but for those apart.
-        apart: Names of bodies that stay as they are in any case.
-        next_number: First number that no body has had, nor has one of these.
-        qualified: Owned cells that have qualified in the window that ends, if one does.
-        closeness: How close the nearest decision was: the least |ε/tol - 1| of any cell, ε its
-            strain rate; NaN if no window ends.
-        loads_changed: Whether a change of a load or a support is the reason.
-        woken: Owned cells that withheld forces strain; None if the reason is another one.
-        loads_at: Time of the loads with which later ones are compared [s]; None if it stays.
-    """
-
-    kind: Literal["freeze", "release"]
-    reason: str
-    bodies: tuple[PlannedBody, ...]
-    apart: frozenset[str]
-    next_number: int
+    kind: Literal["freeze", "release"]  # reported as such
+    reason: str  # reported as such
+    bodies: tuple[PlannedBody, ...]  # the bodies from then on, but for those apart
+    apart: frozenset[str]  # names of bodies that stay as they are in any case
+    next_number: int  # first number that no body has had, nor has one of these
+    # Owned cells that have qualified in the window that ends, if one does
     qualified: Bools | None = None
+    # How close the nearest decision was: the least |ε/tol - 1| of any cell, ε its strain rate; NaN
+    # if no window ends
     closeness: float = nan
-    loads_changed: bool = False
+    loads_changed: bool = False  # whether a change of a load or a support is the reason
+    # Owned cells that withheld forces strain; None if the reason is another one
     woken: Indices | None = None
+    # Time of the loads with which later ones are compared [s]; None if it stays
     loads_at: float | None = None
 
 
@@ -275,12 +257,7 @@ class Planner:
 
 
 def paying(
-    plan: Plan,
-    memory: Memory,
-    seen: Observation,
-    able: Bools,
-    barred: Bools,
-    comm: MPI.Intracomm,
+    plan: Plan, memory: Memory, seen: Observation, able: Bools, barred: Bools, comm: MPI.Intracomm
 ) -> Decision:
     """The freeze of the parts that pay, of those that are able and not barred. Collective.
 

@@ -34,20 +34,14 @@ NONE = -1  # label of a cell, or a node, that belongs to no body
 
 @dataclass(frozen=True)
 class Cluster:
-    """Cells that are to be a rigid body.
+    """Cells that are to be a rigid body."""
 
-    Attributes:
-        cells: Owned cells on this rank, sorted.
-        nodes: Owned nodes on this rank, sorted; some may belong to cells of other ranks only.
-        label: Least number in the mesh file of its cells, but for those that joined it because
-            they are enclosed.
-        size: Number of its cells over all ranks.
-    """
-
-    cells: Indices
-    nodes: Indices
+    cells: Indices  # owned cells on this rank, sorted
+    nodes: Indices  # owned nodes on this rank, sorted; some may belong to cells of other ranks only
+    # Least number in the mesh file of its cells, but for those that joined it because they are
+    # enclosed
     label: int
-    size: int
+    size: int  # number of its cells over all ranks
 
 
 class CellGraph:
@@ -174,11 +168,7 @@ class CellGraph:
 
 
 def find_clusters(
-    graph: CellGraph,
-    rigid: Bools,
-    existing: Ints,
-    barred: Bools,
-    min_cells: int = 2,
+    graph: CellGraph, rigid: Bools, existing: Ints, barred: Bools, min_cells: int = 2
 ) -> tuple[Cluster, ...]:
     """Bodies by the rules above, ordered by their labels. Collective.
 

@@ -9,18 +9,13 @@ from rigidfx.base.types import Array
 
 @dataclass(frozen=True)
 class Limits:
-    """What bodies may withhold.
+    """What bodies may withhold."""
 
-    Attributes:
-        rates: Strain rate, of each owned cell [1/s]; None on all ranks if none is bounded.
-        part: Largest displacement of any node over what accuracy is relative to; NaN where rates
-            decide.
-        begins: Whether a motion begins from rest.
-    """
-
+    # Strain rate, of each owned cell [1/s]; None on all ranks if none is bounded
     rates: Array | None = None
+    # Largest displacement of any node over what accuracy is relative to; NaN where rates decide
     part: float = np.nan
-    begins: bool = False
+    begins: bool = False  # whether a motion begins from rest
 
 
 def part_of(strain: Array, limit: Array) -> Array:

@@ -364,28 +364,18 @@ def without_trend(values: Array) -> Array:
 
 @dataclass
 class Memory:
-    """All that a policy remembers.
-
-    Attributes:
-        window: The window of observation.
-        signals: The motion and the loads since the last change.
-        back_off: How long cells have to wait.
-        loads: The loads of the present bodies, and the largest so far.
-        contacts: The same of contacts.
-        next_number: First number that no body has had.
-        said: Kinds of warnings that were given.
-        largest: Largest strain rate of any cell so far, if tolerances are relative to it [1/s].
-    """
+    """All that a policy remembers."""
 
     remembered: ClassVar[Remembered] = same("next_number", "said", "largest") | dict.fromkeys(
         ("window", "signals", "back_off", "loads", "contacts"), PART
     )
 
-    window: Window
-    signals: Signals
-    back_off: BackOff
-    loads: LoadChanges
-    contacts: ContactChanges
-    next_number: int
-    said: set[str] = field(default_factory=set)
+    window: Window  # the window of observation
+    signals: Signals  # the motion and the loads since the last change
+    back_off: BackOff  # how long cells have to wait
+    loads: LoadChanges  # the loads of the present bodies, and the largest so far
+    contacts: ContactChanges  # the same of contacts
+    next_number: int  # first number that no body has had
+    said: set[str] = field(default_factory=set)  # kinds of warnings that were given
+    # Largest strain rate of any cell so far, if tolerances are relative to it [1/s]
     largest: float = 0.0

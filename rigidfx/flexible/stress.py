@@ -75,33 +75,22 @@ class Enhancements:
 
 
 class Added(NamedTuple):
-    """A small motion of a shape, which make all of a cell's strain, as in parts with shapes.
+    """A small motion of a shape, which make all of a cell's strain, as in parts with shapes."""
 
-    Attributes:
-        shape: Displacement that makes the shape [m].
-        motion: The motion in the frame of the shape, ghosts included [m].
-        cells: Which owned cells have it; u only says how they are turned.
-    """
-
-    shape: fem.Function
-    motion: fem.Function
-    cells: Bools
+    shape: fem.Function  # displacement that makes the shape [m]
+    motion: fem.Function  # the motion in the frame of the shape, ghosts included [m]
+    cells: Bools  # which owned cells have it; u only says how they are turned
 
 
 class Recovered(NamedTuple):
-    """Strains of some cells in place of a displacement, or besides it.
+    """Strains of some cells in place of a displacement, or besides it."""
 
-    Attributes:
-        u: Displacement in them [m].
-        cells: Which owned cells these are, shape (cells,).
-        linear: In which of them it is the first derivative of a motion, and strains are to follow
-            it as such: a bend turns nodes, and by its second order would stretch a slender part.
-        added: Further strains of cells; those have nothing else in place of a displacement.
-    """
-
-    u: fem.Function
-    cells: Bools
+    u: fem.Function  # displacement in them [m]
+    cells: Bools  # which owned cells these are, shape (cells,)
+    # In which of them it is the first derivative of a motion, and strains are to follow it as such:
+    # a bend turns nodes, and by its second order would stretch a slender part
     linear: Bools
+    # Further strains of cells; those have nothing else in place of a displacement
     added: Added | None = None
 
 

@@ -101,11 +101,7 @@ class Step:
     share = 0.5
 
     def __init__(
-        self,
-        start: Bodies,
-        dt: float,
-        damping: Array | None = None,
-        given: Array | None = None,
+        self, start: Bodies, dt: float, damping: Array | None = None, given: Array | None = None
     ) -> None:
         """Prepare data of every trial; no shapes are damped if `damping` is None."""
         self.start, self.dt, self.damping, self.given = start, dt, damping, given

@@ -14,23 +14,16 @@ import ufl
 
 @dataclass(frozen=True)
 class Portion:
-    """A portion of a stress that is linear in strains: (factor + more) ℂ:(Ẽ(end) - Ẽ(start)).
+    """A portion of a stress that is linear in strains: (factor + more) ℂ:(Ẽ(end) - Ẽ(start))."""
 
-    Attributes:
-        law: "elastic" for the stiffness ℂ of the stored energy, "viscous" for the identity. If the
-            stored energy is not quadratic, a stress that follows from it has but one portion,
-            "elastic", whose end alone means something.
-        end: A displacement, that of derivatives.
-        start: Another, whose strain is taken off; None if none is.
-        factor: A number,
-        more: and a constant to be added to it; None if there is none.
-    """
-
+    # "elastic" for the stiffness ℂ of the stored energy, "viscous" for the identity. If the stored
+    # energy is not quadratic, a stress that follows from it has but one portion, "elastic", whose
+    # end alone means something
     law: Literal["elastic", "viscous"]
-    end: Any
-    start: Any = None
-    factor: float = 1.0
-    more: Any = None
+    end: Any  # a displacement, that of derivatives
+    start: Any = None  # another, whose strain is taken off; None if none is
+    factor: float = 1.0  # a number,
+    more: Any = None  # and a constant to be added to it; None if there is none
 
 
 class Element(Protocol):

@@ -19,19 +19,13 @@ from rigidfx.mechanics.shapes import Shapes
 
 @dataclass(frozen=True)
 class Frozen:
-    """Energy and velocities that a body keeps for its release; its offsets keep the shape.
+    """Energy and velocities that a body keeps for its release; its offsets keep the shape."""
 
-    Attributes:
-        nodes: Owned nodes on this rank whose velocity the freeze changed.
-        velocities: Rᵀ (v - v_rigid) at these nodes, shape (nodes, 3) [m/s]; equation (40).
-        strain: Strain energy of its cells [J].
-        vibration: Kinetic energy that the freeze took out of the motion; beside a support that
-            moves it may be less than zero, with a consistent mass [J].
-    """
-
-    nodes: Indices
-    velocities: Array
-    strain: float
+    nodes: Indices  # owned nodes on this rank whose velocity the freeze changed
+    velocities: Array  # Rᵀ (v - v_rigid) at these nodes, shape (nodes, 3) [m/s]; equation (40)
+    strain: float  # strain energy of its cells [J]
+    # Kinetic energy that the freeze took out of the motion; beside a support that moves it may be
+    # less than zero, with a consistent mass [J]
     vibration: float
 
     def __post_init__(self) -> None:
@@ -49,44 +43,27 @@ NOTHING = Frozen(np.empty(0, np.int32), np.empty((0, 3)), 0.0, 0.0)
 
 @dataclass(frozen=True)
 class RigidBody:
-    """The constant data of a body.
+    """The constant data of a body."""
 
-    Attributes:
-        name: Its name in reports, that of a set of cells where a `Rigid` effect named it.
-        cells: Owned cells on this rank, sorted.
-        nodes: Owned nodes on this rank, sorted.
-        offsets: V of these nodes in the body's frame, shape (nodes, 3) [m].
-        displacement: Their displacement at the freeze, shape (nodes, 3) [m].
-        mass: m [kg].
-        inertia: J about the centre of mass in the body's frame, shape (3, 3) [kg m²].
-        origin: Centre of mass at the freeze, shape (3,) [m].
-        number: Its number ≥ 1, which no other body of the run has had.
-        size: Number of its cells over all ranks.
-        named: Sets of cells in it that are rigid always.
-        given: Whether mass or inertia are given in place of those of its cells.
-        frozen: Energy and velocities kept for its release.
-        excess: The part of J due to lumped masses only, shape (3, 3) [kg m²].
-        extent: ℓ of a rigid face whose nodes' mass is in the cells beside it, and of a carried
-            mass, whose J is next to nothing [m]; None where the body's own mass tells ℓ.
-        shapes: What it deforms by; None if it is rigid.
-    """
-
-    name: str
-    cells: Indices
-    nodes: Indices
-    offsets: Array
-    displacement: Array
-    mass: float
-    inertia: Array
-    origin: Array
-    number: int = 1
-    size: int = 0
-    named: tuple[str, ...] = ()
-    given: bool = False
-    frozen: Frozen = NOTHING
+    name: str  # its name in reports, that of a set of cells where a `Rigid` effect named it
+    cells: Indices  # owned cells on this rank, sorted
+    nodes: Indices  # owned nodes on this rank, sorted
+    offsets: Array  # V of these nodes in the body's frame, shape (nodes, 3) [m]
+    displacement: Array  # their displacement at the freeze, shape (nodes, 3) [m]
+    mass: float  # m [kg]
+    inertia: Array  # J about the centre of mass in the body's frame, shape (3, 3) [kg m²]
+    origin: Array  # centre of mass at the freeze, shape (3,) [m]
+    number: int = 1  # its number ≥ 1, which no other body of the run has had
+    size: int = 0  # number of its cells over all ranks
+    named: tuple[str, ...] = ()  # sets of cells in it that are rigid always
+    given: bool = False  # whether mass or inertia are given in place of those of its cells
+    frozen: Frozen = NOTHING  # energy and velocities kept for its release
+    # The part of J due to lumped masses only, shape (3, 3) [kg m²]
     excess: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    # ℓ of a rigid face whose nodes' mass is in the cells beside it, and of a carried mass, whose J
+    # is next to nothing [m]; None where the body's own mass tells ℓ
     extent: float | None = None
-    shapes: Shapes | None = None
+    shapes: Shapes | None = None  # what it deforms by; None if it is rigid
 
     def __post_init__(self) -> None:
         """Let nobody change the arrays: reports show them."""
@@ -143,23 +120,14 @@ def _no_shapes() -> Array:
 
 @dataclass(frozen=True)
 class BodyMotion:
-    """Pose and velocity of a body.
+    """Pose and velocity of a body."""
 
-    Attributes:
-        r: Position of the centre of mass, shape (3,) [m].
-        R: Rotation since the freeze, shape (3, 3).
-        velocity: ṙ, shape (3,) [m/s].
-        angular_velocity_body: W, angular velocity in the body's frame, shape (3,) [rad/s].
-        q: Coordinates of its shapes, shape (m,) [m].
-        q_rate: Their rates, likewise [m/s].
-    """
-
-    r: Array
-    R: Array
-    velocity: Array
-    angular_velocity_body: Array
-    q: Array = field(default_factory=_no_shapes)
-    q_rate: Array = field(default_factory=_no_shapes)
+    r: Array  # position of the centre of mass, shape (3,) [m]
+    R: Array  # rotation since the freeze, shape (3, 3)
+    velocity: Array  # ṙ, shape (3,) [m/s]
+    angular_velocity_body: Array  # W, angular velocity in the body's frame, shape (3,) [rad/s]
+    q: Array = field(default_factory=_no_shapes)  # coordinates of its shapes, shape (m,) [m]
+    q_rate: Array = field(default_factory=_no_shapes)  # their rates, likewise [m/s]
 
     @property
     def angular_velocity(self) -> Array:

@@ -51,35 +51,26 @@ from rigidfx.mechanics.rotation import IDENTITY, axial, skew
 
 @dataclass(frozen=True)
 class Shapes:
-    """The constant data of the m shapes of a body.
+    """The constant data of the m shapes of a body."""
 
-    Attributes:
-        nodes: Owned nodes of the body on this rank, sorted.
-        modes: Φ at these nodes in the body's frame, shape (nodes, m, 3).
-        moments: G, shape (m + 1, m + 1, 3, 3) [kg m², kg m, kg]; that of ξ alone is left to the
-            inertia of the body.
-        stiffness: Ω, shape (m, m) [N/m].
-        force: f₀, shape (m,) [N].
-        images: K Φ at the nodes, of a body that may get more shapes, shape (nodes, m, 3) [N/m].
-        tension: Γ of the first n shapes, by which stretches stiffen, (n, n, n) [N/m²]; None where
-            they do not.
-        shorter: b, by how much shapes do not get shorter, as they had bent before they had Γ, shape
-            (m,) [m]; None without Γ.
-        drift: Of a body whose frame is held, by how much its centre of mass moves in the frame per
-            coordinate, shape (m, 3); None of a body that moves freely.
-        given: Number of the first shapes whose coordinates supports give.
-    """
-
-    nodes: Indices
-    modes: Array
+    nodes: Indices  # owned nodes of the body on this rank, sorted
+    modes: Array  # Φ at these nodes in the body's frame, shape (nodes, m, 3)
+    # G, shape (m + 1, m + 1, 3, 3) [kg m², kg m, kg]; that of ξ alone is left to the inertia of the
+    # body
     moments: Array
-    stiffness: Array
-    force: Array
+    stiffness: Array  # Ω, shape (m, m) [N/m]
+    force: Array  # f₀, shape (m,) [N]
+    # Of a body whose frame is held, by how much its centre of mass moves in the frame per
+    # coordinate, shape (m, 3); None of a body that moves freely
     drift: Array | None = None
+    # Γ of the first n shapes, by which stretches stiffen, (n, n, n) [N/m²]; None where they do not
     tension: Array | None = None
+    # b, by how much shapes do not get shorter, as they had bent before they had Γ, shape (m,) [m];
+    # None without Γ
     shorter: Array | None = None
+    # K Φ at the nodes, of a body that may get more shapes, shape (nodes, m, 3) [N/m]
     images: Array = field(default_factory=lambda: np.array([]))
-    given: int = 0
+    given: int = 0  # number of the first shapes whose coordinates supports give
 
     def __post_init__(self) -> None:
         """Let nobody change the arrays: reports show them."""

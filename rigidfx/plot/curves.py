@@ -138,10 +138,7 @@ def _drifts(ax: Any, h: Mapping[str, Array], free_since: float) -> None:
     L = np.stack([h[f"L_{axis}"][free] for axis in "xyz"], axis=1)
     drifts = {
         "$|H - H_0|\\,/\\,H_0$": (np.abs(H - H[0]) / abs(H[0]), DARK),
-        "$|J - J_0|\\,/\\,|J_0|$": (
-            np.linalg.norm(J - J[0], axis=1) / np.linalg.norm(J[0]),
-            GREEN,
-        ),
+        "$|J - J_0|\\,/\\,|J_0|$": (np.linalg.norm(J - J[0], axis=1) / np.linalg.norm(J[0]), GREEN),
         "$|L - L_0|\\,/\\,\\Sigma\\, m|v|$": (
             np.linalg.norm(L - L[0], axis=1) / h["momentum_scale"][free],
             BLUE,
@@ -155,19 +152,12 @@ def _drifts(ax: Any, h: Mapping[str, Array], free_since: float) -> None:
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve of a panel.
+    """A curve of a panel."""
 
-    Attributes:
-        label: Name in the legend of the first panel that has it; it has one colour in all panels.
-        x: Abscissae.
-        y: Ordinates.
-        broken: Whether the run behind it broke down at its end; marked by a cross.
-    """
-
-    label: str
-    x: Sequence[float] | Array
-    y: Sequence[float] | Array
-    broken: bool = False
+    label: str  # name in the legend of the first panel that has it; it has one colour in all panels
+    x: Sequence[float] | Array  # abscissae
+    y: Sequence[float] | Array  # ordinates
+    broken: bool = False  # whether the run behind it broke down at its end; marked by a cross
 
     def __post_init__(self) -> None:
         """Copy the points, and check them.

@@ -34,17 +34,11 @@ LEAST = 0.01  # way of joints per motion of groups, below which joints are close
 
 @dataclass(frozen=True)
 class Moved:
-    """Where nodes and bodies have gone.
+    """Where nodes and bodies have gone."""
 
-    Attributes:
-        d: How far the owned nodes have moved, shape (nodes, 3) [m].
-        bodies: All bodies, as their groups have moved.
-        energy: Gained by springs of joints [J].
-    """
-
-    d: Array
-    bodies: Bodies
-    energy: float
+    d: Array  # how far the owned nodes have moved, shape (nodes, 3) [m]
+    bodies: Bodies  # all bodies, as their groups have moved
+    energy: float  # gained by springs of joints [J]
 
 
 @dataclass(frozen=True)

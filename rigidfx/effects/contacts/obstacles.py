@@ -36,17 +36,11 @@ TINY = float(np.finfo(np.float64).tiny)
 
 @dataclass(frozen=True)
 class Approach:
-    """How the gaps of points change in a step: g₁ = g₀ + m·Δy.
+    """How the gaps of points change in a step: g₁ = g₀ + m·Δy."""
 
-    Attributes:
-        m: Directions, shape (n, 3); of length one but for curved obstacles.
-        dm: Their derivatives by y₁, shape (n, 3, 3) [1/m]; zero, for all, if None.
-        dg: Derivatives of g₁ by y₁, shape (n, 3).
-    """
-
-    m: Array
-    dm: Array | None
-    dg: Array
+    m: Array  # directions, shape (n, 3); of length one but for curved obstacles
+    dm: Array | None  # their derivatives by y₁, shape (n, 3, 3) [1/m]; zero, for all, if None
+    dg: Array  # derivatives of g₁ by y₁, shape (n, 3)
 
 
 @dataclass(frozen=True)

@@ -153,39 +153,25 @@ def _lengths(vectors: Array) -> Array:
 
 @dataclass(frozen=True)
 class ControllerNumbers:
-    """Numbers of the controller, found by scenes of `demos/benchmarks/budgets.py`.
+    """Numbers of the controller, found by scenes of `demos/benchmarks/budgets.py`."""
 
-    Attributes:
-        share: Of the budget that estimates add up to: they may be half of the error.
-        safety: Of the best Δt (Hairer, Nørsett, Wanner, II.4: 0.8 to 0.9).
-        memory: Steps in which the envelope of d/Δt³ falls to 1/e of its value.
-        shorter: Factor of Δt above which it stays as it is ...
-        longer: ... and below which it does.
-        least: Factor of a change (Hairer, Nørsett, Wanner, II.4: 0.2 to 0.5) ...
-        most: ... and the largest one (1.5 to 5). With 4 the first steps of an arm of 20 073
-            unknowns became so long that it rang, which took twice the time.
-        reject: Times the allowed error of a step, above which it is repeated.
-        spread: Times s, over which the budget of a motion that begins is spent.
-        growth: Factor by which U has grown in s.
-        rest: Part of the run over which the rest of the budget is spent at least.
-        poorest: Of an even spending, the part that is always allowed.
-        first: Parts of Δt that the first step after a breakpoint is, as nothing is known of it.
-        price: Steps that two changes of Δt cost, over n^⅓ of n unknowns: factors are made anew.
-    """
-
-    share: float = 0.5
-    safety: float = 0.9
-    memory: float = 14.0
-    shorter: float = 0.7
-    longer: float = 1.5
-    least: float = 0.5
+    share: float = 0.5  # of the budget that estimates add up to: they may be half of the error
+    safety: float = 0.9  # of the best Δt (Hairer, Nørsett, Wanner, II.4: 0.8 to 0.9)
+    memory: float = 14.0  # steps in which the envelope of d/Δt³ falls to 1/e of its value
+    shorter: float = 0.7  # factor of Δt above which it stays as it is ...
+    longer: float = 1.5  # ... and below which it does
+    least: float = 0.5  # factor of a change (Hairer, Nørsett, Wanner, II.4: 0.2 to 0.5) ...
+    # ... and the largest one (1.5 to 5). With 4 the first steps of an arm of 20 073 unknowns became
+    # so long that it rang, which took twice the time
     most: float = 2.0
-    reject: float = 2.0
-    spread: float = 2.5
-    growth: float = 4.0
-    rest: float = 0.1
-    poorest: float = 0.25
+    reject: float = 2.0  # times the allowed error of a step, above which it is repeated
+    spread: float = 2.5  # times s, over which the budget of a motion that begins is spent
+    growth: float = 4.0  # factor by which U has grown in s
+    rest: float = 0.1  # part of the run over which the rest of the budget is spent at least
+    poorest: float = 0.25  # of an even spending, the part that is always allowed
+    # Parts of Δt that the first step after a breakpoint is, as nothing is known of it
     first: float = 16.0
+    # Steps that two changes of Δt cost, over n^⅓ of n unknowns: factors are made anew
     price: float = 0.2
 
 

@@ -70,14 +70,11 @@ def _is_marked(used: Any, name: str) -> bool:
 
 @dataclass(frozen=True)
 class SolverOptions:
-    """A user's options for the solver of a run.
+    """A user's options for the solver of a run."""
 
-    Attributes:
-        options: PETSc's options by name, without a prefix; None or "" for those without a value.
-        monitor: Called with the number of each Newton iterate and ‖R‖ [N] there, on every rank.
-    """
-
+    # PETSc's options by name, without a prefix; None or "" for those without a value
     options: Mapping[str, Any] = field(default_factory=dict)
+    # Called with the number of each Newton iterate and ‖R‖ [N] there, on every rank
     monitor: Monitor | None = None
     _unasked: set[str] = field(default_factory=set, init=False, repr=False, compare=False)
 
