@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from rigidfx.base.matrices import free
 from rigidfx.base.remembered import PART, Remembered
 from rigidfx.base.uncaught import on_all_ranks
 from rigidfx.decide.bodies import Decision
@@ -125,9 +126,7 @@ class Run:
                 whole = kind in (None, GeneratorExit)
                 (self.recovery.remember if whole else self.recovery.forget)()
             self.stepper.close()
-            for item in (self.recovery, self.switch.shaping, self.growth):
-                if item is not None:
-                    item.destroy()
+            free(self.recovery, self.switch.shaping, self.growth)
 
     def ahead(self, target: float) -> list[Event]:
         """Decide before a step and switch; the events. Collective."""

@@ -35,13 +35,7 @@ from rigidfx.report.account import Account, beginning
 from rigidfx.report.blows import BriefContacts, BriefStops
 from rigidfx.report.energy_balance import EnergyBalance
 from rigidfx.report.fast_changes import AlternatingForces, FastLoads
-from rigidfx.report.odd_motions import (
-    Jolts,
-    LumpedInertia,
-    Overdamped,
-    Stillness,
-    TurnedSprings,
-)
+from rigidfx.report.odd_motions import Jolts, LumpedInertia, Overdamped, Stillness, TurnedSprings
 from rigidfx.report.of_step import amended, preloaded, report_of
 from rigidfx.report.report import Report
 from rigidfx.report.start import Start, start_of

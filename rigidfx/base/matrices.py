@@ -7,7 +7,7 @@ Sums and products of both kinds are written alike; what is to be of one kind pas
 """
 
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from petsc4py import PETSc
@@ -80,3 +80,10 @@ def distributed(rows: csr_array, sizes: object, comm: object) -> PETSc.Mat:
     kind = PETSc.IntType
     csr = rows.indptr.astype(kind), rows.indices.astype(kind), rows.data
     return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
+
+
+def free(*items: Any) -> None:
+    """Destroy objects of PETSc's, or with such, those of them that there are. Collective."""
+    for item in items:
+        if item is not None:
+            item.destroy()

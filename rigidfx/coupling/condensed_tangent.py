@@ -24,7 +24,7 @@ from petsc4py import PETSc
 from scipy.sparse import bsr_array, csr_array, eye_array, kron
 
 from rigidfx.base.compat import assemble_unrolled
-from rigidfx.base.matrices import distributed
+from rigidfx.base.matrices import distributed, free
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.coupling.moved_nodes import MovedNodes, condensed_row_lengths, moved_nodes
 from rigidfx.coupling.prolongation import Prolongation
@@ -196,8 +196,7 @@ class Interface:
 
     def destroy(self) -> None:
         """Free the PETSc matrices."""
-        for matrix in (self._C, self._A, self._K):
-            matrix.destroy()
+        free(self._C, self._A, self._K)
 
 
 def _expanded(row: Ints, column: Ints, block: Ints) -> tuple[Ints, Ints, Ints, Ints]:
@@ -251,12 +250,7 @@ class CondensedMatrix:
         matrix: The reduced matrix, of fixed pattern.
     """
 
-    def __init__(
-        self,
-        prolongation: Prolongation,
-        interior: fem.Form,
-        interface: fem.Form,
-    ) -> None:
+    def __init__(self, prolongation: Prolongation, interior: fem.Form, interface: fem.Form) -> None:
         """Find the pattern of forms over interior cells and the interface. Collective."""
         self._prolongation, self._interior = prolongation, interior
         self._grown = False  # whether the pattern has more than the forms need

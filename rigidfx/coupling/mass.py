@@ -15,7 +15,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array, hstack, vstack
 
-from rigidfx.base.matrices import distributed
+from rigidfx.base.matrices import distributed, free
 from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.prolongation import Prolongation
@@ -167,9 +167,7 @@ class Mass:
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        for item in (self._matrix, self._diagonal, self._reduced, self._condensed):
-            if item is not None:
-                item.destroy()
+        free(self._matrix, self._diagonal, self._reduced, self._condensed)
 
 
 def _at_faces(scene: Scene, rows: Rows, own: Bools, carried: bool) -> tuple[Array, csr_array]:

@@ -210,13 +210,7 @@ class Prolongation:
         y.setType(PETSc.Vec.Type.STANDARD)
         return y
 
-    def expand(
-        self,
-        y: Array,
-        step: Step,
-        imposed: Array,
-        d: PETSc.Vec,
-    ) -> None:
+    def expand(self, y: Array, step: Step, imposed: Array, d: PETSc.Vec) -> None:
         """Evaluate d = L y + d_s by unknowns of this rank, with L rotated to them. Collective.
 
         From then on these are not to be changed. Prescribed dofs have imposed increments [m].

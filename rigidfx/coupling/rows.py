@@ -85,12 +85,7 @@ class Rows:
 
 
 def mapped_matrix(
-    space: Any,
-    dofs: Ints,
-    numbers: Ints,
-    lengths: Lengths,
-    kind: str,
-    block: int,
+    space: Any, dofs: Ints, numbers: Ints, lengths: Lengths, kind: str, block: int
 ) -> PETSc.Mat:
     """A square matrix without entries that maps local nodes (or dofs) to rows. Collective.
 

@@ -94,11 +94,7 @@ def _check_whole(path: str | Path, text: str) -> None:
 
 
 def list_cad(
-    path: str | Path,
-    *,
-    scale: float = 1.0,
-    glue: bool = True,
-    comm: MPI.Intracomm = MPI.COMM_WORLD,
+    path: str | Path, *, scale: float = 1.0, glue: bool = True, comm: MPI.Intracomm = MPI.COMM_WORLD
 ) -> Cad:
     """List the volumes and surfaces of a CAD file: numbers, labels, places, shapes. Collective.
 

@@ -229,13 +229,7 @@ def connected_parts(mesh: dmesh.Mesh, dim: int, among: Bools | None = None) -> C
     return _numbered(mesh, int(count), part[:cells], part[cells : cells + own.size])
 
 
-def _apart(
-    rows: Ints,
-    columns: Ints,
-    among: Bools,
-    marks: Any,
-    rest: int,
-) -> tuple[Ints, Ints]:
+def _apart(rows: Ints, columns: Ints, among: Bools, marks: Any, rest: int) -> tuple[Ints, Ints]:
     """Links among some local cells; all others, and entities of these alone, to one node `rest`.
 
     Columns are entities, numbered after all cells; `marks`, a vector over them, is overwritten.

@@ -19,12 +19,7 @@ from rigidfx.effects.damping import (
     StiffnessDamping,
     rayleigh,
 )
-from rigidfx.effects.initial import (
-    InitialDisplacement,
-    InitialVelocity,
-    Preload,
-    places_at_start,
-)
+from rigidfx.effects.initial import InitialDisplacement, InitialVelocity, Preload, places_at_start
 from rigidfx.effects.joints.elements import JointSpring, Motor, Stop, efforts_of
 from rigidfx.effects.joints.joint import (
     Cylindrical,

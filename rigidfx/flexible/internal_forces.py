@@ -273,10 +273,7 @@ class InternalForces:
         """Forms over all cells, and over interior and interface cells with their facets."""
         rest = {self.u0: self.rest, self.u1: self.rest}
         interior, interface = (tangent.bind(*part, dealt=dealt) for part in parts)
-        undeformed = (
-            tangent.bind(*parts[0], rest, dealt),
-            tangent.bind(*parts[1], rest, dealt),
-        )
+        undeformed = (tangent.bind(*parts[0], rest, dealt), tangent.bind(*parts[1], rest, dealt))
         return BoundForces(residual, interior, interface, undeformed)
 
     def bind_tangent(self, cells: Cells, u: fem.Function) -> fem.Form:

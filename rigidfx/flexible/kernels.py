@@ -170,14 +170,7 @@ class Kernel:
             domains[fem.IntegralType.exterior_facet] = [
                 (i, pairs.reshape(-1)) for i, pairs in sorted(facets.items())
             ]
-        form = fem.create_form(
-            self._compiled,
-            arguments,
-            mesh,
-            domains,
-            read,
-            self._constants,
-        )
+        form = fem.create_form(self._compiled, arguments, mesh, domains, read, self._constants)
         form.kernel = self._compiled  # holds what it calls as long as the form may call it
         form.reaches = any(len(own) for parts in domains.values() for _, own in parts)
         return form

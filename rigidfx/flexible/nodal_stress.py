@@ -30,10 +30,7 @@ class NodalStress:
     """
 
     def __init__(
-        self,
-        scene: Scene,
-        points: PointStress | None = None,
-        cells: Indices | None = None,
+        self, scene: Scene, points: PointStress | None = None, cells: Indices | None = None
     ) -> None:
         """Compile the expressions, if they are not given. Collective.
 

@@ -180,10 +180,7 @@ class RunFiles:
     """Tables, fields and log of a run; used on rank 0 only."""
 
     def __init__(
-        self,
-        folder: Path,
-        kinds: Sequence[str],
-        bodies: Mapping[str, Body | Cloud],
+        self, folder: Path, kinds: Sequence[str], bodies: Mapping[str, Body | Cloud]
     ) -> None:
         """Make and lock the folder, and hear messages; files of a former run are as they were.
 

@@ -125,12 +125,7 @@ def _of_numbers(history: Path, free_since: float | None, title: str) -> list[Pat
         if panels:
             made.append(place / name)
             curves(
-                panels,
-                made[-1],
-                xlabel="time (s)",
-                ylabel=ylabel,
-                title=title,
-                comm=MPI.COMM_SELF,
+                panels, made[-1], xlabel="time (s)", ylabel=ylabel, title=title, comm=MPI.COMM_SELF
             )
 
     shown = h | resolved_columns(h)

@@ -117,11 +117,7 @@ def surface_of(
 
 
 def sheet(
-    path: str | Path,
-    photographs: Sequence[Photograph],
-    field: str,
-    look: Look,
-    columns: int,
+    path: str | Path, photographs: Sequence[Photograph], field: str, look: Look, columns: int
 ) -> None:
     """Draw photographs side by side, coloured by a field, so many in a row."""
     wide = min(columns, len(photographs))

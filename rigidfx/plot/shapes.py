@@ -42,11 +42,7 @@ def check_scale(owner: str, scale: Any) -> Scale:
     return positive(owner, "scale", scale)
 
 
-def factor_of(
-    scale: Scale,
-    points: Array,
-    displacements: Iterable[Array],
-) -> float:
+def factor_of(scale: Scale, points: Array, displacements: Iterable[Array]) -> float:
     """The factor; if it is to be found, 1, 2 or 5 times a power of ten, and 1 at least.
 
     The largest displacement of these points is then at most a tenth of the diagonal of the body.
@@ -92,11 +88,7 @@ class Shapes:
     """
 
     def __init__(
-        self,
-        scene: Scene,
-        times: Iterable[float],
-        *,
-        colour: Colour = "velocity",
+        self, scene: Scene, times: Iterable[float], *, colour: Colour = "velocity"
     ) -> None:
         """Choose times and colours. Collective.
 

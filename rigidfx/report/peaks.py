@@ -62,13 +62,7 @@ class Peaks:
             self._masks[name] = self._marked(on, cells, groups, table)
         self._nodal = NodalStress(scene, cells=np.flatnonzero(wanted).astype(np.int32))
 
-    def _marked(
-        self,
-        on: Bools,
-        cells: Bools,
-        groups: Indices,
-        table: Indices,
-    ) -> Bools:
+    def _marked(self, on: Bools, cells: Bools, groups: Indices, table: Indices) -> Bools:
         """Which values at owned nodes count, shape (materials, nodes). Collective."""
         marks = np.zeros((len(self._scene.materials), len(on), 1))
         marks[np.repeat(groups[cells], table.shape[1]), table[cells].reshape(-1)] = 1.0

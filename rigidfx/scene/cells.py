@@ -152,9 +152,7 @@ def assign(
 
 
 def _examples(
-    domain: Domain,
-    times_used: Indices,
-    given: Mapping[str, tuple[Material, Indices]],
+    domain: Domain, times_used: Indices, given: Mapping[str, tuple[Material, Indices]]
 ) -> str:
     """A cell without a material, and one with several and their names, by their places."""
     wrong = [np.flatnonzero(found)[:1] for found in (times_used == 0, times_used > 1)]

@@ -189,7 +189,7 @@ class LoadPath:
         self._least = NEGLIGIBLE * scene.mean_cell_size
         self._bound = False
         self.system: System
-        self._searching: Newton | None = None
+        self._searching: Newton | None = None  # with a line search, once one was needed
         self._last: tuple[Array, Array, float] | None = None  # increments and length of a step
 
     @property
@@ -266,7 +266,10 @@ class LoadPath:
             guesses = (rest, Guess(dt / before * d, dt / before * bodies))
         solution = system.newton.solve(guesses)
         if not solution.converged:
-            solution = self._search().solve(guesses[:1]).after(solution)
+            if self._searching is None:
+                with default_options(PREFIX, snes_linesearch_type="bt"):
+                    self._searching = Newton(system)
+            solution = self._searching.solve(guesses[:1]).after(solution)
             if not solution.converged:  # MUMPS may refuse to go on after a singular matrix
                 system.newton.destroy()
                 self._end_search()
@@ -288,13 +291,6 @@ class LoadPath:
         loads = self.system.actions.loads
         of_bodies = np.abs(loads.moments).sum() + np.abs(loads.torques).sum()
         return float(loads.vector.norm(PETSc.NormType.NORM_1) + of_bodies)
-
-    def _search(self) -> Newton:
-        """Newton's method with a line search, made when it is first needed. Collective."""
-        if self._searching is None:
-            with default_options(PREFIX, snes_linesearch_type="bt"):
-                self._searching = Newton(self.system)
-        return self._searching
 
     def _end_search(self) -> None:
         """Free its solver. Collective."""

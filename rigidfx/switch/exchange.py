@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
+from rigidfx.base.matrices import free
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.decide.bodies import PlannedBody
@@ -141,8 +142,7 @@ class Exchange:
         if faces:  # with the velocities of their nodes
             state.take_out(faces)
             with_faces(self._scene, self._forces, state)
-        before.destroy()
-        after.destroy()
+        free(before, after)
         return Works(*(a + scale * b for a, b in zip(work, of_mode, strict=True)))
 
     def _collapse(self, state: State, numbers: Set[int]) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from rigidfx.base.errors import together
+from rigidfx.base.matrices import free
 from rigidfx.base.types import Array, Bools
 from rigidfx.coupling.dof_layout import nodes_of, rigid_fields, split
 from rigidfx.coupling.mass import Mass
@@ -82,8 +83,7 @@ class Present:
         blocks = state.bodies.given_mass_blocks
         given = np.einsum("ki,kij,kj->", self.bodies, blocks, self.bodies)
         self.energy = 0.5 * float(scene.sum(energy) + given)
-        v.destroy()
-        p.destroy()
+        free(v, p)
 
     def work(self, prescribed: Bools, gained: Array) -> float:
         """Work of supports by which owned dofs gain momenta, at their velocity [J]. Collective."""
@@ -299,7 +299,4 @@ class RigidFields:
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        own = self._y, self._r, self._reduced, self._full, self._image, self._factors
-        for item in own:
-            if item is not None:
-                item.destroy()
+        free(self._y, self._r, self._reduced, self._full, self._image, self._factors)

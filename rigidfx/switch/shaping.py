@@ -13,6 +13,7 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.log import tell
+from rigidfx.base.matrices import free
 from rigidfx.base.remembered import ON_DOFS, ON_NODES, PART, Remembered
 from rigidfx.base.types import Array, Ints
 from rigidfx.base.warning import warn
@@ -369,9 +370,7 @@ class Shaping:
 
     def destroy(self) -> None:
         """Free factor and matrices. Collective."""
-        for item in (*(about for _, about in self._expanded.values()), self._responses):
-            if item is not None:
-                item.destroy()
+        free(*(about for _, about in self._expanded.values()), self._responses)
         self._expanded.clear()
         self._responses = None
 

@@ -23,7 +23,7 @@ from scipy.linalg import qr, solve_triangular
 from scipy.sparse import csr_array, dia_array, eye_array, kron
 
 from rigidfx.base.errors import together
-from rigidfx.base.matrices import distributed
+from rigidfx.base.matrices import distributed, free
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.ports import RANK, independent
@@ -107,8 +107,7 @@ def softening(spin: Spin, mass: Mass, prolongation: Prolongation) -> PETSc.Mat:
     turned = csr_array(own @ kron(eye_array(M.size[1] // 3), S, format="csr"))
     product = distributed(turned, M.getSizes(), M.comm)
     out = prolongation.condense(product)
-    M.destroy()
-    product.destroy()
+    free(M, product)
     return out
 
 
@@ -206,10 +205,7 @@ class Problem:
     """
 
     def __init__(
-        self,
-        scene: Scene,
-        about: tuple[Report, Start] | None = None,
-        turns: bool = True,
+        self, scene: Scene, about: tuple[Report, Start] | None = None, turns: bool = True
     ) -> None:
         """Assemble both matrices, about the state of a report or the reference at t = 0.
 
@@ -289,8 +285,7 @@ class Problem:
         loads = of.actions.loads
         size = np.abs(loads.moments).sum() + np.abs(loads.torques).sum() + loads.vector.norm()
         left = float(np.sqrt(scene.sum((r.array_r[: p.owned] ** 2).sum())))
-        y.destroy()
-        r.destroy()
+        free(y, r)
         mass = float(scene.sum(inertial_masses(scene).sum()))
         efforts = 0.0 if linkage is None else float(np.abs(linkage.multipliers).sum())
         self.of_loads = (float(size) + efforts) / (mass * scene.parts.extent)
@@ -380,8 +375,7 @@ class Problem:
             a = body.coordinates()
             out.x.array.reshape(-1, 3)[body.nodes] = a @ moved[k, : a.shape[1]]
         out.x.scatter_forward()
-        d.destroy()
-        f.destroy()
+        free(d, f)
         return out.x.array.reshape(-1, 3).copy(), gamma
 
     def look(self, squares: Array, shapes: Array) -> None:
@@ -396,6 +390,4 @@ class Problem:
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
-        for item in (*self.motions, self.K, self.M, self._Z, self.shaping, self._of):
-            if item is not None:
-                item.destroy()
+        free(*self.motions, self.K, self.M, self._Z, self.shaping, self._of)

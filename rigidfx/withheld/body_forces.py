@@ -13,6 +13,7 @@ from dolfinx import fem, la
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from rigidfx.base.matrices import free
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.types import Array
 from rigidfx.effects import Windowed
@@ -203,8 +204,7 @@ class Withheld:
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        for item in (self._actions, self._d, self._f, self._mass):
-            item.destroy()
+        free(self._actions, self._d, self._f, self._mass)
 
 
 def _middle(start: Bodies, end: Bodies) -> Array:

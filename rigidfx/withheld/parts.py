@@ -27,12 +27,7 @@ class Parts:
         coordinates: Of each body, [1, V, Φ] of its nodes, shape (nodes, 4 + 3 m) [1, m, 1].
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        forces: InternalForces,
-        bodies: Sequence[RigidBody],
-    ) -> None:
+    def __init__(self, scene: Scene, forces: InternalForces, bodies: Sequence[RigidBody]) -> None:
         """Number the rows. Collective."""
         self.bodies = tuple(bodies)
         self._scene = scene

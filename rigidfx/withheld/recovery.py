@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from petsc4py import PETSc
 
+from rigidfx.base.matrices import free
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.rigid_body import RigidBody
@@ -84,8 +85,7 @@ class AtRest:
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        for item in (self._solver, self._right, self._found):
-            item.destroy()
+        free(self._solver, self._right, self._found)
 
 
 class Carried(NamedTuple):
@@ -112,12 +112,7 @@ class Recovery:
     are the same; factors that have become too old are found out by the rest of a solve.
     """
 
-    def __init__(
-        self,
-        stepper: Stepper,
-        forces: BodyForces,
-        held: HeldParts | None,
-    ) -> None:
+    def __init__(self, stepper: Stepper, forces: BodyForces, held: HeldParts | None) -> None:
         """Nothing is known yet; held are parts named rigid, None if supports never hold one."""
         self._stepper, self._forces, self._held = stepper, forces, held
         self._asked = -1  # the state that is known, by how often it had been written into
@@ -221,9 +216,7 @@ class Recovery:
 
     def _free(self) -> None:
         """Free the PETSc objects. Collective."""
-        for item in (self._whole, *self._rest.values()):
-            if item is not None:
-                item.destroy()
+        free(self._whole, *self._rest.values())
         self._whole, self._of, self._rest = None, (), {}
 
     def destroy(self) -> None:

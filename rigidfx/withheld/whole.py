@@ -13,6 +13,7 @@ from copy import deepcopy
 import numpy as np
 from petsc4py import PETSc
 
+from rigidfx.base.matrices import free
 from rigidfx.base.types import Array, Indices
 from rigidfx.effects.nodes import Instant
 from rigidfx.flexible.internal_forces import Cells
@@ -158,9 +159,7 @@ class Whole:
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        for item in (self._factors, self._y, self._rest, self._still, self._equations):
-            if item is not None:
-                item.destroy()
+        free(self._factors, self._y, self._rest, self._still, self._equations)
 
 
 def _driven(

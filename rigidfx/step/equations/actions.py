@@ -107,7 +107,6 @@ class Actions:
 
     Attributes:
         loads: Dead loads of the present step; those on bodies are equal on all ranks.
-        kinds: Names of the kinds of effects that act.
         contacts: Contacts that act.
         stiffens: Whether any of them changes the tangent.
         elastic: Kinds of these that store energy, on which loads may rest.
@@ -147,7 +146,6 @@ class Actions:
         self.stiffens = bool(doing(every, "stiffen"))
         resting = doing(doing(every, "stiffen"), "stored")
         self.elastic = {action.kind for action in resting}
-        self.kinds = tuple(dict.fromkeys(action.kind for action in every))
         self.rounding = sum(action.rounding for action in every)
         self.dead = not doing(every, "resist")
 

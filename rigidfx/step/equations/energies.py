@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rigidfx.base.matrices import free
 from rigidfx.base.types import Array
 from rigidfx.effects.nodes import Instant
 from rigidfx.flexible.internal_forces import InternalForces
@@ -17,27 +18,16 @@ from rigidfx.step.equations.equations import Equations
 
 @dataclass(frozen=True)
 class Measures:
-    """Energies and momenta of a state.
+    """Energies and momenta of a state."""
 
-    Attributes:
-        kinetic: ½ v·M v [J].
-        strain: ∫ W dV of the flexible cells, and U(q) of bodies that deform [J].
-        stored: Energy that bodies keep for their release [J].
-        springs: Potential energy of springs to ground [J].
-        contact: Energy stored in contacts [J].
-        linear_momentum: L = Σ (M v)ᵢ, shape (3,) [kg m/s].
-        angular_momentum: J = Σ xᵢ × (M v)ᵢ about the origin, shape (3,) [kg m²/s].
-        momentum_scale: Σ |(M v)ᵢ| [kg m/s], a scale for L; a body counts with |m ṙ| + |π|/ℓ.
-    """
-
-    kinetic: float
-    strain: float
-    stored: float
-    springs: float
-    contact: float
-    linear_momentum: Array
-    angular_momentum: Array
-    momentum_scale: float
+    kinetic: float  # ½ v·M v [J]
+    strain: float  # ∫ W dV of the flexible cells, and U(q) of bodies that deform [J]
+    stored: float  # energy that bodies keep for their release [J]
+    springs: float  # potential energy of springs to ground [J]
+    contact: float  # energy stored in contacts [J]
+    linear_momentum: Array  # L = Σ (M v)ᵢ, shape (3,) [kg m/s]
+    angular_momentum: Array  # J = Σ xᵢ × (M v)ᵢ about the origin, shape (3,) [kg m²/s]
+    momentum_scale: float  # Σ |(M v)ᵢ| [kg m/s], a scale for L; a body counts with |m ṙ| + |π|/ℓ
 
     @property
     def energy(self) -> float:
@@ -123,5 +113,4 @@ class Energies:
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        self._v.destroy()
-        self._p.destroy()
+        free(self._v, self._p)

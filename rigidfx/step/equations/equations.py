@@ -17,6 +17,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
+from rigidfx.base.matrices import free
 from rigidfx.base.types import Array
 from rigidfx.coupling.cell_forces import CellForces
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
@@ -28,7 +29,7 @@ from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Effect, Structure, Support, Windowed
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.nodes import Forces, Instant, Motion, Tangent
-from rigidfx.flexible.internal_forces import BoundForces, InternalForces
+from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.linear_forms import static_forces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import StaticStep, Step
@@ -83,8 +84,7 @@ class Inertia:
 
     def destroy(self) -> None:
         """Free the vectors. Collective."""
-        for vector in (self._v, self.before, self.gained):
-            vector.destroy()
+        free(self._v, self.before, self.gained)
 
 
 class Equations:
@@ -192,21 +192,17 @@ class Equations:
         if joints and (linkage := linked(self.structure, acting)) is not None:
             anchored = self.kind == "static" and not loose
             self.constraints = Constraints(linkage, self.structure.bodies, p, anchored)
-        of = self._forces_of_cells(acting)
+        parts = self.layout.flexible, self.layout.interior, self.layout.interface
+        if self.inertial:
+            dealt = None if self._dealt is None else self._dealt.cells
+            of = forces.bind(*parts, self._driven, dealt)
+        else:
+            loads = acting if self.kind == "static" else ()
+            of = static_forces(scene, forces, *parts, self._driven, loads)
         self._cells = CellForces(p, of.residual, forces)
         self._forms = of.interior, of.interface
         self._tangent = self.new_tangent()
         self.rounding = Rounding(scene, forces, of.undeformed, self._tangent, p, self.actions)
-
-    def _forces_of_cells(self, acting: Sequence[Windowed]) -> BoundForces:
-        """The forces of flexible cells. Collective."""
-        layout = self.layout
-        parts = layout.flexible, layout.interior, layout.interface
-        if self.inertial:
-            dealt = None if self._dealt is None else self._dealt.cells
-            return self._forces.bind(*parts, self._driven, dealt)
-        loads = acting if self.kind == "static" else ()
-        return static_forces(self._scene, self._forces, *parts, self._driven, loads)
 
     def begin(
         self,
@@ -245,26 +241,6 @@ class Equations:
         self.prolongation.collapse(increment, bodies, y)
         if self.constraints is not None:
             self.constraints.guess(y.array)
-
-    def right_side(self, f: PETSc.Vec, bodies: Array, across: Array, r: PETSc.Vec) -> None:
-        """Set a right-hand side r for the tangent, by forces on rows and bodies [N]. Collective.
-
-        Rows of joints want displacements `across` [m].
-        """
-        self.prolongation.restrict(f, bodies, r)
-        if self.constraints is not None:
-            self.constraints.fill(across, r.array)
-
-    def response(self, z: PETSc.Vec, held: Array, d: PETSc.Vec) -> tuple[Array, Array]:
-        """Displacements d of rows by a solution z with the tangent, of held rows as given.
-
-        Those of bodies, shape (bodies, 6 + m) [m], and the multipliers of joints [N] are returned.
-        Collective.
-        """
-        of_bodies = self.prolongation.bodies_part(z)
-        self.prolongation.apply(z, of_bodies, held, d)
-        joints = self.constraints
-        return of_bodies, np.empty(0) if joints is None else joints.multipliers(z.array_r)
 
     def cells_at(self, at_start: Array, at_end: Array) -> Array:
         """The cells' forces beside the last iterate, one number per row [N]. Collective.
@@ -404,11 +380,6 @@ class Equations:
         return np.asarray(self.layout.rows.X + u.reshape(-1, 3))
 
     @property
-    def calm(self) -> bool:
-        """Whether masses and cells alone resist: no springs, drag or contact, which may jump."""
-        return self.inertial and not self.actions.stiffens
-
-    @property
     def well_conditioned(self) -> bool:
         """Whether inertia is as large as any stiffness in the present step, but for some orders."""
         smooth = self.inertial and not self.actions.contacts
@@ -454,13 +425,9 @@ class Equations:
 
     def unbind(self) -> None:
         """Free what `bind` has made. Collective."""
-        self._tangent.destroy()
-        self.actions.destroy()
+        free(self._tangent, self.actions)
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
         self.unbind()
-        own = self.d, self.forces_out_of_balance, self._inertia
-        for item in (self.mass, self._dealt, *own):
-            if item is not None:
-                item.destroy()
+        free(self.mass, self._dealt, self.d, self.forces_out_of_balance, self._inertia)

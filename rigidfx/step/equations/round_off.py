@@ -11,6 +11,7 @@ from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from rigidfx.base.matrices import free
 from rigidfx.base.types import Array
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.prolongation import Prolongation
@@ -58,14 +59,22 @@ class Lost:
         a sum. The errors are relative to the largest energy so far, the largest sum, and that times
         the size of the structure.
         """
-        sums = np.zeros(13)
+        sums = np.zeros(13)  # from the third on of nodes, their places, forces and moments
         sums[:3] = y @ R, energy, momentum
-        self._sum_up(R, x, sums[3:])
-        self._p.sum(sums)
-        if len(self._p.increments):
-            sums[2] += self._p.increments.start.momentum_scale
+        p, f = self._p, R[: self._p.own_free].reshape(-1, 3)  # nothing is held: whole nodes
+        at, each, own = p.at_nodes(x), self._each, p.moving
+        sums[3], sums[4:7] = each.size, each @ at
+        sums[7:10], sums[10:] = each @ f, axial(at.T @ f)
+        if own.size:
+            six, start = R[p.six], p.increments.start
+            middle = start.r[own] + 0.5 * p.increments.dr[own]
+            sums[7:10] += six[:, :3].sum(axis=0)
+            sums[10:] += axial(middle.T @ six[:, :3]) + start.of.length[own] @ six[:, 3:]
+        p.sum(sums)
+        if len(p.increments):
+            sums[2] += p.increments.start.momentum_scale
         self._momentum = max(self._momentum, sums[2])
-        count, places, force, moment = sums[3], sums[4:7], sums[7:10], sums[10:13]
+        count, places, force, moment = sums[3], sums[4:7], sums[7:10], sums[10:]
         turn = moment - skew(places / max(count, 1.0)) @ force
         off = force @ force, turn @ turn / self._size**2
         return np.array([self._lost_energy(*sums[:2]), *(dt / self._momentum * np.sqrt(off))])
@@ -77,21 +86,6 @@ class Lost:
             energy += increments.start.kinetic + abs(gained)
         self._energy = max(self._energy, energy)
         return abs(work) / self._energy
-
-    def _sum_up(self, R: Array, x: Array, out: Array) -> None:
-        """Nodes and their places, force and moment about the origin of this rank's residual."""
-        p = self._p
-        n = p.own_free
-        f = R[:n].reshape(-1, 3)  # nothing is held: whole nodes
-        at, each = p.at_nodes(x), self._each
-        out[0], out[1:4] = each.size, each @ at
-        out[4:7], out[7:10] = each @ f, axial(at.T @ f)
-        own = p.moving
-        if own.size:
-            six, start = R[p.six], p.increments.start
-            middle = start.r[own] + 0.5 * p.increments.dr[own]
-            out[4:7] += six[:, :3].sum(axis=0)
-            out[7:10] += axial(middle.T @ six[:, :3]) + start.of.length[own] @ six[:, 3:]
 
 
 class StiffParts:
@@ -132,7 +126,10 @@ class StiffParts:
             return 0.0
         rows = self._p.layout.rows
         x = self._p.at_nodes(rows.X + u[rows.dofs].reshape(-1, 3))
-        modes = self._motions(x[self._node])
+        arms = x[self._node] - self._middle[self._part]
+        # Translations, and rotations by 1/size, of the unknowns, shape (unknowns, 6).
+        modes = rigid_motions(arms, self._size[self._part, None])
+        modes = modes[np.arange(len(self._at)), self._axis]
         b, image = self._p.unknowns(), self._p.unknowns()
         sums = np.zeros((self._count, 6, 7))
         for k in range(6):
@@ -141,17 +138,11 @@ class StiffParts:
             A.mult(b, image)
             np.add.at(sums[:, :, k], self._part, modes * image.array_r[self._at, None])
         np.add.at(sums[:, :, 6], self._part, modes * R[self._at, None])
-        b.destroy()
-        image.destroy()
+        free(b, image)
         sums = np.asarray(self._comm.allreduce(sums, op=MPI.SUM))
         moved = np.stack([np.linalg.lstsq(own[:, :6], own[:, 6])[0] for own in sums])
         most = float(np.abs((modes * moved[self._part]).sum(axis=1)).max(initial=0.0))
         return float(self._comm.allreduce(most, op=MPI.MAX))
-
-    def _motions(self, x: Array) -> Array:
-        """Translations, and rotations by 1/size, of unknowns at x, shape (unknowns, 6)."""
-        motions = rigid_motions(x - self._middle[self._part], self._size[self._part, None])
-        return motions[np.arange(len(self._at)), self._axis]
 
 
 class Rounding:
@@ -191,10 +182,10 @@ class Rounding:
         if forces.viscous:
             forces.set_rate(1.0)
             self._viscous = self._undeformed(tangent) - self._elastic
-        free = float(self._elastic[: self._n].sum())
+        at_nodes = float(self._elastic[: self._n].sum())
         own_mass = 3 * float(prolongation.layout.masses.sum())
-        stiffness, inertia = self._comm.allreduce(np.array([free, own_mass]))
-        self._largest = self._largest_ratios(prolongation)
+        stiffness, inertia = self._comm.allreduce(np.array([at_nodes, own_mass]))
+        self._largest = self._largest_ratios()
         strained = forces.strain_noise * self._cell_size
         self._u1, self._strained = forces.u1.x.array, np.full(self._elastic.size, strained)
         self._frequency = float(np.sqrt(stiffness / inertia)) if inertia > 0 else 0.0  # [1/s]
@@ -264,14 +255,14 @@ class Rounding:
         of_parts = self._stiff_parts.left(self._tangent.matrix, residual, self._forces.u1.x.array)
         return max(float(self._comm.allreduce(most, op=MPI.MAX)), of_parts)
 
-    def _largest_ratios(self, prolongation: Prolongation) -> Array:
+    def _largest_ratios(self) -> Array:
         """Largest elastic stiffness over lumped mass [1/s²], and viscous [1/s]. Collective.
 
         Infinite where lumping leaves a node no mass, as at vertices of second-order tetrahedra.
         """
-        layout, bodies = prolongation.layout, prolongation.owned_bodies
+        layout, bodies = self._p.layout, self._p.owned_bodies
         of_bodies = np.repeat(layout.ensemble.mass[bodies], layout.ensemble.unknowns[bodies])
-        mass = np.concatenate([prolongation.at_unknowns(np.repeat(layout.masses, 3)), of_bodies])
+        mass = np.concatenate([self._p.at_unknowns(np.repeat(layout.masses, 3)), of_bodies])
         ratios = np.zeros(2)
         for k, K in enumerate((self._elastic, self._viscous)):
             if K is not None:

@@ -9,8 +9,6 @@ is
 so that each kind of damping is one of them less half of the shapes' own stiffness.
 """
 
-from typing import Any
-
 import numpy as np
 from dolfinx import fem
 
@@ -60,7 +58,10 @@ class ShapeDamping:
             half = 0.5 * body.shapes.stiffness
             for kind, is_viscous, switch in parts:
                 switch(True)
-                C = _projected(self._scene, rows, form, fields) - half
+                A = rows.assembled(form)
+                C = fields @ product(A.matMult, fields.T, rows.comm)
+                A.destroy()
+                C = np.asarray(self._scene.sum(C)) - half
                 switch(False)
                 found = viscous if is_viscous else steady
                 found[kind] = found.get(kind, 0.0) + 0.5 * (C + C.T)
@@ -78,11 +79,3 @@ class ShapeDamping:
         for kind, C in self._viscous.items():
             out[kind] = out.get(kind, 0.0) + float(np.vdot(de, times(C, de))) / dt
         return out
-
-
-def _projected(scene: Scene, rows: Rows, form: Any, fields: Array) -> Array:
-    """Fields on both sides of a bilinear form, shape (m, m), from (m, 3 · nodes). Collective."""
-    A = rows.assembled(form)
-    out = fields @ product(A.matMult, fields.T, rows.comm)
-    A.destroy()
-    return np.asarray(scene.sum(out))

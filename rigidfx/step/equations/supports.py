@@ -15,6 +15,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from rigidfx.base.errors import SceneError, together
+from rigidfx.base.matrices import free
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.coupling.mass import Mass
@@ -103,13 +104,6 @@ class PrescribedDofs:
         held = np.flatnonzero(self.mask)
         return [(s.where, held[own]) for s, own in zip(self.active, self._own, strict=True)]
 
-    def _spread(self, per_support: list[Array]) -> Array:
-        out = np.zeros(self._owner.size)
-        for own, values in zip(self._own, per_support, strict=True):
-            each = np.broadcast_to(values, (own.size, 3))
-            out[own] = each[np.arange(own.size), self._axis[own]]
-        return out
-
     @property
     def moves(self) -> bool:
         """Whether the motion of a support is a function of time."""
@@ -180,9 +174,12 @@ class PrescribedDofs:
                 out.append(value)
             return out
 
-        if not self.moves:
-            return self._spread(answers())
-        return self._spread(together(self._scene.comm, "A support", answers))
+        every = together(self._scene.comm, "A support", answers) if self.moves else answers()
+        spread = np.zeros(self._owner.size)
+        for own, values in zip(self._own, every, strict=True):
+            each = np.broadcast_to(values, (own.size, 3))
+            spread[own] = each[np.arange(own.size), self._axis[own]]
+        return spread
 
     def reactions(self, forces: Array, x: Array) -> tuple[dict[str, Array], dict[str, Array]]:
         """Force and moment [N, N m] of each support on the structure, by its set, (3,). Collective.
@@ -252,9 +249,7 @@ class ReducedMass:
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        for item in (self._matrix, self._r, self._y):
-            if item is not None:
-                item.destroy()
+        free(self._matrix, self._r, self._y)
 
 
 def supports_of(acting: Sequence[Windowed]) -> tuple[Support, ...]:
@@ -297,6 +292,5 @@ def impose_velocity(
             bodies = bodies.with_rates(bodies.rates + gained)
         state.kick(rows.dofs, dv.array_r, bodies)
         reduced.destroy()
-    dv.destroy()
-    p.destroy()
+    free(dv, p)
     return (rows.dofs[prescribed].astype(np.int64), jump) if changed else None

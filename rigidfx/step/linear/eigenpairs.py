@@ -17,6 +17,7 @@ from petsc4py import PETSc
 from scipy.linalg import eigh
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.matrices import free
 from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.step.linear.linear_solver import CHOLMOD, PREFIX, default_options, has_cholmod
 
@@ -118,8 +119,7 @@ class Eigenpairs:
 
     def destroy(self) -> None:
         """Free the vectors. Collective."""
-        for vector in self.vectors:
-            vector.destroy()
+        free(*self.vectors)
 
 
 def lowest(
@@ -153,8 +153,7 @@ def lowest(
             "stiffness."
         ) from error
     finally:
-        search.destroy()
-        K.destroy()
+        free(search, K)
 
 
 def clusters(values: Array, gap: float) -> Ints:
@@ -187,15 +186,13 @@ class _Search:
         zero = self._zeros(values, vectors)
         elastic = np.flatnonzero(~zero)
         kept = elastic[: self._cut(values[elastic], count)]
-        _free([vectors[k] for k in np.setdiff1d(np.arange(values.size), kept)])
+        free(*(vectors[k] for k in np.setdiff1d(np.arange(values.size), kept)))
         rigid = int(zero.sum()) + len(self._still)
         return Eigenpairs(values[kept], [vectors[k] for k in kept], rigid)
 
     def destroy(self) -> None:
         """Free the vectors. Collective."""
-        _free(self._still)
-        self._diagonal.destroy()
-        self._work.destroy()
+        free(*self._still, self._diagonal, self._work)
 
     def _without_energy(self, motions: Sequence[PETSc.Vec]) -> list[PETSc.Vec]:
         """Combinations of motions whose eigenvalue is zero, φᵀMφ = 1."""
@@ -211,7 +208,7 @@ class _Search:
         _combine(vectors, turn)
         vectors = vectors[: values.size]
         still = self._zeros(values, vectors)
-        _free([*spare, *(v for v, no in zip(vectors, ~still, strict=True) if no)])
+        free(*spare, *(v for v, no in zip(vectors, ~still, strict=True) if no))
         return [v for v, yes in zip(vectors, still, strict=True) if yes]
 
     def _found(self, count: int) -> tuple[Array, list[PETSc.Vec]]:
@@ -226,8 +223,7 @@ class _Search:
         lowest = np.abs(values[~self._zeros(values, vectors)]).min(initial=np.inf)
         if not whole and self._shift > self._control.high * lowest:
             self._shift = 0.1 * float(lowest)
-            _free(vectors)
-            eps.destroy()
+            free(*vectors, eps)
             return self._found(count)
         while len(vectors) < size:
             elastic = values[~self._zeros(values, vectors)]
@@ -239,14 +235,13 @@ class _Search:
             eps.setTolerances(self._control.doubtful, MOST)
             more = self._next(eps, 1, vectors)
             if self._quotient(more[0]) > values[-1] * (1 + 1e-6 * np.sign(values[-1])):
-                _free(more)
+                free(*more)
                 break
             eps.setTolerances(self._control.tolerance, MOST)
             eps.setInitialSpace(more)
             missed = self._next(eps, 1, vectors)
-            _free(more)
-            more = missed
-            values, vectors = self._ritz([*vectors, *more])
+            free(*more)
+            values, vectors = self._ritz([*vectors, *missed])
         eps.destroy()
         return values, vectors
 
@@ -321,8 +316,3 @@ def _combine(vectors: list[PETSc.Vec], turn: Array) -> None:
     turned = turn.T @ np.stack([vector.array_r for vector in vectors])
     for vector, row in zip(vectors[: len(turned)], turned, strict=True):
         vector.array[:] = row
-
-
-def _free(vectors: list[PETSc.Vec]) -> None:
-    for vector in vectors:
-        vector.destroy()

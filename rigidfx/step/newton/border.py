@@ -20,7 +20,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from rigidfx.base.errors import StepError
-from rigidfx.base.matrices import Matrix, Pattern, compact, dense, is_small
+from rigidfx.base.matrices import Matrix, Pattern, compact, dense, free, is_small
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.mechanics.rotation import AXES, nearest_rotations
 from rigidfx.step.equations.equations import Equations
@@ -130,20 +130,13 @@ class Border:
             return np.asarray(self._z.array_r)
 
         A = self._equations.tangent_matrix if ksp is None else ksp.getOperators()[0]
-        self._Y = compact(self._parted(A).responses(response, ksp))
-        self._C = self._compliance(self._Y)
-        self._turned = self._factors = None
-
-    def _parted(self, A: PETSc.Mat) -> Shared:
-        """Ports that share solves, found anew where the tangent's pattern has grown. Collective."""
-        entries = entries_of(A)
+        entries, p = entries_of(A), self._equations.prolongation
         if self._shared is None or entries != self._entries:
             self._shared, self._entries = parted(A, self._E), entries
-        return self._shared
-
-    def _compliance(self, Y: Matrix) -> Matrix:
-        own, p = self._ET @ Y, self._equations.prolongation
-        return own if p.comm.size == 1 else p.sum(dense(own))
+        self._Y = compact(self._shared.responses(response, ksp))
+        own = self._ET @ self._Y
+        self._C = own if p.comm.size == 1 else p.sum(dense(own))
+        self._turned = self._factors = None
 
     def turn(self, starts: Indices, Q: Array | None) -> None:
         """Begin a step: vectors that begin at `starts` have turned by Q since. Collective."""
@@ -200,8 +193,7 @@ class Border:
     def destroy(self) -> None:
         """Free the vectors. Collective."""
         if self._rows is not None:
-            self._r.destroy()
-            self._z.destroy()
+            free(self._r, self._z)
 
 
 class BorderedFactors:
@@ -243,8 +235,7 @@ class BorderedFactors:
 
     def destroy(self, pc: PETSc.PC | None = None) -> None:
         """PETSc's call: free the inner solver. Collective."""
-        self.inner.destroy()
-        self._border.destroy()
+        free(self.inner, self._border)
 
 
 @dataclass(frozen=True)
@@ -279,8 +270,7 @@ def _all_at_once(ksp: PETSc.KSP, right: Array) -> Array:
     X = B.duplicate()
     ksp.matSolve(B, X)
     found = np.array(X.getDenseArray().T)
-    B.destroy()
-    X.destroy()
+    free(B, X)
     return found
 
 

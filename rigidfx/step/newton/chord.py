@@ -92,13 +92,14 @@ class Chord:
         stop: Stopping test.
         ksp: Linear solver for SNES.
         tangents: How many have been made in the last solve.
+        missing: Whether no tangent serves.
     """
 
     def __init__(self, equations: Equations, stop: ChordTest) -> None:
         """Create the solver. Collective."""
         self.stop, self.tangents = stop, 0
         self._equations = equations
-        self._missing, self._since = True, 0  # whether none serves; iterate that it is of
+        self.missing, self._since = True, 0  # and the iterate that it is of
         self._once_stiff = False  # whether waves have got so far in a step
         self._kept = KeptTangent(equations, self._suited(0.0)(equations))
         self.ksp = PETSc.KSP().create(equations.prolongation.comm)
@@ -127,7 +128,7 @@ class Chord:
         if self._once_stiff:
             full = size <= FACTORS_UP_TO or (size <= SLENDER_UP_TO and self._fill <= SLENDER)
         else:
-            few = size <= FEW_UP_TO and self._equations.calm and self._fill <= FEW
+            few = size <= FEW_UP_TO and not self._equations.actions.stiffens and self._fill <= FEW
             full = size < FULL_UP_TO or few
         if full:
             return Factors
@@ -147,7 +148,7 @@ class Chord:
         suited = self._suited(dt)
         if type(self._kept.inverse) is not suited:
             self._kept.replace(suited(self._equations))
-        self._missing |= not self._kept.fits(dt)
+        self.missing |= not self._kept.fits(dt)
         self._kept.begin(self._equations.structure.u, dt)
         self._since = self.tangents = 0
 
@@ -158,12 +159,12 @@ class Chord:
     def renew(self) -> None:
         """Assemble the tangent at the last iterate, if that is worth it. Collective."""
         history, stop, jumped = self.stop.history, self.stop, self._equations.actions.outdated()
-        if jumped and not self._missing:
+        if jumped and not self.missing:
             entries = self._equations.jumping()
             if entries is not None and self._kept.follow(entries):
                 self._since = len(history) - 1
                 return
-        if jumped or self._missing or worn(history, self._since, stop.target, stop.max_it):
+        if jumped or self.missing or worn(history, self._since, stop.target, stop.max_it):
             self.make()
 
     def make(self) -> None:
@@ -171,17 +172,13 @@ class Chord:
         self._equations.tangent()
         self._kept.renewed(self._equations.jumping())
         self.stop.renewed()
-        self._missing, self._since = False, len(self.stop.history) - 1
+        self.missing, self._since = False, len(self.stop.history) - 1
         self.tangents += 1
 
     @property
     def serving(self) -> bool:
         """Whether the last step made no tangent and the next one is to make none."""
-        return not self.tangents and not self._missing
-
-    def lose(self) -> None:
-        """Drop the tangent: Newton's method makes others."""
-        self._missing = True
+        return not self.tangents and not self.missing
 
     def serves(self, dt: float) -> bool:
         """Whether tangents are worth keeping in steps of Δt [s]."""

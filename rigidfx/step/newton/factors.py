@@ -7,22 +7,14 @@ iterations to a hundredth, each of a third of a solve with full factors, or less
 with a kept tangent removes the error of a solve, as it does the tangent's own error.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from rigidfx.base.matrices import free
 from rigidfx.step.equations.equations import Equations
-from rigidfx.step.linear.linear_solver import (
-    PREFIX,
-    QUICK_UP_TO,
-    cholmod_factor,
-    cholmod_solver,
-    configure,
-    default_options,
-    has_cholmod,
-)
+from rigidfx.step.linear import linear_solver
+from rigidfx.step.linear.linear_solver import PREFIX, configure, default_options
 
 OF_CHOLESKY, OF_INCOMPLETE = PREFIX + "cholesky_", PREFIX + "incomplete_"  # of their options
 REDUCTION = 1e-2  # of the residual in a solve with incomplete factors
@@ -33,7 +25,6 @@ SKEW = 2e-3
 UNKNOWN = PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN  # PETSc compares them: the same, as a rule
 
 
-@dataclass(frozen=True)
 class Prices:
     """Costs of entries.
 
@@ -45,14 +36,14 @@ class Prices:
     for each shape.
     """
 
-    assembling: float = 5.5  # to assemble an entry of a cell
-    making: float = 13.0  # to make an entry of factors
-    condensing: float = 0.5  # to multiply an entry of a cell by a coordinate of a body, some 1 ns
-    solving: float = 0.75  # to solve with an entry of factors
-    calls: float = 65e3  # all calls of an iteration
+    ASSEMBLING = 5.5  # to assemble an entry of a cell
+    MAKING = 13.0  # to make an entry of factors
+    CONDENSING = 0.5  # to multiply an entry of a cell by a coordinate of a body, some 1 ns
+    SOLVING = 0.75  # to solve with an entry of factors
+    CALLS = 65e3  # all calls of an iteration
 
 
-def price(equations: Equations, filled: float, prices: Prices = Prices()) -> float:
+def price(equations: Equations, filled: float) -> float:
     """Cost of a new tangent whose factors have `filled` entries, in iterations. Collective."""
     own, p = entries_of(equations.tangent_matrix), equations.prolongation
     layout = p.layout
@@ -60,9 +51,9 @@ def price(equations: Equations, filled: float, prices: Prices = Prices()) -> flo
     counts = np.array([sum(map(len, cells_of.values())) for cells_of in parts])
     p.comm.Allreduce(MPI.IN_PLACE, counts)
     of_cells = counts * (3 * layout.space.dofmap.list.shape[1]) ** 2
-    condensing = prices.condensing * layout.ensemble.frozen.shape[1] * of_cells[1]
-    cost = prices.assembling * of_cells.sum() + prices.making * filled + condensing
-    return float(cost / (own + prices.calls + prices.solving * filled))
+    condensing = Prices.CONDENSING * layout.ensemble.frozen.shape[1] * of_cells[1]
+    cost = Prices.ASSEMBLING * of_cells.sum() + Prices.MAKING * filled + condensing
+    return float(cost / (own + Prices.CALLS + Prices.SOLVING * filled))
 
 
 def entries_of(A: PETSc.Mat) -> float:
@@ -79,50 +70,40 @@ class Cholesky:
     factors have half of the entries of LU, which halves the time of a solve and of a new tangent.
     They do not exist if the matrix is not definite, as near buckling.
 
-    Options of PETSc's are understood under the prefix `rigidfx_cholesky_`, or another.
+    Options of PETSc's are understood under the prefix `rigidfx_cholesky_`.
 
     Attributes:
         ksp: Solves with them once there are any.
     """
 
-    def __init__(self, A: PETSc.Mat, prefix: str = OF_CHOLESKY, skew: float = SKEW) -> None:
-        """Set the solver of a matrix of one rank up; `skew` is the largest skew part in it."""
-        self._A, self._skew = A, skew
+    def __init__(self, A: PETSc.Mat) -> None:
+        """Set the solver of a matrix of one rank up."""
+        self._A = A
         self._transposed, self._symmetric = PETSc.Mat(), PETSc.Mat()
         self._entries = 0.0
-        self.ksp = cholmod_solver(A.comm, prefix)
+        self.ksp = linear_solver.cholmod_solver(A.comm, OF_CHOLESKY)
 
     def renew(self) -> bool:
         """Factor the matrix as it is now; false if it is too far from symmetric, or not definite.
 
         If false, it cannot be used any more.
         """
-        return self._symmetrize() and cholmod_factor(self.ksp, self._symmetric)
-
-    def _symmetrize(self) -> bool:
-        """Find the symmetric part; false if it is not near enough to all of the matrix."""
         entries = entries_of(self._A)
         if entries != self._entries:  # the pattern is new, or has grown
             self._entries = entries
-            self._forget()
+            free(self._transposed, self._symmetric)
         self._A.transpose(self._transposed)
         self._transposed.axpy(1.0, self._A, UNKNOWN)
         self._transposed.scale(0.5)
         whole, symmetric = self._A.norm(), self._transposed.norm()
-        if not whole - symmetric <= 0.5 * self._skew**2 * whole:  # as ‖A‖² = ‖sym A‖² + ‖skw A‖²
+        if not whole - symmetric <= 0.5 * SKEW**2 * whole:  # as ‖A‖² = ‖sym A‖² + ‖skw A‖²
             return False
         self._transposed.convert(PETSc.Mat.Type.AIJ, self._symmetric)
-        return True
-
-    def _forget(self) -> None:
-        """Free the matrices."""
-        for item in (self._transposed, self._symmetric):
-            item.destroy()
+        return linear_solver.cholmod_factor(self.ksp, self._symmetric)
 
     def destroy(self) -> None:
         """Free factors and matrices."""
-        self.ksp.destroy()
-        self._forget()
+        free(self.ksp, self._transposed, self._symmetric)
 
 
 class Factors:
@@ -142,13 +123,13 @@ class Factors:
         self._equations, comm = equations, equations.prolongation.comm
         self._quick = False
         self._ksp = PETSc.KSP().create(comm)
-        one = comm.size == 1 and has_cholmod()
+        one = comm.size == 1 and linear_solver.has_cholmod()
         self._cholesky = Cholesky(equations.tangent_matrix) if one else None
         self._take_pivots(True)
 
     def _take_pivots(self, pivots: bool) -> None:
         self._pivots, p = pivots, self._equations.prolongation
-        self._quick = not pivots and p.size <= QUICK_UP_TO
+        self._quick = not pivots and p.size <= linear_solver.QUICK_UP_TO
         configure(self._ksp, True, p.size, len(p.layout.bodies) > 0, self._quick)
         self._ksp.setOperators(self._equations.tangent_matrix)
 
@@ -184,9 +165,7 @@ class Factors:
 
     def destroy(self) -> None:
         """Free the factors. Collective."""
-        self._ksp.destroy()
-        if self._cholesky is not None:
-            self._cholesky.destroy()
+        free(self._ksp, self._cholesky)
 
 
 class IncompleteFactors:

@@ -12,6 +12,7 @@ from petsc4py import PETSc
 from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse import csc_array, csr_array
 
+from rigidfx.base.matrices import free
 from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.contacts.surface import STALE
@@ -70,10 +71,6 @@ class Frames:
         nodes = self._p.at_nodes(self._fitted.reshape(-1, 9)).reshape(-1, 3, 3)
         bodies = self._p.increments.start.R[self._p.moving]
         return np.concatenate([nodes[self._whole], np.repeat(bodies, 2, axis=0)])
-
-    def turn(self, y: Array, Q: Array, back: bool = False) -> None:
-        """Turn unknowns or residuals of this rank in place by Q, or back by Qᵀ."""
-        turn_vectors(y, self.starts, Q, back)
 
 
 class Secants:
@@ -180,7 +177,8 @@ class LowRank:
         if self._then is None:
             return False
         rows, change, scale = self._change(entries, Q, factor)
-        B = self._moved(rows)
+        B = np.zeros((rows.size, self.columns))
+        B[np.searchsorted(rows, self._rows)] = self._B
         new = _basis(change, B, STALE * scale, most - self.columns)
         if new is None:
             return False
@@ -188,12 +186,6 @@ class LowRank:
         self._extend(new, solve)
         self._take(change)
         return True
-
-    def _moved(self, rows: Ints) -> Array:
-        """B at unknowns that those at which it has entries are among."""
-        B = np.zeros((rows.size, self.columns))
-        B[np.searchsorted(rows, self._rows)] = self._B
-        return B
 
     def turn(self, Q: Array | None, factor: float) -> None:
         """Follow a turn of the structure, or a change of Δt, as in `follow`. Collective."""
@@ -277,8 +269,7 @@ class LowRank:
 
     def destroy(self) -> None:
         """Free the vectors. Collective."""
-        self._right.destroy()
-        self._left.destroy()
+        free(self._right, self._left)
 
 
 def _basis(change: csr_array, B: Array, least: float, most: float) -> Array | None:
@@ -378,18 +369,15 @@ class KeptTangent:
         """PETSc's call: z = Q A₀⁻¹ Qᵀ r. Collective."""
         r.copy(self._right)
         if self._Q is not None:
-            self._frames.turn(self._right.array, self._Q, back=True)
+            turn_vectors(self._right.array, self._frames.starts, self._Q, True)
         self._border.solve(self._solve, self._right, z)
         if self._factor != 1.0:
             z.scale(self._factor)
         self._secants.mend(z.array, self.learning)
         if self._Q is not None:
-            self._frames.turn(z.array, self._Q)
+            turn_vectors(z.array, self._frames.starts, self._Q, False)
         self.iterations += self.inverse.iterations
 
     def destroy(self, pc: PETSc.PC) -> None:
         """PETSc's call: free the inverse and the work vector. Collective."""
-        self.inverse.destroy()
-        self._contacts.destroy()
-        self._right.destroy()
-        self._border.destroy()
+        free(self.inverse, self._contacts, self._right, self._border)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from petsc4py import PETSc
 
+from rigidfx.base.matrices import free
 from rigidfx.base.types import Array
 from rigidfx.step.equations.equations import Equations
 from rigidfx.step.linear import linear_solver
@@ -25,34 +26,23 @@ from rigidfx.step.newton.first_guess import Guess
 
 @dataclass(frozen=True)
 class Solution:
-    """How the equations of a step were solved.
+    """How the equations of a step were solved."""
 
-    Attributes:
-        converged: Whether Newton met its tolerance.
-        reason: SNES's reason in words.
-        residuals: ‖R‖ [N] at each iterate.
-        tangents: Tangents assembled; fewer than iterations where one is kept.
-        linear_iterations: Krylov iterations in total; factorisations count one.
-        solver: Linear solver used, with a remark where it is a fall-back.
-        place: Reference position of the largest residual [m], shape (3,), if not converged.
-        moved: Largest increment of an unknown [m].
-        left: Largest displacement of an unknown by the rest of the residual against its own
-            stiffness and inertia [m]; 0 if Newton has met its relative tolerance.
-        rounding: Size of ‖R‖ below which rounding may be all of it [N].
-        given_up: Iterations of a solve with a kept tangent that came to nothing before; its
-            tangents and Krylov iterations are among those above.
-    """
-
-    converged: bool
-    reason: str
-    residuals: tuple[float, ...]
-    tangents: int
-    linear_iterations: int
-    solver: str
+    converged: bool  # whether Newton met its tolerance
+    reason: str  # SNES's reason in words
+    residuals: tuple[float, ...]  # ‖R‖ [N] at each iterate
+    tangents: int  # tangents assembled; fewer than iterations where one is kept
+    linear_iterations: int  # Krylov iterations in total; factorisations count one
+    solver: str  # linear solver used, with a remark where it is a fall-back
+    # Reference position of the largest residual [m], shape (3,), if not converged
     place: Array | None
-    moved: float
+    moved: float  # largest increment of an unknown [m]
+    # Largest displacement of an unknown by the rest of the residual against its own stiffness and
+    # inertia [m]; 0 if Newton has met its relative tolerance
     left: float
-    rounding: float
+    rounding: float  # size of ‖R‖ below which rounding may be all of it [N]
+    # Iterations of a solve with a kept tangent that came to nothing before; its tangents and Krylov
+    # iterations are among those above
     given_up: int = 0
 
     @property
@@ -165,7 +155,7 @@ class Newton:
                 failed = self._solve_by_chord(self._chord, guesses)
                 if failed.converged:
                     return failed
-            self._chord.lose()
+            self._chord.missing = True  # Newton's method makes others
         return self._solve_by_newton(guesses).after(failed)
 
     def _solve_by_chord(self, chord: Chord, guesses: Sequence[Guess]) -> Solution:
@@ -315,6 +305,4 @@ class Newton:
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
-        for item in (self._snes, self._chord, self._y, self._r, self._saved):
-            if item is not None:
-                item.destroy()
+        free(self._snes, self._chord, self._y, self._r, self._saved)

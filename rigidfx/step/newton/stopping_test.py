@@ -88,10 +88,9 @@ class StoppingTest:
         if norm > self.rounding:
             return stalled and norm <= last and norm <= MARGIN * self.rounding
         truncation = last * (last / earlier[-1]) ** 2 if earlier else last
-        return stalled or truncation <= self.rtol * self.history[0] or self._thrown_back()
-
-    def _thrown_back(self) -> bool:
-        """Whether Newton has been at rounding before, and its next iterate was no better."""
+        if stalled or truncation <= self.rtol * self.history[0]:
+            return True
+        # Newton has been at rounding before, and its next iterate was no better.
         pairs = pairwise(self.history[1:-1])
         return any(norm <= self.rounding and then > STALL * norm for norm, then in pairs)
 

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from rigidfx.base.matrices import distributed
+from rigidfx.base.matrices import distributed, free
 from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.rigid_motions import rigid_motions
@@ -146,15 +146,13 @@ class CoarseGrid:
         self._P.multAdd(self._motion, z, z)
 
     def _free(self) -> None:
-        for item in self._grid:
-            item.destroy()
+        free(*self._grid)
         self._grid.clear()
 
     def destroy(self, pc: PETSc.PC) -> None:
         """PETSc's call: free both. Collective."""
         self._free()
-        self.fine.destroy()
-        self._left.destroy()
+        free(self.fine, self._left)
 
 
 class TwoLevels(IncompleteFactors):

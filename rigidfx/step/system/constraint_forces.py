@@ -18,7 +18,7 @@ from functools import cache
 import numpy as np
 from mpi4py import MPI
 
-from rigidfx.base.matrices import dense
+from rigidfx.base.matrices import dense, free
 from rigidfx.base.types import Array
 from rigidfx.effects.joints.elements import end_rates
 from rigidfx.effects.joints.linkage import Linkage
@@ -98,8 +98,7 @@ class AddedForces(ABC):
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        self._f.destroy()
-        self._w.destroy()
+        free(self._f, self._w)
 
 
 class MeanConstraints(AddedForces):
@@ -253,16 +252,20 @@ class ResolvedConstraints(AddedForces):
         self, f: Array, bodies: Array, off: Array, held: Array
     ) -> tuple[Array, Array, Array]:
         """Response of bodies, rows and multipliers of joints to forces; `held` is given."""
+        p, joints = self._p, self._equations.constraints
         self._f.array[:] = f
-        self._equations.right_side(self._f, bodies, off, self._r)
+        p.restrict(self._f, bodies, self._r)
+        if joints is not None:
+            joints.fill(off, self._r.array)
         self._factors.apply(None, self._r, self._z)
-        of_bodies, multipliers = self._equations.response(self._z, held, self._w)
-        return of_bodies, self._w.array_r.copy(), multipliers
+        of_bodies = p.bodies_part(self._z)
+        p.apply(self._z, of_bodies, held, self._w)
+        μ = np.empty(0) if joints is None else joints.multipliers(self._z.array_r)
+        return of_bodies, self._w.array_r.copy(), μ
 
     def destroy(self) -> None:
         """Free the solver and the vectors. Collective."""
-        for item in (self._factors, self._tangent, self._r, self._z):
-            item.destroy()
+        free(self._factors, self._tangent, self._r, self._z)
         super().destroy()
 
 

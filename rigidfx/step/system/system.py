@@ -13,6 +13,7 @@ import numpy as np
 
 from rigidfx import effects as fx
 from rigidfx.base.errors import together
+from rigidfx.base.matrices import free
 from rigidfx.base.types import Array, Indices
 from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.effects.nodes import ForcesOfNodes
@@ -28,12 +29,7 @@ from rigidfx.step.equations.shape_damping import ShapeDamping
 from rigidfx.step.equations.supports import supports_of
 from rigidfx.step.newton.first_guess import predict
 from rigidfx.step.newton.newton import Newton, Solution
-from rigidfx.step.system.constraint_forces import (
-    Added,
-    AddedForces,
-    MeanConstraints,
-    ResolvedConstraints,
-)
+from rigidfx.step.system import constraint_forces as of_constraints
 from rigidfx.step.system.held_bodies import HeldBodies
 
 Links = tuple[fx.JointReports, Mapping[str, fx.SpringDamperReport]]
@@ -42,45 +38,31 @@ OfSupports = tuple[dict[str, Array], dict[str, Array]]
 
 @dataclass(frozen=True)
 class Work:
-    """Effect of external forces in a step.
+    """Effect of external forces in a step."""
 
-    Attributes:
-        work_of_loads: Work of the loads [J].
-        work_of_supports: Work of the reactions, and of obstacles that move [J].
-        dissipated: Energy taken by each kind of damping [J].
-        reactions: Force of each support on the structure, by the name of its set, shape (3,) [N].
-        reaction_moments: Its moment about the origin, at the midpoint, shape (3,) [N m].
-        alternating_impulse: Impulse of supports besides, by velocities that alternate, and its
-            moment, shape (2, 3) [N s, N m s].
-        touches: Touch of each contact, by its title.
-        joints: Force and motion of each joint, by its title.
-        spring_dampers: Force and length of each spring between two points, by its title.
-    """
-
-    work_of_loads: float
-    work_of_supports: float
-    dissipated: Mapping[str, float]
+    work_of_loads: float  # work of the loads [J]
+    work_of_supports: float  # work of the reactions, and of obstacles that move [J]
+    dissipated: Mapping[str, float]  # energy taken by each kind of damping [J]
+    # Force of each support on the structure, by the name of its set, shape (3,) [N]
     reactions: Mapping[str, Array]
+    # Its moment about the origin, at the midpoint, shape (3,) [N m]
     reaction_moments: Mapping[str, Array]
+    # Impulse of supports besides, by velocities that alternate, and its moment, shape (2, 3) [N s,
+    # N m s]
     alternating_impulse: Array
-    touches: Mapping[str, fx.Touch]
-    joints: fx.JointReports
+    touches: Mapping[str, fx.Touch]  # touch of each contact, by its title
+    joints: fx.JointReports  # force and motion of each joint, by its title
+    # Force and length of each spring between two points, by its title
     spring_dampers: Mapping[str, fx.SpringDamperReport]
 
 
 @dataclass(frozen=True, kw_only=True)
 class StepResult(Work):
-    """Result of one accepted step, or of a load step.
+    """Result of one accepted step, or of a load step."""
 
-    Attributes:
-        dt: Its length [s].
-        solution: How its equations were solved.
-        cuts: How often it was cut before it converged.
-    """
-
-    dt: float
-    solution: Solution
-    cuts: int
+    dt: float  # its length [s]
+    solution: Solution  # how its equations were solved
+    cuts: int  # how often it was cut before it converged
 
 
 class System(Equations):
@@ -129,16 +111,17 @@ class System(Equations):
         self.held = HeldBodies(scene, division.held, state.bodies)
         self._v0: Any = self.layout.rows.vector() if steps else None  # of statics there is none
         # Takes the alternating part out of forces of constraints.
-        self._mean: AddedForces | None = None
+        self._mean: of_constraints.AddedForces | None = None
         joined = self.linkage is not None
         if steps and (self.prescribed.active or joined) and scene.named(fx.ResolvedForces):
-            self._mean = ResolvedConstraints(self, scene)
+            self._mean = of_constraints.ResolvedConstraints(self, scene)
         elif steps and (self.prescribed.moves or joined):
-            self._mean = MeanConstraints(self)
+            self._mean = of_constraints.MeanConstraints(self)
 
     def follow(self, acting: Sequence[fx.Windowed]) -> bool:
         """Let dead loads begin and end; False if other effects do, which takes a new system."""
-        if _lasting(acting) != _lasting(self.acting):
+        now, before = ([id(e) for e in some if not e.is_dead] for some in (acting, self.acting))
+        if now != before:
             return False
         self.acting = tuple(acting)
         self.actions.select(acting)
@@ -210,7 +193,7 @@ class System(Equations):
         d, moved = self.d.array_r, p.displacement(bodies)
         self._state.advance(t, dofs, d, v, bodies, dofs[p.attached], moved)
 
-    def told(self, added: Added | None = None) -> Links:
+    def told(self, added: of_constraints.Added | None = None) -> Links:
         """Forces and motions of joints, and of springs between two points, by their titles."""
         return (fx.JointReports(), {}) if self.linkage is None else self.linkage.told(added)
 
@@ -295,12 +278,5 @@ class System(Equations):
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
-        for item in (self.newton, self.energies, self._v0, self._mean):
-            if item is not None:
-                item.destroy()
+        free(self.newton, self.energies, self._v0, self._mean)
         super().destroy()
-
-
-def _lasting(acting: Sequence[fx.Windowed]) -> list[int]:
-    """Identities of those effects that are more than dead loads."""
-    return [id(effect) for effect in acting if not effect.is_dead]

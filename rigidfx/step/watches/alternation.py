@@ -52,7 +52,7 @@ class Unresolved(WarnsOnce):
             "iteration before softer ones were in balance: what is left there moves a node by "
             f"about {solution.left / self._moved:.1e} of the largest increment of a step, and "
             "displacements are no better than that. Make what is so stiff Rigid, or let "
-            "stiffnesses (materials, springs) differ by less than 1e10.",
+            "stiffnesses (materials, springs) differ by less than 1e10."
         )
 
 

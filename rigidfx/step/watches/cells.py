@@ -98,7 +98,7 @@ class RotationPerStep(CellWatch):
             f"{angle:.3g} rad per step with Δt = {dt:.3g} s. A step turns by 2 atan(ωΔt/2) "
             f"instead, {2 * np.arctan(angle / 2):.3g} rad, and never by half a revolution. Energy "
             "and momenta are conserved all the same, but it lags behind the true motion. With "
-            f"Δt ≤ {ONE_PER_CENT * dt / angle:.2g} s it turns 1 % too slowly at most.",
+            f"Δt ≤ {ONE_PER_CENT * dt / angle:.2g} s it turns 1 % too slowly at most."
         )
 
     def _squares(self) -> Array:
@@ -116,7 +116,8 @@ class Compression(CellWatch):
     def bind(self, flexible: Cells) -> None:
         """Measure these cells from now on."""
         super().bind(flexible)
-        slopes = _slopes()
+        brick = basix.create_element(basix.ElementFamily.P, basix.CellType.hexahedron, 1)
+        slopes = brick.tabulate(1, np.full((1, 3), 0.5))[1:, 0, :, 0].T  # of shape functions
         J = np.einsum("cni,nk->cik", self._X[self._nodes], slopes)
         self._gradients = np.einsum("nk,ckj->cnj", slopes, np.linalg.inv(J))
 
@@ -135,14 +136,8 @@ class Compression(CellWatch):
             f"{least:.2g} of its length. Cells with element='enhanced' may form hourglasses there, "
             "below some 0.7, and standard ones of StVenantKirchhoff are not stable either below "
             "0.65. Take "
-            "element='standard' and NeoHooke for strong compression.",
+            "element='standard' and NeoHooke for strong compression."
         )
-
-
-def _slopes() -> Array:
-    """Derivatives of shape functions of a hexahedron at its centre, shape (nodes, 3)."""
-    brick = basix.create_element(basix.ElementFamily.P, basix.CellType.hexahedron, 1)
-    return brick.tabulate(1, np.full((1, 3), 0.5))[1:, 0, :, 0].T
 
 
 def cell_rotations(x0: Array, d: Array) -> Array:
