@@ -83,8 +83,7 @@ from rigidfx.output.bodies_file import read_bodies, read_joints, write_bodies
 from rigidfx.output.field_reader import read_fields
 from rigidfx.output.history import read_history
 from rigidfx.output.recorder import Recorder
-from rigidfx.report.recovered import recovered_stress
-from rigidfx.report.report import Report
+from rigidfx.report.report import Report, recovered_stress
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import StepControl
 from rigidfx.simulation import resume, simulate

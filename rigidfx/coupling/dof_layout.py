@@ -18,7 +18,7 @@ from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.mechanics.bodies import Ensemble
-from rigidfx.mechanics.rigid_body import RigidBody
+from rigidfx.mechanics.rigid_body import RigidBody, outside
 from rigidfx.scene.scene import Scene
 
 
@@ -68,9 +68,7 @@ def dof_layout(
     n = scene.owned_nodes
     touched = nodes_of(scene, flexible)
     reached = touched if driven is None else touched | nodes_of(scene, driven)
-    massive = np.ones(n, dtype=bool)
-    for body in ensemble.records:
-        massive[body.nodes] = False
+    massive = outside(n, ensemble.records)
     interior, interface = split(scene, flexible, np.flatnonzero(~massive))
     attached = tuple(np.flatnonzero(touched[b.nodes]).astype(np.int32) for b in ensemble.records)
     whole = [np.arange(b.nodes.size, dtype=np.int32) for b in ensemble.records]
@@ -100,9 +98,7 @@ def rigid_fields(scene: Scene, ensemble: Ensemble, prescribed: Bools) -> DofLayo
     It serves fields over the whole mesh that are rigid in the bodies.
     """
     n = scene.owned_nodes
-    free = np.ones(n, dtype=bool)
-    for body in ensemble.records:
-        free[body.nodes] = False
+    free = outside(n, ensemble.records)
     whole = tuple(np.arange(body.nodes.size, dtype=np.int32) for body in ensemble.records)
     return DofLayout(
         space=scene.space,

@@ -20,7 +20,7 @@ from rigidfx.base.inputs import shown
 from rigidfx.base.remembered import PART, Remembered
 from rigidfx.base.types import Array, Bools
 from rigidfx.base.warning import warn
-from rigidfx.decide.bodies import Decision, NamedParts, Plan, Planner, paying, qualify
+from rigidfx.decide.bodies import Decision, NamedParts, Planner, paying, qualify
 from rigidfx.decide.clusters import NONE, CellGraph
 from rigidfx.decide.memory import BackOff, ContactChanges, LoadChanges, Memory, Signals, Window
 from rigidfx.decide.rules import Observation, judged_cells
@@ -251,17 +251,12 @@ class Policy:
             number = memory.next_number
             return self._planner.plan("freeze", reason, seen, able, existing, barred, number)
 
-        decision = self._worth(plan, seen, able, barred)
+        if self._criterion.grows and self._criterion.patience > 1:
+            # Parts have to have cost as much as their switches.
+            decision = paying(plan, memory, seen, able, barred, self._graph.comm)
+        else:
+            decision = plan(able, barred)
         return replace(decision, qualified=qualified, closeness=closeness, loads_at=t)
-
-    def _worth(self, plan: Plan, seen: Observation, able: Bools, barred: Bools) -> Decision:
-        """The freeze of cells that are able and not barred. Collective.
-
-        Where bodies grow, parts have to have cost as much as their switches.
-        """
-        if not (self._criterion.grows and self._criterion.patience > 1):
-            return plan(able, barred)
-        return paying(plan, self.memory, seen, able, barred, self._graph.comm)
 
     def _release(self, seen: Observation, reason: str, cells: Bools) -> Decision:
         """Release owned cells from their bodies; the other cells stay rigid. Collective."""

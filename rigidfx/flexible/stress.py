@@ -9,7 +9,7 @@ of a beam it is 0.47 of the bending peak. For peaks take `rigidfx.flexible.nodal
 Indices of a part with shapes have the strains that its energy is of: those of the frozen shape and
 the first derivative along Φ q. Nodes of a rigid body follow it, F = R F_frozen, so that its cells
 keep σ = R σ_frozen Rᵀ; the stress of the forces on them comes by a displacement of their own, see
-`rigidfx.report.recovered`. The stress is that of W at an instant, without damping, and not the mean
+`rigidfx.recovered_stress`. The stress is that of W at an instant, without damping, and not the mean
 over a step by which the energy-momentum method balances forces.
 """
 

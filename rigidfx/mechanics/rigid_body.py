@@ -6,6 +6,7 @@ to the centre of mass, and x_i = r + R Vᵢ from then on; r + R (Vᵢ + Φᵢ q)
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -13,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.taken import seal
-from rigidfx.base.types import Array, Indices
+from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.mechanics.shapes import Shapes
 
 
@@ -208,3 +209,11 @@ def at_rest(body: RigidBody) -> BodyMotion:
     """The motion of a body at the freeze, without velocity."""
     none = np.zeros(body.deforms_by)
     return BodyMotion(body.origin.copy(), np.eye(3), np.zeros(3), np.zeros(3), none, none)
+
+
+def outside(nodes: int, bodies: Iterable[RigidBody]) -> Bools:
+    """Which of so many owned nodes are in none of some bodies."""
+    out = np.ones(nodes, dtype=bool)
+    for body in bodies:
+        out[body.nodes] = False
+    return out

@@ -14,8 +14,7 @@ from rigidfx.effects import Contact, Joint, JointReport, PointMass
 from rigidfx.flexible.nodal_stress import NodalStress, material_groups
 from rigidfx.flexible.stress import CauchyStress, PointStress, chunks, tensors, von_mises
 from rigidfx.output.paraview import Body, Cloud
-from rigidfx.report.recovered import recovered_stress
-from rigidfx.report.report import Report
+from rigidfx.report.report import Report, recovered_stress
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 

@@ -56,15 +56,8 @@ class Pay:
     """
 
     remembered: ClassVar[Remembered] = same(
-        "_most",
-        "_flexible",
-        "_rigid",
-        "_switching",
-        "_spared",
-        "_time",
-        "_bodies",
-        "_named",
-        "_fewest",
+        *("_most", "_flexible", "_rigid", "_switching", "_spared", "_time"),
+        *("_bodies", "_named", "_fewest"),
     )
 
     def __init__(self) -> None:

@@ -271,27 +271,21 @@ class Ledgers:
         H = self._deformation.largest
         frozen = sum(max(b.frozen.vibration, 0.0) for b in stepper.state.bodies.of.records)
         allowed = budget = nan
+        time, of_rigidity, U, rejected = NOTHING, NOTHING, nan, 0
+        if stepper.control is not None:
+            length, rejected = stepper.control.length, stepper.control.rejected
+            U = length.displacement
+            time = Entry(length.spent, U, length.tol * U, "m")
         if rigidity is not None:
             allowed, budget = rigidity.withheld, rigidity.allowed + rigidity.rest
+            of_rigidity = Entry(rigidity.motion * U, U, rigidity.allowed * U, "m")
         return Ledger(
             frozen=Entry(frozen, H, allowed * H, "J"),
-            time=self._time(),
+            time=time,
             damping=Entry(self._damped, H, OF_AMPLITUDE * budget * H, "J"),
             periods=periods,
-            rejected=0 if stepper.control is None else stepper.control.rejected,
-            rigidity=NOTHING if rigidity is None else self._of_rigidity(rigidity),
+            rejected=rejected,
+            rigidity=of_rigidity,
             sure="unknown" if self._struck else "estimate",
             struck=self._struck,
         )
-
-    def _of_rigidity(self, rigidity: Rigidity) -> Entry:
-        control = self._stepper.control
-        U = nan if control is None else control.length.displacement
-        return Entry(rigidity.motion * U, U, rigidity.allowed * U, "m")
-
-    def _time(self) -> Entry:
-        control = self._stepper.control
-        if control is None:
-            return Entry(nan, nan, nan, "m")
-        length = control.length
-        return Entry(length.spent, length.displacement, length.tol * length.displacement, "m")

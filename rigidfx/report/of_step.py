@@ -39,6 +39,7 @@ def report_of(
     """
     state = stepper.state
     u, v = _shown(probes, state, shortening)
+    named = stepper.scene.named(Rigid)  # parts that supports hold are numbered by these
     return Report(
         step=step,
         t=state.t,
@@ -47,7 +48,7 @@ def report_of(
         result=_at_start(stepper.scene) if result is None else _named(result),
         impact=impact,
         rigid=state.bodies,
-        clamped=_clamped(stepper),
+        clamped=tuple(named[number - 1].name for number in sorted(state.clamped)),
         probes=Named("report.probes", u),
         velocities=Named("report.velocities", v),
         _source=Source(state, state.changes, stepper.indicator, probes, shortening, recovery),
@@ -136,11 +137,3 @@ def _held(
         Named("report.reactions", forces, later),
         Named("report.reaction_moments", moments, later),
     )
-
-
-def _clamped(stepper: Stepper | LoadPath) -> tuple[str, ...]:
-    """Names of the parts that supports hold; they are numbered as the scene names them."""
-    if not stepper.state.clamped:
-        return ()
-    named = stepper.scene.named(Rigid)
-    return tuple(named[number - 1].name for number in sorted(stepper.state.clamped))

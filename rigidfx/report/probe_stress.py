@@ -42,7 +42,7 @@ class StressAt:
         stress: Cauchy stress, shape (3, 3) [Pa].
         strain: Green-Lagrange strain, in the axes of the undeformed body, shape (3, 3).
         recovered: Whether a cell around the point is rigid and its withheld strain is known, see
-            `rigidfx.report.recovered`.
+            `rigidfx.recovered_stress`.
     """
 
     stress: Array

@@ -11,12 +11,13 @@ from dolfinx import fem
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.in_notebook import as_table, in_short
+from rigidfx.base.inputs import shown
 from rigidfx.base.named import Named
 from rigidfx.base.taken import read_only
-from rigidfx.base.types import Array
+from rigidfx.base.types import Array, Bools
 from rigidfx.base.warning import warn
 from rigidfx.flexible.strain_rate import Indicator
-from rigidfx.flexible.stress import Added, Recovered
+from rigidfx.flexible.stress import Added, CauchyStress, Recovered
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.mechanics.rotation import skew
@@ -85,17 +86,6 @@ class BodyReport:
     def shapes(self) -> int:
         """Number of its shapes."""
         return len(self.q)
-
-
-def body_reports(bodies: Bodies, nu: Mapping[str, float]) -> tuple[BodyReport, ...]:
-    """Reports of the bodies at an instant, with ν of those that have shapes."""
-    own = bodies.angular_momentum, bodies.kinetic_of_each, bodies.strain_of_each
-    return tuple(
-        _body_report(
-            body, np.asarray(J), float(kinetic), float(strain), nu.get(body.data.name, 0.0)
-        )
-        for body, J, kinetic, strain in zip(bodies, *own, strict=True)
-    )
 
 
 def _body_report(body: Body, own: Array, kinetic: float, strain: float, nu: float) -> BodyReport:
@@ -272,7 +262,13 @@ class Report:
     @cached_property
     def bodies(self) -> tuple[BodyReport, ...]:
         """The bodies, rigid or with shapes."""
-        return body_reports(self.rigid, self.nu)
+        rigid = self.rigid
+        own = rigid.angular_momentum, rigid.kinetic_of_each, rigid.strain_of_each
+        every = [self.nu.get(data.name, 0.0) for data in rigid.of.records]
+        return tuple(
+            _body_report(body, np.asarray(J), float(kinetic), float(strain), nu)
+            for body, J, kinetic, strain, nu in zip(rigid, *own, every, strict=True)
+        )
 
     @property
     def current(self) -> bool:
@@ -312,7 +308,7 @@ class Report:
         They are those at nodes, extrapolated and averaged within the material of the probe's cell
         (`rigidfx.flexible.nodal_stress`). Computed when read, from the cells around the probes
         only; the first time compiles its forms. Those of parts named rigid are recovered, if that
-        is known: see `rigidfx.report.recovered`.
+        is known: see `recovered_stress`.
 
         Raises:
             SceneError: If they have not been asked for yet and the run has gone on.
@@ -354,7 +350,7 @@ class Report:
         """The displacement with the strain that loads would give rigid parts. Collective.
 
         No part of the motion or of its energy has that. Computed when it is asked for, by one
-        solve; see `rigidfx.report.recovered`.
+        solve; see `recovered_stress`.
 
         Returns:
             The displacement, right inside these parts [m], which owned cells they are, and where
@@ -435,6 +431,40 @@ def _with(field: fem.Function, more: Array) -> fem.Function:
     out.x.array[: more.size] += more.reshape(-1)
     out.x.scatter_forward()
     return out
+
+
+def recovered_stress(report: Report, stress: CauchyStress) -> tuple[Array, Bools]:
+    """Cauchy stress of all cells at a report, recovered in rigid parts. Collective.
+
+    A rigid part keeps the stress that it was frozen with. In parts named rigid the forces on their
+    nodes add that of a static response, K⁺ρ (docs/theory/shapes.md). All stresses shown contain
+    this: of cells, at nodes, at probes and at integration points. Each is evaluated from one
+    displacement in rigid cells and another in flexible ones, as they share nodes; a node takes the
+    mean of both.
+
+    Args:
+        report: The newest report of its run.
+        stress: The stress measure of the run's scene.
+
+    Returns:
+        Stress of each owned cell, shape (cells, 3, 3) [Pa], and whether it was recovered: in
+        parts named `Rigid` of a run with `wake="local"`, from the first step on.
+
+    Raises:
+        SceneError: If the run has gone on, or one of them is anything else.
+    """
+    if not isinstance(report, Report):
+        raise SceneError(f"recovered_stress: report must be a Report, got {type(report).__name__}.")
+    if not isinstance(stress, CauchyStress):
+        raise SceneError(
+            f"recovered_stress: stress must be CauchyStress(scene), made once, got {shown(stress)}."
+        )
+    state = report.state
+    if stress.mesh is not state.u.function_space.mesh:
+        raise SceneError("recovered_stress: stress is that of a scene on another mesh.")
+    state.rebuild()
+    recovered = report.recovered()
+    return stress.measure(state.u, recovered), recovered.cells
 
 
 class Look:

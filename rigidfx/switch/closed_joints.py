@@ -21,6 +21,7 @@ from rigidfx.effects import Structure, Windowed
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.nodes import ForcesOfNodes
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rigid_body import outside
 from rigidfx.mechanics.rigid_motions import best_motion
 from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
@@ -70,9 +71,8 @@ class ClosedJoints:
         self._held = held = PrescribedDofs(scene, supports_of(acting)).mask.reshape(-1, 3)
         self._responses = responses
         self._stay = [k for k, b in enumerate(state.bodies.of.records) if b.number not in leaving]
-        own, bodies = np.ones(scene.owned_nodes, dtype=bool), self._staying(state.bodies)
-        for body in bodies.of.records:
-            own[body.nodes] = False
+        bodies = self._staying(state.bodies)
+        own = outside(scene.owned_nodes, bodies.of.records)
         self._free = ~held & own[:, None]
         self._X, self._u = state.X[: own.size], state.u.x.array.copy()
         self._begun: Array = np.array(state.places)

@@ -1,10 +1,8 @@
 """Bodies that were found and get shapes as forces call for them: docs/theory/waking.md, rule 4.
 
-In each step the static response e = K⁺ρ⊥ of the whole structure to the forces that bodies withhold
-is compared with the tolerance. Where it is above, e becomes a shape, and the step is made again.
-Where a displacement is bounded in place of a strain rate, 2 |e| of each node is compared with a
-part of what accuracy is relative to, up to the end of the step, or of the largest e that is now a
-shape: that is the motion to come where a load begins.
+Where a displacement is bounded in place of a strain rate, (4), what accuracy is relative to is up
+to the end of the step, or the largest e that is now a shape: that is the motion to come where a
+load begins.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -6,7 +6,7 @@ the masses of its nodes. With a consistent one it has only point masses; the mas
 beside it stays theirs, and its six unknowns move it.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import count
 from typing import Any
@@ -20,7 +20,7 @@ from rigidfx.decide.bodies import PlannedBody
 from rigidfx.effects.joints.remote import body_of
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.rigid_body import NOTHING, Body, BodyMotion
+from rigidfx.mechanics.rigid_body import NOTHING, Body, BodyMotion, outside
 from rigidfx.mechanics.rigid_motions import free_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
@@ -110,7 +110,10 @@ def divide(
         if effect.deforms and shape is None:
             continue
         name = effect.name
-        cells, nodes = _cells_and_nodes(scene, effect, known)
+        if effect.deforms and name in known:  # which some cells may have left
+            cells, nodes = known[name].data.cells, known[name].data.nodes
+        else:
+            cells, nodes = scene.owned_cells(effect.where, "Rigid"), nodes_of(scene, effect)
         agree(scene.comm, HINGE.format(name) if taken[nodes].any() else None)
         taken[nodes] = True
         rigid.append(cells)
@@ -131,33 +134,16 @@ def divide(
                 body = shape(effect, body, hold)
             bodies.append(body)
     bodies += found
-    for body in found:
-        taken[body.data.nodes] = True
+    taken |= ~outside(taken.size, (body.data for body in found))
     bodies += face_bodies(scene, forces, state, taken, bodies)
     if not rigid:
         return Division(forces.cells(), Bodies.of_each(bodies), None, {}, {})
-    every = scene.owned_cells(None, "")
-    flexible = np.setdiff1d(every, np.concatenate(rigid))
+    of_parts = np.concatenate(rigid)
+    flexible = np.setdiff1d(scene.owned_cells(None, ""), of_parts)
     with_bodies = np.concatenate([np.empty(0, np.int32), *(body.data.cells for body in bodies)])
-    moved = np.setdiff1d(np.setdiff1d(every, flexible), with_bodies)
-    some = scene.sum(moved.size) > 0
-    return Division(
-        forces.cells(flexible),
-        Bodies.of_each(bodies),
-        forces.cells(moved) if some else None,
-        driven,
-        clamped,
-        held,
-    )
-
-
-def _cells_and_nodes(
-    scene: Scene, effect: fx.Rigid, known: Mapping[str, Body]
-) -> tuple[Indices, Indices]:
-    """Owned cells and nodes of a named part; some may have left one with shapes. Collective."""
-    if effect.deforms and effect.name in known:
-        return known[effect.name].data.cells, known[effect.name].data.nodes
-    return scene.owned_cells(effect.where, "Rigid"), nodes_of(scene, effect)
+    led = np.setdiff1d(of_parts, with_bodies)
+    moved = forces.cells(led) if scene.sum(led.size) > 0 else None
+    return Division(forces.cells(flexible), Bodies.of_each(bodies), moved, driven, clamped, held)
 
 
 def about_start(
@@ -312,9 +298,7 @@ def with_faces(scene: Scene, forces: InternalForces, state: State) -> set[int]:
     if not (carried or fx.rigid_faces(scene.effects)):
         return set()
     others = [body for body in state.bodies if not body.data.is_face]
-    held = np.zeros(scene.owned_nodes, dtype=bool)
-    for body in others:
-        held[body.data.nodes] = True
+    held = ~outside(scene.owned_nodes, (body.data for body in others))
     for part in scene.named(fx.Rigid):
         held[nodes_of(scene, part)] = True
     there = {body.data.number for body in state.bodies}

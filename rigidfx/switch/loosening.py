@@ -52,31 +52,25 @@ class Loosening:
         images = part.times_mass(modes)
         mean = np.asarray(self._scene.sum(images.sum(axis=0))).T / made.mass
         T, back = self._turn(part.dot(modes, images), mean, made.mass, before.given)
-        shapes = self._shapes(part, made, modes, mean, T)
-        drift = np.zeros(mean.shape) if before.drift is None else before.drift
-        shapes = replace(
-            shapes,
+        fields, found = np.asarray((modes - mean.T) @ T), part.projected(np.asarray(modes @ T))
+        own, moments = fields.swapaxes(1, 2).copy(), part.moments(made.offsets, fields)
+        tension = before.tension
+        if tension is not None:
+            tension = self._tension(data, before, cells)
+            tension = np.einsum("ajk,ax,jy,kz->xyz", tension, T, T, T, optimize=True)
+        shapes = Shapes(
+            *(nodes, own, moments, found.stiffness, found.force),
             drift=None if before.drift is None else T.T @ mean,
+            tension=tension,
             shorter=None if before.shorter is None else back @ before.shorter,
             given=before.given,
         )
-        if before.tension is not None:
-            tension = self._tension(data, before, cells)
-            tension = np.einsum("ajk,ax,jy,kz->xyz", tension, T, T, T, optimize=True)
-            shapes = replace(shapes, tension=tension)
+        drift = np.zeros(mean.shape) if before.drift is None else before.drift
         motion = _moved(body, made.origin - data.origin, np.asarray(mean - drift), back)
         kept = data.frozen.strain + _energy(before, body.motion.q)
         kept -= _energy(shapes, motion.q) + self._energy(state, cells)
         made = replace(made, shapes=shapes, frozen=replace(NOTHING, strain=kept))
         return Body(made, motion), part
-
-    @staticmethod
-    def _shapes(part: Part, made: RigidBody, modes: Array, mean: Array, T: Array) -> Shapes:
-        """Shapes of a part by earlier ones, (nodes, 3, m), and their means. Collective."""
-        fields, found = np.asarray((modes - mean.T) @ T), part.projected(np.asarray(modes @ T))
-        moments = part.moments(made.offsets, fields)
-        own = fields.swapaxes(1, 2).copy()
-        return Shapes(made.nodes, own, moments, found.stiffness, found.force)
 
     def _energy(self, state: State, cells: Indices) -> float:
         """Strain energy of some owned cells in a state [J]. Collective."""

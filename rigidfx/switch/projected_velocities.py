@@ -25,7 +25,7 @@ from rigidfx.effects import Joint, Motor, Structure
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.remote import Points
 from rigidfx.flexible.internal_forces import InternalForces
-from rigidfx.mechanics.rigid_body import RigidBody
+from rigidfx.mechanics.rigid_body import outside
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.linear.linear_solver import conjugate_gradients, solver_of
@@ -51,7 +51,7 @@ class Present:
         """Add up momenta and energy. Collective."""
         self.mass, self._total = mass, scene.sum
         self.nodal: Array = state.v.x.array[: 3 * scene.owned_nodes].copy()
-        outside = self.nodal.copy()
+        beside = self.nodal.copy()
         for moving in state.bodies:
             self.nodal.reshape(-1, 3)[moving.data.nodes] = moving.velocities
         every = np.arange(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
@@ -59,7 +59,7 @@ class Present:
         flexible = np.setdiff1d(every, inside)
         # With lumped masses nodes have one velocity each, those of bodies that of their body.
         touched = nodes_of(scene, {0: flexible})[: scene.owned_nodes] & (scene.mass != "lumped")
-        self.difference = np.where(touched[:, None], (outside - self.nodal).reshape(-1, 3), 0.0)
+        self.difference = np.where(touched[:, None], (beside - self.nodal).reshape(-1, 3), 0.0)
         self.bodies = state.bodies.rates
         v, p = mass.createVecRight(), mass.createVecLeft()
         v.array[:] = self.nodal
@@ -69,9 +69,8 @@ class Present:
         # The flexible cells at interfaces have other velocities there.
         differing = np.flatnonzero(self.difference.any(axis=1))
         if scene.sum(differing.size) > 0:
-            own = np.ones(scene.owned_nodes, dtype=bool)
-            for body in state.bodies.of.records:
-                own[body.nodes] = False  # a point mass moves with the body that holds its node
+            # A point mass moves with the body that holds its node.
+            own = outside(scene.owned_nodes, state.bodies.of.records)
             rows = Rows(scene.space, np.arange(scene.owned_nodes, dtype=np.int32))
             near = split(scene, forces.cells(flexible), differing)[1]
             theirs = Mass(scene, rows, near, own)
@@ -97,31 +96,23 @@ class WholeMass:
         """Nothing is assembled."""
         self._scene, self._forces = scene, forces
         self._without: set[int] | None = None  # numbers of the bodies whose mass is given
-        self._matrix: PETSc.Mat | None = None
+        self._matrix: PETSc.Mat | None = None  # one row per owned dof
 
     def present(self, state: State) -> Present:
         """The velocities of a state as they are. Collective."""
-        return Present(self._scene, self._forces, state, self._of(state.bodies.of.records))
-
-    def _of(self, bodies: Sequence[RigidBody]) -> PETSc.Mat:
-        """M, one row per owned dof, which stays this object's own. Collective."""
-        scene, given = self._scene, [body for body in bodies if body.given]
+        scene, forces = self._scene, self._forces
+        given = [body for body in state.bodies.of.records if body.given]
         without = {body.number for body in given}
-        if self._matrix is not None and without == self._without:
-            return self._matrix
-        if self._matrix is not None:
-            self._matrix.destroy()
-        every = np.arange(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
-        theirs = np.concatenate([every[:0], *(body.cells for body in given)])
-        counted = np.ones(scene.owned_nodes, dtype=bool)
-        for body in given:
-            counted[body.nodes] = False
-        rows = Rows(scene.space, np.arange(scene.owned_nodes, dtype=np.int32))
-        cells = self._forces.cells(np.setdiff1d(every, theirs))
-        operator = Mass(scene, rows, cells, counted)
-        self._matrix, self._without = operator.matrix(), without
-        operator.destroy()
-        return self._matrix
+        if without != self._without:
+            every = np.arange(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
+            theirs = np.concatenate([every[:0], *(body.cells for body in given)])
+            counted = outside(scene.owned_nodes, given)
+            rows = Rows(scene.space, np.arange(scene.owned_nodes, dtype=np.int32))
+            operator = Mass(scene, rows, forces.cells(np.setdiff1d(every, theirs)), counted)
+            free(self._matrix)
+            self._matrix, self._without = operator.matrix(), without
+            operator.destroy()
+        return Present(scene, forces, state, self._matrix)
 
 
 @dataclass(frozen=True)

@@ -190,7 +190,9 @@ class Switch:
         )
         # A body that a support takes over must count as the body here: interface nodes of the
         # flexible side have velocities of their own.
-        contacts = _in_one_only(before, self.acting)
+        both = known & {id(effect) for effect in self.acting}
+        every: list[Any] = [e for e in (*before, *self.acting) if id(e) not in both]
+        contacts = [effect for effect in every if effect.is_contact]  # that begin or end
         started = self._started(known)
         measures = stepper.measure() if jumping or contacts or started else None
         for contact in contacts:
@@ -214,7 +216,10 @@ class Switch:
             return impact
         stepper = self._stepper
         state, scene, before = stepper.state, stepper.scene, stepper.measure()
-        _warn_of_jumps(scene, stepper.system.linkage, state.t, started)
+        if (linkage := stepper.system.linkage) is not None:
+            apart = partial(linkage.drives.apart, state.t, started)
+            for found in together(scene.comm, "A motor", apart):
+                warn(scene.comm, f"{found}: it is thrown there in one step. Let both be the same.")
         if before.kinetic == 0.0 and not started:  # velocities that are zero keep joints closed
             return impact
         state.rebuild()
@@ -322,13 +327,6 @@ def _changes_with(body: RigidBody, decision: Decision) -> bool:
     return not body.is_face and body.name not in decision.apart
 
 
-def _in_one_only(before: Sequence[fx.Windowed], after: Sequence[fx.Windowed]) -> list[fx.Contact]:
-    """Contacts that begin or end."""
-    both = {id(e) for e in before} & {id(e) for e in after}
-    every: list[Any] = [e for e in (*before, *after) if id(e) not in both]
-    return [e for e in every if e.is_contact]
-
-
 def _changes(old: Mapping[int, RigidBody], new: Mapping[int, RigidBody]) -> tuple[BodyChange, ...]:
     """How bodies before and after an event differ, by number."""
     changes = []
@@ -347,17 +345,6 @@ def _changes(old: Mapping[int, RigidBody], new: Mapping[int, RigidBody]) -> tupl
             )
         )
     return tuple(changes)
-
-
-def _warn_of_jumps(
-    scene: Scene, linkage: Linkage | None, t: float, started: Sequence[fx.Motor]
-) -> None:
-    """Warn of motors that begin with another angle or travel than their joint has. Collective."""
-    if linkage is None:
-        return
-    drives = linkage.drives
-    for found in together(scene.comm, "A motor", lambda: drives.apart(t, started)):
-        warn(scene.comm, f"{found}: it is thrown there in one step. Let both be the same.")
 
 
 def _check_stops(linkage: Linkage | None) -> None:

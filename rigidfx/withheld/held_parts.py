@@ -70,11 +70,11 @@ class HeldParts(Watch):
 
     def present(self) -> Bodies:
         """They at the places of their nodes. Collective."""
-        return Bodies.of_each(Body(data, self._motion(data)) for data in self._known.values())
-
-    def _motion(self, data: RigidBody) -> BodyMotion:
-        at = self._stepper.state.positions(data.nodes.astype(np.int64))
-        return BodyMotion(*self._fitted(data, at), np.zeros(3), np.zeros(3))
+        state, rest, out = self._stepper.state, np.zeros(3), []
+        for data in self._known.values():
+            fitted = self._fitted(data, state.positions(data.nodes.astype(np.int64)))
+            out.append(Body(data, BodyMotion(*fitted, rest, rest)))
+        return Bodies.of_each(out)
 
     def _fitted(self, data: RigidBody, x: Array) -> tuple[Array, Array]:
         """Centre [m] and rotation of a part whose nodes are at x. Collective."""

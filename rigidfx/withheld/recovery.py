@@ -15,7 +15,7 @@ from petsc4py import PETSc
 from rigidfx.base.matrices import free
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.flexible.linear_forms import LinearForms
-from rigidfx.mechanics.rigid_body import RigidBody
+from rigidfx.mechanics.rigid_body import RigidBody, outside
 from rigidfx.mechanics.rigid_motions import determining, fitted_motion, free_motions, rigid_motions
 from rigidfx.step.equations.supports import PrescribedDofs
 from rigidfx.step.linear.linear_solver import solver_of
@@ -233,8 +233,7 @@ class Recovery:
         """Whether springs, contacts or supports elsewhere take loads as well. Collective."""
         stepper = self._stepper
         active = PrescribedDofs(stepper.scene, stepper.system.prescribed.active).mask
-        elsewhere: Bools = np.any(active.reshape(-1, 3), axis=1)
-        for data in parts:
-            elsewhere[data.nodes] = False
+        elsewhere = np.any(active.reshape(-1, 3), axis=1)
+        elsewhere &= outside(elsewhere.size, parts)
         here = np.count_nonzero(elsewhere[: stepper.scene.owned_nodes])
         return bool(stepper.system.actions.elastic or stepper.scene.sum(float(here)))

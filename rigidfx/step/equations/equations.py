@@ -278,13 +278,6 @@ class Equations:
         """Displacements of the active nodes at the start of the step [m]."""
         return self.trial.start
 
-    def _expand(self, y: PETSc.Vec) -> None:
-        """Set d and the forms' u₁ from the unknowns."""
-        self._last = self._own(y).copy()
-        trial = self.trial
-        self.prolongation.expand(self._last, trial.bodies, trial.imposed, self.d)
-        self._cells.displace(self.start + self.d.array_r)
-
     def return_to(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
         """Bring d, u₁ and forces back to these unknowns, as a rule the last ones. Collective.
 
@@ -301,16 +294,24 @@ class Equations:
 
     def residual(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
         """Overwrite r by R at the unknowns y [N]. Collective."""
-        self._expand(y)
-        joints = self.constraints
+        joints, trial = self.constraints, self.trial
+        self._last = self._own(y).copy()
+        self.prolongation.expand(self._last, trial.bodies, trial.imposed, self.d)
+        self._cells.displace(self.start + self.d.array_r)
         if joints is not None:
             joints.look(y.array_r)
         f = self.forces_out_of_balance
         self._cells.evaluate(f.array)
         f.axpy(-1.0, self.actions.loads.vector)
         if self._inertia is not None:
-            self._inertia.add_to(f, self.d, self.trial)
-        more = None if self.actions.dead and joints is None else self._resistance(f)
+            self._inertia.add_to(f, self.d, trial)
+        more = None
+        if not (self.actions.dead and joints is None):
+            resisting = Forces.none(f, self._moments)
+            self.actions.resist(self.motion, resisting)
+            if joints is not None:
+                joints.resist(self.motion, resisting)
+            more = resisting.moments
         self.prolongation.collapse(f.array_r, self._body_forces(f, more), r)
         if joints is not None:
             joints.fill(joints.linkage.residual(), r.array)
@@ -319,14 +320,6 @@ class Equations:
     def motion(self) -> Motion:
         """The iterate of the last residual, as effects see it."""
         return Motion(self.d, self.prolongation.increments, self.dt, self.trial.begun)
-
-    def _resistance(self, f: PETSc.Vec) -> Array:
-        """Add the resistance of effects to forces on nodes; its moments on bodies. Collective."""
-        forces = Forces.none(f, self._moments)
-        self.actions.resist(self.motion, forces)
-        if self.constraints is not None:
-            self.constraints.resist(self.motion, forces)
-        return forces.moments
 
     def _body_forces(self, f: PETSc.Vec, more: Array | None) -> Array:
         """Residual of the bodies, shape (bodies, 6 + m), by forces on nodes [N]. Collective."""

@@ -1,16 +1,10 @@
 """A controller of Δt: the longest steps whose errors, added up, keep the budget.
 
-The error of a step is d = c Δt³, and r Δt of it is permitted, so the best length is
-
-    Δt = safety √(r/c) ,    r = max( (share tol U - E)/(T - t) , (share tol U' - E)/(spread s) )
-
-with the error E of the run so far, the largest displacement U, the end T of the run, and the time s
-in which a motion that begins grows fourfold. U' is the displacement that is to come. The rules and
-what they are good for are in docs/theory/time_steps.md#the-next-δt.
+docs/theory/time_steps.md has the error of a run, (6) and (7), and the next Δt, (8).
 """
 
 from dataclasses import dataclass
-from math import exp, isnan, log2, sqrt
+from math import exp, inf, isnan, log2, sqrt
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -30,18 +24,10 @@ LEAST = 1e-3  # of d, that the mean part of any account is at least
 
 
 class RunError:
-    """Adds up the errors of steps by octaves, as they decay (docs/theory/time_steps.md).
+    """Adds up the errors of steps by octaves, as they decay: (6) and (7).
 
-    E_b is the error of motion slower than ω_b. That of faster motion of amplitude A_b is 2 A_b at
-    most, when the phase is opposite:
-
-        E_b ← E_b exp(-δ_b Δt) + p_b d ,    δ_b = ½ (α + β min(½ω_b, ω)²) ,
-        E = min_b ( max_{a ≤ b} E_a + 2 A_b ) .
-
-    p_b is the part of d/Δt that passes four exponential means, which is right for one vibration
-    (0.9 to 1 between octaves); r takes the mean of late, and all of one step that spends evenly
-    beside: rounding alone tells no part. The last ω_b is infinite. With contacts it is the only
-    one, since they turn fast motion into slow motion.
+    p_b is right for one vibration (0.9 to 1 between octaves); r takes the mean of late, and all of
+    one step that spends evenly beside: rounding alone tells no part.
 
     Attributes:
         cuts: ω_b [1/s].
@@ -298,19 +284,14 @@ class Controller:
         self._last = error / dt**3
         kept = 0.0 if young else exp(-1 / NUMBERS.memory)  # what began errs once, not for long
         self._envelope = max(self._last, self._envelope * kept)
-        factor = min(max(NUMBERS.safety * self._best(t, dt) / dt, NUMBERS.least), NUMBERS.most)
+        best = sqrt(self.allowed(t, dt) / self._envelope) if self._envelope else inf
+        factor = min(max(NUMBERS.safety * best / dt, NUMBERS.least), NUMBERS.most)
         self._lost = self._lost + 1 - 1 / factor if factor > 1 else 0.0
         price = NUMBERS.price * unknowns ** (1 / 3)
         if factor < NUMBERS.shorter or (factor > NUMBERS.longer and (young or self._lost >= price)):
             self._lost = 0.0
             kept = self.wanted if factor > 1 else self.shortest  # a step may end at a breakpoint
             self.wanted = min(max(factor * dt, kept), self.longest)
-
-    def _best(self, t: float, dt: float) -> float:
-        """Length of a step from t with the error allowed of the length dt [s]."""
-        if self._envelope == 0:
-            return float("inf")
-        return sqrt(self.allowed(t, dt) / self._envelope)
 
     def _foresee(self, t: float, now: Moves) -> float:
         """U' at a time [m]."""

@@ -1,11 +1,6 @@
 """The rigid motion s that supports and motors lead, in which steps do not err.
 
-Led places are exact at the ends of steps, and pull errors e of what follows back:
-
-    M ü + K (u - s) = 0 ,    M ë + K e = Δt²/6 M u'''' = -Δt²/6 K (ü - s̈) ,    B ṡ = γ .
-
-So e is at most what u adds up to, and what u - s does. B are rows of held dofs and joints for the
-rigid motions of connected parts, γ the rates that supports and motors give.
+docs/theory/time_steps.md, (3a): errors are at most what those of u add up to, and those of u - s.
 """
 
 import numpy as np

@@ -142,19 +142,8 @@ class TimeControl(WarnsOnce):
     remembered: ClassVar[Remembered] = (
         WarnsOnce.remembered
         | same("rejected", "jumped", "_objections", "_fresh", "_led")
-        | dict.fromkeys(
-            (
-                "length",
-                "_error",
-                "_about",
-                "_elsewhere",
-                "_blows",
-                "_run_error",
-                "_onsets",
-                "_breakpoints",
-            ),
-            PART,
-        )
+        | dict.fromkeys(("length", "_error", "_about", "_elsewhere"), PART)
+        | dict.fromkeys(("_blows", "_run_error", "_onsets", "_breakpoints"), PART)
     )
 
     def __init__(self, scene: Scene, control: StepControl, timeline: Timeline) -> None:
@@ -238,7 +227,8 @@ class TimeControl(WarnsOnce):
         self._run_error.look(error.jerk, error.swinging, np.array(swings), error.omega, dt)
         asked = slice(self._tracked.asked)
         v0, v1, u = v0[asked], v1[asked], u[asked]
-        self._end = Moves(*_longest(u, v1, (v1 - v0) / dt))
+        every = np.array([u, v1, (v1 - v0) / dt])
+        self._end = Moves(*map(sqrt, np.einsum("kpi,kpi->kp", every, every).max(axis=1)))
         if self._blows.any:
             touches, U = self._system.actions.touches(), self.length.displacement
             blow = self._blows.look(touches, t, dt, U, self._end.speed)
@@ -280,9 +270,3 @@ class TimeControl(WarnsOnce):
         if self._fresh:
             self._error.forget()
             self._about.forget()
-
-
-def _longest(*vectors: npt.NDArray[np.floating[Any]]) -> list[float]:
-    """Length of the longest of some vectors of shape (points, 3), and of more of them."""
-    every = np.array(vectors)
-    return [*map(sqrt, np.einsum("kpi,kpi->kp", every, every).max(axis=1))]

@@ -1,15 +1,9 @@
 """Error of time integration in a step: of motions, of motions elsewhere, and of impulses.
 
-The local error of the midpoint rule is Δt³/12 times the jerk. With a = (v₁ - v₀)/Δt, which belongs
-to the middle of a step, and the divided differences j = Δa/Δt of two steps,
-
-    ĵ = ¼ j_{n-2} + ½ j_{n-1} + ¼ j_n ,    â = ⅛ (a_{n-3} + 3 a_{n-2} + 3 a_{n-1} + a_n) ,
-    d = Δt³/12 sqrt(½ (|ĵ|² + ω² |â|²)) ,    ω² = ∫ Σ |ĵ|² dt / ∫ Σ |â|² dt ,
-
-with sums over all points and integrals over the last 3/ω, about half a period. The means, of fewer
-while there are fewer differences, remove a change of sign from step to step, which is no error of
-the resolved motion. d is the root mean square over a period: if the jerk is ĵ now, it is ω â a
-quarter of a period away. Errors of a vibration add up to √2 Σ d, of a steady rotation to Σ d.
+docs/theory/time_steps.md#the-error-of-a-step has d by the jerks ĵ and accelerations â, (1) to (3),
+errors elsewhere, (4), and blows, (5). Means are of fewer differences while there are fewer. If the
+jerk is ĵ now, it is ω â a quarter of a period away. Errors of a vibration add up to √2 Σ d, of a
+steady rotation to Σ d.
 """
 
 from collections.abc import Mapping, Sequence
@@ -110,15 +104,10 @@ def _mean(values: Array) -> Array:
 
 
 class Elsewhere:
-    """Errors at other places of a structure, which travel to the points where accuracy is asked.
+    """Errors elsewhere in a structure, which travel to the points where accuracy is asked: (4).
 
     Jerks of modes cancel at a tip until the wave from the root arrives, but not in the mean square
-    over a structure. So the root mean square over nodes counts too, over their displacements:
-
-        d = max( d_p , d_s min(1, U_p/U_s) ) ,  d_s = sqrt(mean |d_k|²) ,  U_s² = max mean |u_k|² ,
-
-    with U_p the largest displacement so far of the points where accuracy is asked. If these move
-    more than others, their own error counts.
+    over a structure. If the points move more than others, their own error counts.
     """
 
     remembered: ClassVar[Remembered] = same("_moved")
@@ -169,16 +158,10 @@ class Blows:
     """The error of an impulse, as the force of a contact changes within a step.
 
     It shows little during the contact, and grows afterwards. A step takes the force at its middle
-    for the mean force, so the error of the impulse is
-
-        Δt³/24 F'' ≈ Δt/24 |F - F*| ,
-
-    with F* the force that a line through the two steps before gives. Divided by the mass of the
-    lightest connected part that touches, this is an error of velocity, and after the time U/V an
-    error of displacement, with U the largest displacement and V the largest speed so far, or half
-    of the contact's impulse over that mass where that is more: a body may be struck at rest, and
-    far from the probes. It counts for this time after the closing of a contact that was open for
-    some steps. Contacts that rest or rattle send nothing off, and do not count.
+    for the mean force, so the error of the impulse is Δt³/24 F'', about Δt/24 |F - F*| of (5). A
+    body may be struck at rest, and far from the probes: so half of the contact's impulse over the
+    mass is a speed, too. It counts for the time U/V after the closing of a contact that was open
+    for some steps. Contacts that rest or rattle send nothing off, and do not count.
 
     Attributes:
         any: Whether there are contacts.

@@ -72,7 +72,10 @@ def configure(
         pc.setType(PETSc.PC.Type.LU)
         if quick and alone:
             pc.setFactorSolverType(PETSc.Mat.SolverType.PETSC)
-            pc.setFactorOrdering(_ordering())
+            order, has = PETSc.Mat.OrderingType, PETSc.Sys.hasExternalPackage
+            # The one of these that there is with the fewest entries of factors.
+            amd = has("amd") or has("suitesparse")
+            pc.setFactorOrdering(order.AMD if amd else order.QMD)
         else:
             pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
     else:
@@ -99,12 +102,6 @@ def forget_failed(ksp: PETSc.KSP) -> None:
     pc = ksp.getPC()
     if ksp.comm.tompi4py().allreduce(int(pc.getFailedReason())):
         pc.reset()
-
-
-def _ordering() -> str:
-    """The ordering with the fewest entries of factors that there is."""
-    order, has = PETSc.Mat.OrderingType, PETSc.Sys.hasExternalPackage
-    return order.AMD if has("amd") or has("suitesparse") else order.QMD
 
 
 def has_cholmod() -> bool:

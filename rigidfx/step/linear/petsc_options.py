@@ -49,8 +49,15 @@ LATE = ("mat_mumps_", "pc_factor_")  # asked for by LU, to which a later step ma
 
 def asked(names: Iterable[str]) -> set[str]:
     """Those names, with their prefix, that have been looked up; all where PETSc cannot tell."""
-    used, every = _options_used(), set(names)
-    return every if used is None else {name for name in every if _is_marked(used, name)}
+    used, every, marked = _options_used(), set(names), set()
+    if used is None:
+        return every
+    for name in every:
+        answer = ctypes.c_int(0)  # room for an enumeration, and for the one byte of newer PETSc's
+        failed = used(None, name.encode(), ctypes.byref(answer))
+        if failed or answer.value:
+            marked.add(name)
+    return marked
 
 
 @cache
@@ -60,12 +67,6 @@ def _options_used() -> Any:
         return ctypes.CDLL(PETSc.__file__).PetscOptionsUsed
     except (AttributeError, OSError):
         return None
-
-
-def _is_marked(used: Any, name: str) -> bool:
-    answer = ctypes.c_int(0)  # room for an enumeration, and for the one byte of newer PETSc's
-    failed = used(None, name.encode(), ctypes.byref(answer))
-    return bool(failed or answer.value)
 
 
 @dataclass(frozen=True)

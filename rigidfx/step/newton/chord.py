@@ -43,15 +43,10 @@ OF_SOLVERS = "ksp_", "pc_", "mat_", "sub_", "mg_", "snes_lag_", "snes_ksp_ew"
 def worn(history: Sequence[float], since: int, target: float, limit: int) -> bool:
     """Whether a tangent does not fit the last iterate of a step.
 
-    An iteration with a kept tangent reduces the residual by its contraction θ (E. Hairer and G.
-    Wanner, Solving Ordinary Differential Equations II, IV.8; P. Deuflhard, Newton Methods for
-    Nonlinear Problems, 2.1). The first iterations with a tangent in a step tell nothing of it: a
-    correction along a straight line stretches parts that turn or bend, and the next ones take that
-    back. So a tangent is judged after its first `OWN` iterations, by the mean θ of the last two. It
-    is renewed if the residual has grown, or if the remaining iterations, log(target/‖R‖)/log θ,
-    exceed the limit of iterations. Newton's method takes over where that does not help.
-
-    The tangent is the same since an iterate, and ‖R‖ [N] at the target ends the step.
+    docs/theory/step.md#kept-tangents has the rule, by the contraction θ of an iteration (E. Hairer
+    and G. Wanner, Solving Ordinary Differential Equations II, IV.8; P. Deuflhard, Newton Methods
+    for Nonlinear Problems, 2.1). The tangent is the same since an iterate, and ‖R‖ [N] at the
+    target ends the step.
     """
     taken, norm = len(history) - 1, history[-1]
     if taken - since <= OWN or norm <= target:
@@ -90,7 +85,8 @@ class Chord:
 
     Attributes:
         stop: Stopping test.
-        ksp: Linear solver for SNES.
+        ksp: Linear solver for SNES ...
+        kept: ... which is all of it.
         tangents: How many have been made in the last solve.
         missing: Whether no tangent serves.
     """
@@ -101,21 +97,11 @@ class Chord:
         self._equations = equations
         self.missing, self._since = True, 0  # and the iterate that it is of
         self._once_stiff = False  # whether waves have got so far in a step
-        self._kept = KeptTangent(equations, self._suited(0.0)(equations))
+        self.kept = KeptTangent(equations, self._suited(0.0)(equations))
         self.ksp = PETSc.KSP().create(equations.prolongation.comm)
         self.ksp.setType(PETSc.KSP.Type.PREONLY)
         self.ksp.getPC().setType(PETSc.PC.Type.PYTHON)
-        self.ksp.getPC().setPythonContext(self._kept)
-
-    @property
-    def solver(self) -> str:
-        """Linear solver, in words."""
-        return f"kept {self._kept.inverse.name}"
-
-    @property
-    def linear_iterations(self) -> int:
-        """Linear iterations that the last solve took; with factors, one in each of Newton's."""
-        return self._kept.iterations
+        self.ksp.getPC().setPythonContext(self.kept)
 
     def _suited(self, dt: float) -> type[Factors | IncompleteFactors | TwoLevels]:
         """The solver for the tangents of steps of Δt [s].
@@ -146,22 +132,22 @@ class Chord:
     def begin(self, dt: float) -> None:
         """Begin a step, or an attempt at it. Collective."""
         suited = self._suited(dt)
-        if type(self._kept.inverse) is not suited:
-            self._kept.replace(suited(self._equations))
-        self.missing |= not self._kept.fits(dt)
-        self._kept.begin(self._equations.structure.u, dt)
+        if type(self.kept.inverse) is not suited:
+            self.kept.replace(suited(self._equations))
+        self.missing |= not self.kept.fits(dt)
+        self.kept.begin(self._equations.structure.u, dt)
         self._since = self.tangents = 0
 
     def look(self) -> None:
         """Record the last iterate: its rounding tells nothing of the tangent."""
-        self._kept.learning = self.stop.history[-1] > CLEAR * self.stop.target
+        self.kept.learning = self.stop.history[-1] > CLEAR * self.stop.target
 
     def renew(self) -> None:
         """Assemble the tangent at the last iterate, if that is worth it. Collective."""
         history, stop, jumped = self.stop.history, self.stop, self._equations.actions.outdated()
         if jumped and not self.missing:
             entries = self._equations.jumping()
-            if entries is not None and self._kept.follow(entries):
+            if entries is not None and self.kept.follow(entries):
                 self._since = len(history) - 1
                 return
         if jumped or self.missing or worn(history, self._since, stop.target, stop.max_it):
@@ -170,7 +156,7 @@ class Chord:
     def make(self) -> None:
         """Assemble the tangent at the last iterate. Collective."""
         self._equations.tangent()
-        self._kept.renewed(self._equations.jumping())
+        self.kept.renewed(self._equations.jumping())
         self.stop.renewed()
         self.missing, self._since = False, len(self.stop.history) - 1
         self.tangents += 1

@@ -31,12 +31,10 @@ INDEPENDENT = 1e-4  # square of the part in which pairs have to differ
 class Frames:
     """How nodes and bodies have turned, and unknowns turned along with them.
 
-    A tangent belongs to directions in space. Where the surroundings of a node have turned by Q
-    since it was assembled, its rows and columns are turned: A ≈ Q A₀ Qᵀ with a block of Q for each
-    node and each body, exactly so for parts in steady rigid rotation, and up to curvature times
-    cell size in parts that bend. Increments of a node and residuals at it turn as vectors, and so
-    do Δr and ℓθ of a body. Coordinates of shapes do not turn. A node that supports hold in part
-    keeps its directions.
+    A ≈ Q A₀ Qᵀ is exact for parts in steady rigid rotation, and right up to curvature times cell
+    size in parts that bend. Increments of a node and residuals at it turn as vectors, and so do Δr
+    and ℓθ of a body. Coordinates of shapes do not turn. A node that supports hold in part keeps its
+    directions.
 
     Attributes:
         starts: Where vectors of three among this rank's unknowns begin.
@@ -74,13 +72,7 @@ class Frames:
 
 
 class Secants:
-    """Mends the corrections of a kept tangent.
-
-    From one iterate to the next a correction s moves the unknowns, and the residual changes by J s.
-    So the correction that the kept tangent gives, z = A₀⁻¹ r, changes by A₀⁻¹ J s: the known pairs
-    correct z (D. G. Anderson, J. ACM 12 (1965) 547-560, of type II),
-
-        J⁻¹ r ≈ z + Σ c (s − Δz) ,    c by the least squares of z − Σ c Δz .
+    """Mends the corrections of a kept tangent by known pairs of s and Δz: docs/theory/step.md, (4).
 
     Parts that bend stay near the shape of a step before. So pairs are kept over steps, in the frame
     of the tangent, until there is a new one.

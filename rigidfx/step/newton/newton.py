@@ -167,7 +167,8 @@ class Newton:
         self._snes.setKSP(chord.ksp)
         self.stop, self._keeping = chord.stop, True
         reason = self._iterate(guesses)
-        found = self._solution(reason, chord.tangents, chord.linear_iterations, chord.solver)
+        solver = f"kept {chord.kept.inverse.name}"
+        found = self._solution(reason, chord.tangents, chord.kept.iterations, solver)
         self._snes.setKSP(own[0])
         self.stop, self._keeping = own[1], False
         return found

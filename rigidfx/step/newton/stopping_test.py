@@ -118,10 +118,8 @@ class ChordTest(StoppingTest):
     """The stopping test of solves with tangents that are kept.
 
     With a kept tangent the residual falls by one factor in each iteration. A factor near one need
-    not be a stall, since the tangent may not fit. Only if a tangent of the same step does no
-    better, the rest is rounding. Its size, relative to the terms that R is the difference of, is
-    kept, and later solutions stop there. The change of energy and momenta is measured in any case,
-    see `Conserving`.
+    not be a stall, since the tangent may not fit: docs/theory/step.md#kept-tangents has the end of
+    the iteration.
     """
 
     def __init__(self, rtol: float = RELATIVE_TOLERANCE, max_it: int = MAX_ITERATIONS) -> None:
@@ -162,13 +160,10 @@ class ChordTest(StoppingTest):
 class Conserving:
     """Follows the iterates of a step from the first one that is good enough as a solution.
 
-    Newton's method often ends a step far below its tolerance. Iterations with a kept tangent end
-    just below it. In long steps that remainder may change energy and momenta: they drifted by 2e-10
-    in 300 steps of a bar of steel whose Δt changed from step to step. So the change by a solution
-    is measured. If it is too large, the iteration continues while each iteration halves it. If a
-    new tangent does not halve it either, it is rounding. The size of that rounding is kept, also
-    through new divisions, and later steps need not be better. An iterate with a larger change than
-    the one before is undone.
+    docs/theory/step.md#where-the-iteration-ends has the rule. Newton's method often ends a step far
+    below its tolerance, iterations with a kept tangent just below it: energy and momenta drifted by
+    2e-10 in 300 steps of a bar of steel whose Δt changed from step to step. The size of rounding is
+    kept also through new divisions.
 
     Attributes:
         rounding: Rounding of each quantity, as far as it has been met, relative.

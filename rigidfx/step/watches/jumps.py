@@ -45,10 +45,7 @@ class PathWatch(WarnsOnce):
         self, owner: str, path: Path, at_ends: Path, t0: float, t1: float
     ) -> tuple[float, float] | None:
         """See `jump_of`; its function of the owner fails by name. Collective."""
-
-        def look() -> tuple[float, float] | None:
-            return jump_of(path, t0, t1, at_ends(t0), at_ends(t1), self._least)
-
+        look = partial(jump_of, path, at_ends, t0, t1, self._least)
         return by_users(self._comm, owner, "path", look)
 
 
@@ -110,13 +107,14 @@ class JumpingObstacles(PathWatch):
 
 
 def jump_of(
-    path: Path, t0: float, t1: float, u0: Array, u1: Array, least: float
+    path: Path, at_ends: Path, t0: float, t1: float, least: float
 ) -> tuple[float, float] | None:
     """When [s] and by how much [m] a path jumps, if by half of its way from t0 to t1 or more.
 
-    It is u₀ at t₀ and u₁ at t₁, shape (n,) [m], and its way is more than a least one [m]; its
+    Values at the ends of that, shape (n,) [m], are given, and its way is more than a least one [m];
     exceptions go through.
     """
+    u0, u1 = at_ends(t0), at_ends(t1)
     way = float(np.abs(u1 - u0).max())
     if not way > max(least, ROUNDING * float(np.abs(u1).max())):
         return None
