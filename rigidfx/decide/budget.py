@@ -1,13 +1,8 @@
 """The rule of `Accuracy`: the displacement that bodies lack stays within a budget.
 
-All cells freeze after the first step, and bodies get shapes. What shapes lack
-(`rigidfx.switch.growth`) may be half of the budget that time integration has left. This may spend
-all but what shapes have lacked so far, or a tenth, or half as a motion begins. Before woken cells
-freeze again, the displacement that a freeze would lose is estimated by
-
-    m = Σ w S s / Σ w S² ,    w = C V   of each cell, sums over cells that freeze, and all,  (1)
-
-with their largest strains so far, S, and strains s that are withheld (docs/theory/waking.md).
+docs/theory/waking.md#by-a-budget has it: what shapes may lack (`rigidfx.switch.growth`), and m,
+(5), the displacement that a freeze of woken cells would lose, by their largest strains so far, S,
+and strains s that are withheld.
 """
 
 from math import inf, isnan, nan, pi, sqrt
@@ -27,7 +22,7 @@ from rigidfx.scene.timeline import Timeline
 PER_OCTAVE, OCTAVES = 4, 400  # levels between which contributions are told apart
 TO_BODIES = 0.5  # part of the budget that time integration has left, that rigid parts may spend
 # Part of that which freezes use, and which time integration leaves to them in any case. A part that
-# vibrated on took two to seven times what (1) says; at 0.5 an arm of 20 073 unknowns was released
+# vibrated on took two to seven times what (5) says; at 0.5 an arm of 20 073 unknowns was released
 # repeatedly.
 FREEZING = 0.2
 AMPLIFIED = 2.0  # amplification of m by loads that change

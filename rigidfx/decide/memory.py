@@ -10,10 +10,9 @@ last freeze in the same way, bodies are released and the step is solved again. A
 a change; rattling with smaller forces is none. If forces add up to zero, as those of a surface
 against itself, the sum of their magnitudes counts.
 
-A changing load, or a condition of the user's, may release cells that have just become rigid. A
-release is *hasty* if a cell was observed for longer than it was rigid. After n hasty ones in a row
-it has to qualify in γⁿ⁻¹ windows in a row: in a time T there are then about log T/log γ switches
-instead of T/T_red. Any other release resets the count.
+A changing load, or a condition of the user's, may release cells that have just become rigid. By
+rule 5 of docs/theory/waking.md there are then about log T/log γ switches in a time T instead of
+T/T_red. A release that is not hasty resets the count.
 
 A window has to exceed the period of the lowest excited mode and that of the loads (3.1): that of
 the lowest peak in spectra of the loads, and of distances between a few nodes far from each other.

@@ -1,23 +1,9 @@
 """A trial step of bodies that deform by shapes: what Δq changes in the step of rigid bodies.
 
-With w = (W, q̇), w₁ = 2 (R₀ᵀθ, Δq)/Δt - w₀, (Z, p) = A(q) w, q½ = q₀ + ½ Δq and S = (1 + ½θ̂) R₀, the
-rows of a body are, Q = Σ Φᵀ Sᵀ f the forces on its nodes,
-
-    (R₁ Z₁ - R₀ Z₀)/Δt = Σ (x½ - c½) × f,
-    (p₁ - p₀)/Δt - ½ w₁·∂A/∂q(q½) w₀ + f₀ + Ω q½ + C Δq = Q,
-
-or with stretches in place of Ω q½, see `rigidfx.mechanics.shapes`. A is of second order in q, so
-that A₁ - A₀ = ∂A/∂q(q½) Δq; the rows times θ and Δq then add up to the gain of kinetic energy and
-of U(q), as nodes move by exactly
-
-    Δx = Δc + θ × (x½ - c½) + S Φ Δq.
-
-The frame of a body that a support holds is given: Δr follows Δq by Δc₀ and the drift, and the rows
-of Δr and θ are the force and the moment of the support. So are some Δq, by which nodes of further
-supports move in the frame.
-
-The derivative is complete, forces on nodes included: with v₁ = R₁ (V + Φ q₁), moments change by
-½ (T dθ × v₁ + R₁ Φ dq) × f, and Q_k by ½ dθ · (R₀ Φ_k × f).
+docs/theory/shapes.md has the rows of a body, with w₁, Z, p and S, how nodes move, and the
+derivative, which is complete, forces on nodes included. Where stretches stiffen, their forces are
+in place of Ω q½. In a frame that a support holds some Δq may be given, too, by which nodes of
+further supports move there.
 
 Bodies without shapes take the step of rigid ones; arrays named (some, ...) are of the others.
 shaped_step.c has residual and tangent: by NumPy, steps of a plate took 1.4 times as long.

@@ -1,33 +1,9 @@
 """Shapes of a body: it deforms by a few given fields in its own frame.
 
-Nodes of a body are at x = c + R (ξ + Φ q), with ξ the shape at the freeze about the centre of mass,
-Φ the shapes, q their coordinates, zero at the freeze. A body without shapes is rigid. Its elastic
-energy is the expansion of that of its cells about the frozen shape,
-
-    U(q) = U₀ + f₀·q + ½ q·Ω q,    f₀ = Φᵀ f_int(ξ),    Ω = Φᵀ K(ξ) Φ,
-
-which rotations do not enter. With w = (W, q̇) in the body's frame and y = ξ + Φ q its kinetic energy
-beside that of the centre is ½ w·A(q) w,
-
-    A = [J B; Bᵀ D],    J = tr Y - Y,    Y = Σ m y yᵀ,    B_k = Σ m y × Φ_k,    D = ΦᵀMΦ.
-
-The frame of a body may be held by a support, where its shapes are zero then: nodes are at
-c₀ + R (ξ + Φ̃ q), with c₀ and R given, and Φ = Φ̃ - Σ m Φ̃/M, the part without momentum, is the shape.
-So the centre of mass is at c = c₀ + R dᵀ q, d = Σ m Φ̃/M being the drift. Where further supports
-hold nodes of the body, the first shapes are static responses to unit motions of these, and their
-coordinates are given.
-
-Stresses stiffen, as strains are of second order in displacements. With
-
-    U(q) = U₀ + f₀·q + ½ e·Ωe,    e = q - b + ½ Ω⁻¹Γqq,    Γ_ajk = ∫ S'[φ_a] : sym(∇φ_jᵀ∇φ_k),
-
-and the stress S'[φ] that a displacement adds, this is the energy of the cells to third order. Of
-the fourth order it has the strains that shapes can relieve. The others are taken for relieved: a
-bar gets shorter as it bends. Forces
-
-    f₀ + (1 + Ω⁻¹Γq½)ᵀ Ω ½ (e₀ + e₁)
-
-keep the energy in a step, since e₁ - e₀ = (1 + Ω⁻¹Γq½) Δq.
+docs/theory/shapes.md has the places of nodes, x = c + R (ξ + Φ q), the energies U(q) and
+½ w·A(q) w, frames that supports hold, and stresses that stiffen. A body without shapes is rigid.
+Where further supports hold nodes of a body whose frame is held, the first shapes are static
+responses to unit motions of these, and their coordinates are given.
 
 All of it comes from the second moments G_kl = Σ m Φ_k Φ_lᵀ, with Φ₀ = ξ, which are summed once; a
 step then costs the same whatever the mesh.

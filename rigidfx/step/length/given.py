@@ -206,12 +206,8 @@ class Onset(NamedTuple):
 class Onsets:
     """Finds such times among the loads of a scene that are functions of the user's.
 
-    A step takes loads by two samples. The jerk of the motion shows this error for smooth loads,
-    but not for a load that jumps or begins after the middle. So loads that are functions of the
-    user's are evaluated at five times before a step. If Simpson's means of five and three samples
-    differ by more than `tol` of the change of the load so far, or if the mean differs from the
-    value at the middle by more than 1/20 of it, bisection finds the longest step without such a
-    difference. A step ends just after a jump, and Δt starts anew there.
+    The jerk of the motion shows the error of a step for smooth loads, but not for a load that jumps
+    or begins after the middle: docs/theory/time_steps.md, (9).
 
     Time windows, kinks of a `Table` and `breakpoints` are known without this. A sine of two steps a
     period may be zero at all middles and in all means, and is missed.
