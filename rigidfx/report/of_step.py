@@ -39,7 +39,8 @@ def report_of(
     """
     state = stepper.state
     u, v = _shown(probes, state, shortening)
-    named = stepper.scene.named(Rigid)  # parts that supports hold are numbered by these
+    # Parts that supports hold are numbered as the scene names them.
+    named = stepper.scene.named(Rigid) if state.clamped else ()
     return Report(
         step=step,
         t=state.t,

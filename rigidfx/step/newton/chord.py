@@ -161,11 +161,6 @@ class Chord:
         self.missing, self._since = False, len(self.stop.history) - 1
         self.tangents += 1
 
-    @property
-    def serving(self) -> bool:
-        """Whether the last step made no tangent and the next one is to make none."""
-        return not self.tangents and not self.missing
-
     def serves(self, dt: float) -> bool:
         """Whether tangents are worth keeping in steps of Δt [s]."""
         return self._equations.rounding.waves(dt) <= STIFF_UP_TO

@@ -161,7 +161,8 @@ class Newton:
     def _solve_by_chord(self, chord: Chord, guesses: Sequence[Guess]) -> Solution:
         """Solve with a tangent that is kept."""
         own = self._snes.getKSP(), self.stop
-        if len(guesses) == self._offered and chord.serving:  # the better one costs two residuals
+        # To find the better guess costs two residuals: too much where no tangent is to be made.
+        if len(guesses) == self._offered and not (chord.tangents or chord.missing):
             guesses = [guesses[self._best]]
         chord.begin(self.equations.dt)
         self._snes.setKSP(chord.ksp)
@@ -194,6 +195,7 @@ class Newton:
     def _solution(self, reason: int, tangents: int, linear: int, solver: str) -> Solution:
         """The findings. Collective."""
         self.equations.return_to(self._y, self._r)
+        rounded = reason == int(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_ABS)
         return Solution(
             reason > 0,
             stopping.reason_name(reason),
@@ -203,7 +205,7 @@ class Newton:
             solver,
             None if reason > 0 else self.equations.worst_place(),
             self.equations.largest(self._y),
-            self.equations.left(self._r) if self.stop.at_rounding(reason) else 0.0,
+            self.equations.left(self._r) if rounded else 0.0,
             self.stop.rounding,
         )
 

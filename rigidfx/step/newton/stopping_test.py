@@ -70,11 +70,6 @@ class StoppingTest:
             return int(Reason.DIVERGED_MAX_IT)
         return 0
 
-    @staticmethod
-    def at_rounding(reason: int) -> bool:
-        """Whether it was for rounding that Newton stopped."""
-        return reason == int(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_ABS)
-
     def _at_rounding(self) -> bool:
         """Whether all that is left of the residual is rounding.
 
