@@ -277,25 +277,28 @@ class Shaping:
         found, fits = self._pressing.vectors(about, body.motion.R, new, own, dt, room)
         for vectors, count in found:
             part.extend(basis, vectors, count)
-        comm, name, now = self._scene.comm, data.name, len(basis)
-        if now > m:
-            text = f"{now - m} shapes more, {now} in all, as nodes begin to press"
-            tell(comm, f"Reduced '{name}': {text}")
-        if not fits and name not in self._full:
-            self._full.add(name)
-            warn(
-                comm,
-                f"Reduced '{name}': more of its nodes press than {MOST} shapes follow, and "
-                "its contact forces are too large. Leave a layer of flexible cells where it "
-                "meets an obstacle.",
-            )
-        if now == m:
+        self._tell_more(data.name, m, len(basis), fits)
+        if len(basis) == m:
             return body
         every = self._with_new(whole_modes(data).swapaxes(1, 2), basis, m)
         shapes, projected = data.shapes, part.projected(every)
         if shapes is None:
             return self._with(body, projected, False, 0)
         return self._with(body, projected, shapes.drift is not None, shapes.given)
+
+    def _tell_more(self, name: str, before: int, now: int, all_of_them: bool) -> None:
+        """Log new shapes; warn once of forces for which there is no room. Collective."""
+        if now > before:
+            text = f"{now - before} shapes more, {now} in all, as nodes begin to press"
+            tell(self._scene.comm, f"Reduced '{name}': {text}")
+        if not all_of_them and name not in self._full:
+            self._full.add(name)
+            warn(
+                self._scene.comm,
+                f"Reduced '{name}': more of its nodes press than {MOST} shapes follow, and "
+                "its contact forces are too large. Leave a layer of flexible cells where it "
+                "meets an obstacle.",
+            )
 
     def warn_of_unspanned(self, state: State) -> None:
         """Warn of loads whose static responses shapes lack in part. Collective."""
