@@ -62,6 +62,25 @@ def test_equilibria_are_those_of_the_flexible_twin(case):
         assert off(*stresses) < 2e-3
 
 
+@pytest.mark.parametrize("stiffness", [1e4, 1e6, 1e8])
+def test_a_part_on_springs_bends_as_its_twin(stiffness):
+    """With shapes of loads without springs it bent by a seventieth of that on stiff ones."""
+    domain = rf.box((0, 0, 0), (1.0, 0.05, 0.02), (12, 2, 1))
+    feet = domain.with_facets("feet", lambda x: (x[2] < 1e-9) & (abs(x[0] - 0.5) > 0.4))
+    time = rf.Table((0, 0.02, 0.05), (0, 1, 0))
+    load, known = rf.Traction("z1", (0, 0, 0.3)), {"element": "enhanced"}
+    pulse = rf.Traction("z1", (0, 0, 0.3), time=time)
+
+    def middles(load, *parts):
+        effects = [rf.Spring("feet", stiffness), load, *parts]
+        scene = rf.Scene(feet, SOFT, effects, probes={"mid": (0.5, 0.05, 0.02)}, **known)
+        found = rf.static(scene, 1) if load.time is None else rf.simulate(scene, 2e-3, 0.1)
+        return np.array([r.probes["mid"] for r in found])
+
+    for acts, allowed in ((load, 2e-4), (pulse, 2e-3)):
+        assert off(middles(acts, rf.Reduced()), middles(acts)) < allowed
+
+
 def test_compliance_has_what_shapes_lack():
     found = rf.compliance(bar(CLAMP, PUSH, rf.Reduced("half")))
     assert 0 < found.taken["tip"] < 1e-3

@@ -21,8 +21,8 @@ from rigidfx.mechanics.shapes import ShapesOfBodies
 from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.interface import Interface
 from rigidfx.shapes.orthonormal import INDEPENDENT, slowest, whole_groups
-from rigidfx.shapes.part import LACKING, MOST
-from rigidfx.shapes.responses import Responses
+from rigidfx.shapes.part import MOST
+from rigidfx.shapes.responses import LACKING, Responses
 
 
 @dataclass(frozen=True)

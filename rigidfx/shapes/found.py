@@ -17,7 +17,7 @@ from rigidfx.scene.scene import Scene
 from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.linear import resolved
 from rigidfx.shapes.orthonormal import INDEPENDENT, columns, to_one
-from rigidfx.shapes.part import LACKING
+from rigidfx.shapes.responses import LACKING
 
 
 class Found(Expanded):

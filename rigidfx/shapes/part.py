@@ -14,10 +14,8 @@ from rigidfx.flexible.internal_forces import Cells
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.orthonormal import INDEPENDENT, Basis, to_one
-from rigidfx.shapes.responses import Responses
+from rigidfx.shapes.responses import LACKING, Responses
 
-# Part of a static response, in the norm of the strain energy, that shapes may lack.
-LACKING = 0.01
 MOST = 36  # shapes that a part gets unasked; Ω and the inertia of second order are full
 BLOCK = 3  # unknowns in a block of PETSc's format, which shapes have to fill
 # Size of a vector, once the part's rigid motion is taken out of it, over that before: below, it is

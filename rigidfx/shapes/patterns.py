@@ -1,7 +1,7 @@
 """Patterns of forces that act on a structure: a Ritz vector follows from each.
 
 A force whose distribution over the nodes changes in time has as many patterns as differ; amplitudes
-do not matter. Springs have those of the rigid motions of connected parts.
+do not matter.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,16 +17,12 @@ from rigidfx.effects import DeadLoad, Effect, Resultant
 from rigidfx.effects.base import vector_at
 from rigidfx.effects.joints.remote import RemoteMotion
 from rigidfx.effects.joints.vectors import slopes_of
-from rigidfx.effects.nodes import Forces, Motion
-from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.motion import of_state, of_supports
-from rigidfx.shapes.orthonormal import columns
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.samples import compressed, instants, interleaved
 from rigidfx.state import State
-from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.division import Hold
 
 
@@ -42,14 +38,6 @@ def patterns(responses: Responses, state: State, until: float, hold: Hold | None
     each += of_supports(responses, span, hold)
     each += of_state(responses, state)
     return interleaved(responses, each)
-
-
-def of_springs(responses: Responses) -> Array:
-    """Forces of springs by each rigid motion of connected parts, each apart. Collective."""
-    effects = [e for e in responses.scene.effects if e.is_lasting and not e.is_windowed]
-    return interleaved(
-        responses, [compressed(responses.scene, _resisting(responses, e)) for e in effects]
-    )
 
 
 def unit_loads(responses: Responses, nodes: Ints) -> Array:
@@ -104,35 +92,9 @@ def _amplitude(scene: Scene, effect: Effect) -> Callable[[float], Array] | None:
     return at
 
 
-def _bound(responses: Responses, effect: Effect) -> Actions:
-    """An effect on all nodes, also those of bodies. Collective."""
-    structure = responses.stiffness.structure
-    flexible = replace(structure, own=np.ones_like(structure.own), bodies=Bodies.of_each(()))
-    return Actions(flexible, [effect], [effect] if effect.is_windowed else [])
-
-
-def _resisting(responses: Responses, effect: Effect) -> Array:
-    """Forces of an effect by each rigid motion, less those without, shape (owned nodes, 3, n)."""
-    actions, V = _bound(responses, effect), responses.rigid.all
-    rows, increments = (
-        responses.stiffness.structure.rows,
-        responses.stiffness.prolongation.increments,
-    )
-    out, d = [], rows.vector()
-    for moved in np.c_[np.zeros(V.shape[0] * 3), columns(V)].T:
-        forces = Forces.none(rows.vector())
-        d.array[:] = moved
-        actions.resist(Motion(d, increments, 1.0), forces)
-        out.append(forces.nodes.copy())
-        forces.vector.destroy()
-    d.destroy()
-    actions.destroy()
-    return np.stack(out[1:], axis=2) - out[0][:, :, None]
-
-
 def _dead(responses: Responses, effect: Effect, times: Array) -> Array:
     """Forces of a dead load, also on the nodes of bodies. Collective."""
-    actions, out = _bound(responses, effect), []
+    actions, out = responses.stiffness.bound(effect), []
     for t in times:
         actions.set_time(t, 0.0)
         out.append(actions.loads.vector.array_r.reshape(-1, 3).copy())

@@ -1,10 +1,11 @@
 """Static responses of a whole structure to nodal forces, all of it flexible: K⁺f.
 
-K is the stiffness of cells about the present state, with its stresses and supports. Springs are
-forces from outside, as loads are. Motions r of connected parts that no support prevents have no
-stiffness: forces are put in balance with inertia, f - M r (rᵀMr)⁻¹ rᵀf, some rows that determine
-these motions are pinned, and responses are made orthogonal to the motions by the mass. There is one
-factor, made when it is first asked for.
+K is the stiffness of cells about the present state, with its stresses and supports, and of springs.
+Motions r of connected parts that no support prevents have no stiffness: forces are put in balance
+with inertia, f - M r (rᵀMr)⁻¹ rᵀf, some rows that determine these motions are pinned, and responses
+are made orthogonal to the motions by the mass. Motions in which springs strain the structure by
+more than `LACKING` of the motion count as held. There is one factor, made when it is first asked
+for.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +18,7 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
-from rigidfx.shapes.orthonormal import columns, normalised
+from rigidfx.shapes.orthonormal import columns, normalised, slowest
 from rigidfx.shapes.solver import Solver
 from rigidfx.shapes.stiffness import Stiffness
 from rigidfx.state import State
@@ -25,6 +26,8 @@ from rigidfx.step.system.rigid_motion import FREE, every_motion
 
 # Internal forces over K's diagonal and the extent of the structure: rounding.
 ROUNDING = 1e3 * float(np.finfo(np.float64).eps)
+# Part of a static response, in the norm of the strain energy, that shapes may lack.
+LACKING = 0.01
 BALANCED = 1e-9  # part of forces that rounding leaves where inertia balances them
 
 
@@ -71,7 +74,7 @@ class Responses:
         scene: The problem.
         stiffness: The matrices and how unknowns sit in nodes.
         rigid: Rigid motions of connected parts.
-        motions: Those that no support prevents, RᵀMR = 1.
+        motions: Those that neither supports nor stiff springs prevent, RᵀMR = 1.
     """
 
     def __init__(
@@ -82,7 +85,7 @@ class Responses:
         acting: Sequence[Windowed],
         bodies: Bodies | None = None,
     ) -> None:
-        """Bind forms and effects that act; nothing is factored yet. Collective.
+        """Bind forms and effects that act; nothing is factored yet without springs. Collective.
 
         Displacements of the state are taken over; bodies stay rigid. `SceneError` if supports hold
         all.
@@ -90,10 +93,24 @@ class Responses:
         self.scene = scene
         self.stiffness = Stiffness(scene, forces, state, acting, bodies)
         self.rigid = Motions(self.stiffness)
-        R = self.rigid.loose
-        self.motions: Array = normalised(R, self.dot(R, self.inertia(R)))
-        self._momenta = self.inertia(self.motions)
         self._solver: Solver | None = None
+        R = self.rigid.loose
+        self._balance(normalised(R, self.dot(R, self.inertia(R))))
+        if self.stiffness.springs and R.shape[2]:
+            self._balance(self._not_held())
+
+    def _balance(self, motions: Array) -> None:
+        """Let inertia balance forces along motions R, RᵀMR = 1. Collective."""
+        self.motions: Array = motions
+        self._momenta = self.inertia(motions)
+        if self._solver is not None:
+            self._solver.balance(motions, self._momenta)
+
+    def _not_held(self) -> Array:
+        """Motions beside which springs strain the structure by little. Collective."""
+        w = self.solve(self.stiffness.of_springs(self.motions))
+        squares, T = slowest(self.scene.comm, self.dot(w, self.inertia(w)))
+        return np.asarray(self.motions @ T[:, squares <= LACKING**2])
 
     @property
     def stressed(self) -> bool:
@@ -128,7 +145,9 @@ class Responses:
         `SceneError` if the state is not stable.
         """
         if self._solver is None:
-            self._solver = Solver(self.stiffness, self.motions, self._momenta, self.stressed)
+            stiffened = self.stressed or bool(self.stiffness.springs)
+            self._solver = Solver(self.stiffness, self.rigid.loose, stiffened)
+            self._balance(self.motions)
         return self._solver.solve(self.balanced(F))
 
     def of_nodes(self, nodes: Indices, Q: Array | None = None) -> Callable[[Array], Array]:

@@ -28,18 +28,17 @@ UNSTABLE = (
 class Solver:
     """K⁻¹ with some rows pinned that determine the motions without stiffness."""
 
-    def __init__(
-        self, stiffness: Stiffness, motions: Array, momenta: Array, stressed: bool
-    ) -> None:
-        """Factor by R without stiffness, RᵀMR = 1, and M R, shape (owned nodes, 3, n). Collective.
+    def __init__(self, stiffness: Stiffness, motions: Array, stiffened: bool) -> None:
+        """Factor by motions without stiffness, shape (owned nodes, 3, n). Collective.
 
-        In a state with stresses these turn with it and give R stiffness. `SceneError` on every
-        rank, if it is not definite.
+        They are stiffened by springs, and by stresses that turn with the state. `SceneError` on
+        every rank, if the rest is not definite.
         """
         self._of, p = stiffness, stiffness.prolongation
-        self._motions = stiffness.unknowns_of(motions)
-        self._momenta = stiffness.on_unknowns(momenta)
-        self._pins = determining(self._motions, p.comm)
+        self._pins, self._count = (
+            determining(stiffness.unknowns_of(motions), p.comm),
+            motions.shape[2],
+        )
         self._K = stiffness.matrix
         K = self._K.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
         diagonal = K.getDiagonal()
@@ -53,24 +52,32 @@ class Solver:
             if not _definite(self._ksp):
                 self._ksp.destroy()
                 raise SceneError(UNSTABLE)
-        self._stressed = stressed
-        if stressed:
+        self._stiffened = stiffened
+
+    def balance(self, motions: Array, momenta: Array) -> None:
+        """From now on inertia balances forces along R, RᵀMR = 1, by M R. Collective.
+
+        R are some of the motions, or all, if nothing stiffens them, shape (owned nodes, 3, k).
+        """
+        self._motions = self._of.unknowns_of(motions)
+        self._momenta = self._of.on_unknowns(momenta)
+        if self._stiffened:
             self._border()
 
     def _border(self) -> None:
         """Find what pins and inertia along the motions do to displacements. Collective."""
-        total, E = self._of.scene.sum, np.zeros_like(self._motions)
+        total, E = self._of.scene.sum, np.zeros((len(self._motions), self._count))
         first = self._of.prolongation.comm.exscan(self._pins.size) or 0
         E[self._pins, first + np.arange(self._pins.size)] = 1.0
         self._pinning, self._rows = E, np.c_[self._times(E), self._momenta]
-        self._by = np.c_[E, np.zeros_like(E)] - self._solved(self._rows)
+        self._by = np.c_[E, np.zeros_like(self._momenta)] - self._solved(self._rows)
         self._bordered = np.asarray(total(self._rows.T @ self._by))
-        self._bordered[: E.shape[1], E.shape[1] :] += total(E.T @ self._momenta)
+        self._bordered[: self._count, self._count :] += total(E.T @ self._momenta)
 
     def solve(self, F: Array) -> Array:
         """Displacements [m] by forces on nodes, orthogonal to the motions by mass. Collective.
 
-        With stresses, [K, M R; RᵀM, 0] is solved by the factors and a small system for the pins.
+        Of a stiffened K, [K, M R; RᵀM, 0] is solved by the factors and a small system for the pins.
         Forces are in balance with inertia; `SceneError` on every rank, if there are no such
         displacements.
         """
@@ -90,9 +97,9 @@ class Solver:
 
     def _once(self, right: Array) -> tuple[Array, Array]:
         """Unknowns by forces on them, and the forces that are left. Collective."""
-        total, n = self._of.scene.sum, self._motions.shape[1]
+        total, n = self._of.scene.sum, self._count
         found, left = self._solved(right), right
-        if self._stressed:
+        if self._stiffened:
             wanted = -self._rows.T @ found
             wanted[:n] += self._pinning.T @ right
             small = np.linalg.solve(self._bordered, total(wanted))

@@ -1,6 +1,7 @@
 """Stiffness and mass of a whole structure about a state."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from dolfinx import fem, la
@@ -13,7 +14,8 @@ from rigidfx.coupling.dof_layout import dof_layout, nodes_of
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.coupling.rows import product
-from rigidfx.effects import Structure, Windowed
+from rigidfx.effects import Effect, Structure, Windowed
+from rigidfx.effects.nodes import Forces, Motion, Tangent
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import add_vector
 from rigidfx.flexible.linear_forms import LinearForms
@@ -22,6 +24,7 @@ from rigidfx.mechanics.rigid_motions import fitted_motion, rigid_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.orthonormal import columns
 from rigidfx.state import State
+from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.supports import PrescribedDofs, supports_of
 
 
@@ -37,6 +40,7 @@ class Stiffness:
         bodies: Those that stay rigid.
         places: Of the owned nodes in the state, shape (owned nodes, 3) [m].
         prescribed: Dofs of supports.
+        springs: Effects between nodes and the ground whose stiffness is in K.
         held: For each owned dof, whether it is held, by a support or in a part that one clamps.
         mass: Mass operator of the owned nodes.
     """
@@ -85,7 +89,43 @@ class Stiffness:
         )
         if p.touched:  # else its pattern was found by its entries
             self._K.assemble()
-            self._K.finish(np.zeros((len(self.bodies), 6, 6)))
+        self.springs: list[Effect] = self._stiffen()
+
+    def _stiffen(self) -> list[Effect]:
+        """Add springs to K, and complete it; these are returned. Collective."""
+        p = self.prolongation
+        lasting = [e for e in self.scene.effects if e.is_lasting and not e.is_windowed]
+        actions, tangent = Actions(self.structure, lasting, []), Tangent(self._K, p)
+        if actions.stiffens:
+            still = self.structure.rows.vector()
+            actions.stiffen(Motion(still, p.increments, 1.0), tangent)
+            actions.sum(tangent.moments)
+            still.destroy()
+        if actions.stiffens or p.touched:
+            self._K.finish(tangent.blocks)
+        actions.destroy()
+        return lasting if actions.stiffens else []
+
+    def bound(self, *effects: Effect) -> Actions:
+        """Effects on all nodes, also those of bodies. Collective."""
+        own = np.ones_like(self.structure.own)
+        flexible = replace(self.structure, own=own, bodies=Bodies.of_each(()))
+        return Actions(flexible, effects, [effect for effect in effects if effect.is_windowed])
+
+    def of_springs(self, u: Array) -> Array:
+        """Forces against springs by displacements, both (owned nodes, 3, k). Collective."""
+        if not self.springs or not u.shape[2]:
+            return np.zeros_like(u)
+        actions, d, out = self.bound(*self.springs), self.structure.rows.vector(), []
+        for moved in np.c_[np.zeros(d.local_size), columns(u)].T:
+            forces = Forces.none(self.structure.rows.vector())
+            d.array[:] = moved
+            actions.resist(Motion(d, self.prolongation.increments, 1.0), forces)
+            out.append(forces.nodes.copy())
+            forces.vector.destroy()
+        d.destroy()
+        actions.destroy()
+        return np.stack(out[1:], axis=2) - out[0][:, :, None]
 
     @property
     def matrix(self) -> PETSc.Mat:

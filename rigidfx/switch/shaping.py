@@ -29,11 +29,12 @@ from rigidfx.shapes.excess import About
 from rigidfx.shapes.faces import of_faces
 from rigidfx.shapes.motion import pulled
 from rigidfx.shapes.orthonormal import Basis, to_one
-from rigidfx.shapes.part import LACKING, MOST, Part, PartShapes
-from rigidfx.shapes.patterns import of_springs, patterns
+from rigidfx.shapes.part import MOST, Part, PartShapes
+from rigidfx.shapes.patterns import patterns
 from rigidfx.shapes.pressing import Pressing
-from rigidfx.shapes.responses import Responses
+from rigidfx.shapes.responses import LACKING, Responses
 from rigidfx.shapes.ritz import RESOLVED, shapes_of
+from rigidfx.shapes.samples import interleaved
 from rigidfx.state import State
 from rigidfx.step.equations.division import Hold
 from rigidfx.step.system.held_bodies import guided
@@ -108,7 +109,8 @@ class Shaping:
         if name not in self._loads:
             self._loads[name] = patterns(responses, state, self._until, hold)
         part, loads = self._part(body.data), self._loads[name]
-        others = count, of_springs(responses), of_faces(responses), self._dt / RESOLVED
+        springs = interleaved(responses, [responses.stiffness.of_springs(responses.rigid.all)])
+        others = count, springs, of_faces(responses), self._dt / RESOLVED
         found = shapes_of(part, responses, loads, *others)
         held, guides = hold is not None, self._guides(body.data, hold)
         # What contacts call for begins from a part that is held.
@@ -323,7 +325,7 @@ class Shaping:
         too large by ρᵀ K⁺ρ, but for the inertia of the response (J. H. Wilkinson, The Algebraic
         Eigenvalue Problem, 1965, Section 2.8). Static responses to accelerations that are
         polynomials of second order in place, orthogonal to all φ, have Rayleigh quotients not below
-        ω² of missing modes. Springs and joints are not in K.
+        ω² of missing modes. Joints are not in K.
 
         Of modes with ω² of the shape (n,) [1/s²] and φ at the owned nodes, (owned nodes, 3, n)
         [1/√kg], the part is returned, shape (n,), and ω² of modes that are missing below the last
@@ -339,8 +341,9 @@ class Shaping:
         basis = whole.begun(fields)
         whole.extend(basis, responses.solve(whole.times_mass(F)), F.shape[2], F.shape[2])
         more = basis.vectors[:, :, squares.size :]
-        found = np.linalg.eigvalsh(whole.dot(more, whole.times_stiffness(more)))
-        rho = whole.times_stiffness(fields) - squares * whole.times_mass(fields)
+        springs = responses.stiffness.of_springs
+        found = np.linalg.eigvalsh(whole.dot(more, whole.times_stiffness(more) + springs(more)))
+        rho = whole.times_stiffness(fields) + springs(fields) - squares * whole.times_mass(fields)
         whole.destroy()
         free = np.zeros((nodes.size, 3), dtype=bool)
         for body in bodies.of.records:

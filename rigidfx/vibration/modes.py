@@ -28,7 +28,7 @@ from rigidfx.report.start import Start, check_about, check_scene, taken_from
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.summary import FURTHER
 from rigidfx.scene.weights import inertial_masses
-from rigidfx.shapes.part import LACKING
+from rigidfx.shapes.responses import LACKING
 from rigidfx.step.linear.eigenpairs import clusters, lowest
 from rigidfx.vibration.problem import NEGLECTED, Problem
 
