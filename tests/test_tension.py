@@ -1,5 +1,7 @@
 """Tension stiffens a mast that is pulled before it is pushed aside, and bends shorten a strip."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -94,6 +96,15 @@ def test_equilibria_have_tension(pull, pulled):
     forces, ways = loads(10, pull, rf.Table((0, 0.5, 1), (0, 1, 1)), pulled), ([], [rf.Reduced()])
     twin, own = ([*rf.static(strip(*forces, *w), 4)][-1].probes["tip"] for w in ways)
     assert np.abs(own - twin).max() < 2e-3 * np.abs(twin).max()
+
+
+def test_warnings_tell_how_much_further_shapes_fail():
+    with pytest.warns(rf.RigidfxWarning, match="deforms too far") as caught:
+        *_, last = rf.static(strip(*loads(400, 0), rf.Reduced()), 8)
+    told = [float(str(w.message).split("ν = ")[1].split("%")[0]) / 100 for w in caught]
+    assert len(told) > 1
+    assert all(now > 8 * before for before, now in pairwise(told))
+    assert last.nu["all cells"] < 8.1 * told[-1]
 
 
 def test_tension_of_second_order_cells_varies_in_them():

@@ -10,7 +10,8 @@ inertia. Where stresses change the stiffness of any shape by more than 3 `BOUND`
 see `rigidfx.mechanics.shapes`, which takes an assembly for each shape. A displacement that shapes
 lack becomes a shape where its stresses bend the body by more than is allowed. Named parts are asked
 in each step, with `BOUND`, as a pull may have little energy beside that of a bend. Above the bound
-of ν cells of bodies that were found wake; for named parts the run warns.
+of ν cells of bodies that were found wake; for named parts the run warns, each time that ν has
+grown eightfold.
 """
 
 from collections.abc import Callable, Mapping
@@ -160,7 +161,7 @@ class Spent:
         leaving: Which owned cells leave parts before the next step.
     """
 
-    remembered: ClassVar[Remembered] = same("nu", "_rise", "_large") | {
+    remembered: ClassVar[Remembered] = same("nu", "_rise", "_told") | {
         "_looks": PART,
         "leaving": ON_CELLS,
     }
@@ -170,7 +171,7 @@ class Spent:
         self._scene, self._about, self._looks = scene, about, Looks()
         self.nu: dict[str, float] = {}
         self._rise: dict[str, float] = {}  # ν over q·Dq when it was looked at [1/(kg m²)]
-        self._large: frozenset[str] = frozenset()  # parts of whose ν has been warned
+        self._told: dict[str, float] = {}  # ν of which the last warning told, of each part
         # How stretches stiffen the softest shapes, per e, by name, cells and shapes [1/m].
         self._stiffer: dict[tuple[str, int, int], Array] = {}
         owned = scene.mesh.topology.index_map(3).size_local
@@ -242,12 +243,12 @@ class Spent:
         return Bodies.of_each(each)
 
     def _look(self, t: float, body: Body, found: Excess) -> None:
-        """Warn once where ν of a part is not small. Collective."""
+        """Warn where ν of a part is not small, and again as it has grown by `FAR`. Collective."""
         name = body.data.name
         self._looks.looked(body, FAR if FAR * found.nu <= BOUND else NEAR)
-        if found.nu <= BOUND or name in self._large:
+        if found.nu <= max(BOUND, FAR * self._told.get(name, 0.0)):
             return
-        self._large |= {name}
+        self._told[name] = found.nu
         count, lower, upper = found.spent(SHARE)
         least = ROUNDING * np.abs(upper - lower).max()
         ends = [np.where(np.abs(end) < least, 0.0, end) for end in (lower, upper)]
