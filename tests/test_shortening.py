@@ -79,6 +79,20 @@ def test_equilibria_contain_it():
     assert own == pytest.approx(twin, abs=1e-4 * twin[2])
 
 
+@pytest.mark.parametrize("pull", [3e6, 1e7])
+def test_tension_holds_it(pull):
+    """Displacements by K⁺ without tension were 25 to 100 % of the bend too large."""
+    domain = rf.box((0, 0, 0), (1.0, 0.05, 0.02), (12, 2, 1))
+    known = {"probes": {"tip": (1.0, 0.05, 0.02)}, "element": "enhanced"}
+    soft = rf.StVenantKirchhoff(E=2e9, nu=0.3, rho=1000.0)
+    effects = rf.Fixed("x0"), rf.Traction("x1", (pull, 0, 1e4))
+    own, twin = (
+        [*rf.static(rf.Scene(domain, soft, [*effects, *parts], **known), 2)][-1].probes["tip"]
+        for parts in ([rf.Reduced()], [])
+    )
+    assert abs(own[2] - twin[2]) < 0.05 * twin[2]
+
+
 def test_parts_on_joints_are_shown_where_these_hold_them():
     """K does not know how a hinge and a guide share it. A flexible bar has 0 and -12.5 µm."""
     places = {"root": (0, 0.1, 0.1), "middle": (1, 0.1, 0.1)}

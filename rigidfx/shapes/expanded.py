@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
-from dolfinx import fem
+from dolfinx import fem, la
 from mpi4py import MPI
 
 from rigidfx.base.types import Array, Bools, Indices, Ints
@@ -150,9 +150,23 @@ class Expanded:
 
         Without those that move it as a whole: its frame follows these, at the nodes' places in d.
         """
-        found = 0.5 * (self.forces(d) + self.forces(-d)) - self.internal
-        moving = self.dot(self.motions, found[:, :, None])[:, 0]
-        return np.asarray(found - self._momenta @ moving)
+        return self._resting(0.5 * (self.forces(d) + self.forces(-d)) - self.internal)
+
+    def lengthened(self, d: Array) -> Array:
+        """The part of these by strains of second order, ½ ∫ S'[w] : ∇dᵀ∇d, (nodes, 3). Collective.
+
+        Stresses of d pull by the rest, ∫ S'[d] : ∇wᵀ∇d.
+        """
+        return self.even(d) - self._resting(self._pull(d))
+
+    def left(self, e: Array, w: Array) -> Array:
+        """Forces at w beside those of shapes that stretch it by e, (nodes, 3) [N]. Collective."""
+        linear = self.times_stiffness(e[:, :, None])[:, :, 0]
+        return self._resting(self.forces(w) - self.internal - linear - self._pull(e))
+
+    def _resting(self, forces: Array) -> Array:
+        """Forces, (nodes, 3), without those that move it as a whole. Collective."""
+        return np.asarray(forces - self._momenta @ self.dot(self.motions, forces[:, :, None])[:, 0])
 
     def curved(self, field: Array) -> Array:
         """Forces of second order along a field, over its size squared, (nodes, 3). Collective."""
@@ -187,28 +201,45 @@ class Expanded:
 
     def tension_by(self, fields: Array, modes: Array) -> Array:
         """What the stresses of fields, (nodes, 3, k) [m], add to Ω, (k, m, m) [N/m]. Collective."""
-        scene, linear, own = self._scene, self._linear, fem.Function(self._scene.space)
-        at = np.zeros((linear.node_of.size, 3, modes.shape[2]))
-        for j, mode in enumerate(np.moveaxis(modes, 2, 0)):
+        at = self._at_corners(modes)
+        each = [columns(at).T @ columns(image) for image in self._pulled(fields, at)]
+        out = np.asarray(self._scene.sum(np.reshape(each, (-1, *2 * modes.shape[2:]))))
+        return 0.5 * (out + out.swapaxes(1, 2))
+
+    def _pull(self, d: Array) -> Array:
+        """Forces of the stresses of d on d itself, shape (nodes, 3) [N]. Collective."""
+        field, out = d[:, :, None], fem.Function(self._scene.space)
+        (image,) = self._pulled(field, self._at_corners(field))
+        out.x.array.reshape(-1, 3)[self._linear.node_of] = image[:, :, 0]
+        out.x.scatter_reverse(la.InsertMode.add)
+        return np.asarray(out.x.array.reshape(-1, 3)[self.nodes])
+
+    def _at_corners(self, fields: Array) -> Array:
+        """Fields at the local dofs of one component, zero elsewhere, (dofs, 3, k). Collective."""
+        own, nodes = fem.Function(self._scene.space), self._linear.node_of
+        at = np.zeros((nodes.size, 3, fields.shape[2]))
+        for j, field in enumerate(np.moveaxis(fields, 2, 0)):
             own.x.array[:] = 0.0
-            own.x.array.reshape(-1, 3)[self.nodes] = mode
+            own.x.array.reshape(-1, 3)[self.nodes] = field
             own.x.scatter_forward()
-            at[:, :, j] = own.x.array.reshape(-1, 3)[linear.node_of]
-        out, A = np.zeros((fields.shape[2], *2 * modes.shape[2:])), None
-        for k, field in enumerate(np.moveaxis(fields, 2, 0)):
-            along = np.zeros((scene.owned_nodes, 3))
+            at[:, :, j] = own.x.array.reshape(-1, 3)[nodes]
+        return at
+
+    def _pulled(self, fields: Array, at: Array) -> Iterator[Array]:
+        """Forces of this rank's cells by the stresses of each field on others. Collective."""
+        A = None
+        for field in np.moveaxis(fields, 2, 0):
+            along = np.zeros((self._scene.owned_nodes, 3))
             along[self.nodes] = field
             with self._displaced(0 * self._state):
-                form = linear.tension(self.cells, along.reshape(-1))
+                form = self._linear.tension(self.cells, along.reshape(-1))
                 if A is None:
                     A = fem.create_matrix(form)
                 A.set_value(0.0)
                 fem.assemble_matrix(A, form)
-            # Of this rank's cells; columns that other ranks would fill come last.
-            image = A.to_scipy(ghosted=True)[:, : len(at)] @ at.reshape(len(at), -1)
-            out[k] = columns(at).T @ image.reshape(-1, modes.shape[2])
-        out = np.asarray(scene.sum(out))
-        return 0.5 * (out + out.swapaxes(1, 2))
+            # Columns that other ranks would fill come last.
+            image = A.to_scipy(ghosted=True)[:, : len(at)] @ columns(at).reshape(len(at), -1)
+            yield image.reshape(at.shape)
 
     def energy(self, d: Array) -> float:
         """½ d·K d [J]. Collective."""
