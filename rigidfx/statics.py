@@ -269,11 +269,11 @@ class _Steps:
 
     def _again(self, shaping: Shaping, taut: frozenset[str]) -> StepResult:
         """The load steps up to now, with Γ of parts by their names; the last one. Collective."""
-        path, state = self._path, self._path.state
+        path, state, there = self._path, self._path.state, self._path.state.bodies
         ends = [*(t for t in self._ends if t < state.t), state.t]
         state.restore(self._start[0])
         state.notes = deepcopy(self._start[1])
-        state.group(shaping.spent.tense(state.bodies, taut))
+        state.group(shaping.tensed(state.bodies, there, taut))
         self._start = state.snapshot(), self._start[1]
         path.begin_again(0.5 * (state.t + ends[0]))
         for stop in ends:

@@ -173,7 +173,8 @@ def spun(ratio, *parts):
     return np.array(lags)
 
 
-@pytest.mark.parametrize(("ratio", "allowed"), [(0.1, 2e-3), (0.5, 5e-3), (1.5, 0.02)])
+@pytest.mark.filterwarnings("ignore:Reduced 'all cells'. at t:rigidfx.RigidfxWarning")
+@pytest.mark.parametrize(("ratio", "allowed"), [(0.1, 2e-3), (0.5, 5e-3), (1.5, 0.011)])
 def test_a_beam_that_a_motor_spins_up_lags_as_its_twin(ratio, allowed):
     """The hinge's force stiffens it. At 1.5 of its first frequency it would err by 24 % without."""
     twin, own = spun(ratio), spun(ratio, rf.Reduced())

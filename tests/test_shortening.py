@@ -79,18 +79,21 @@ def test_equilibria_contain_it():
     assert own == pytest.approx(twin, abs=1e-4 * twin[2])
 
 
-@pytest.mark.parametrize("pull", [3e6, 1e7])
-def test_tension_holds_it(pull):
-    """Displacements by K⁺ without tension were 25 to 100 % of the bend too large."""
+@pytest.mark.parametrize(
+    ("pull", "side", "shapes", "allowed"),
+    [(1e7, 1e4, 3, 0.06), (1e7, 1e4, None, 2e-3), (-1.2e5, 300, None, 2e-3)],
+)
+def test_pulls_hold_it_and_bend_a_part_otherwise(pull, side, shapes, allowed):
+    """It had been 50 % of the bend; a column at 0.73 of its buckling load erred by 3 %."""
     domain = rf.box((0, 0, 0), (1.0, 0.05, 0.02), (12, 2, 1))
     known = {"probes": {"tip": (1.0, 0.05, 0.02)}, "element": "enhanced"}
     soft = rf.StVenantKirchhoff(E=2e9, nu=0.3, rho=1000.0)
-    effects = rf.Fixed("x0"), rf.Traction("x1", (pull, 0, 1e4))
+    effects = rf.Fixed("x0"), rf.Traction("x1", (pull, 0, side))
     own, twin = (
         [*rf.static(rf.Scene(domain, soft, [*effects, *parts], **known), 2)][-1].probes["tip"]
-        for parts in ([rf.Reduced()], [])
+        for parts in ([rf.Reduced(shapes=shapes)], [])
     )
-    assert abs(own[2] - twin[2]) < 0.05 * twin[2]
+    assert abs(own[2] - twin[2]) < allowed * twin[2]
 
 
 def test_parts_on_joints_are_shown_where_these_hold_them():

@@ -157,12 +157,13 @@ class Expanded:
 
         Stresses of d pull by the rest, ∫ S'[d] : ∇wᵀ∇d.
         """
-        return self.even(d) - self._resting(self._pull(d))
+        return self.even(d) - self._resting(self.pull(d, d[:, :, None])[:, :, 0])
 
     def left(self, e: Array, w: Array) -> Array:
         """Forces at w beside those of shapes that stretch it by e, (nodes, 3) [N]. Collective."""
-        linear = self.times_stiffness(e[:, :, None])[:, :, 0]
-        return self._resting(self.forces(w) - self.internal - linear - self._pull(e))
+        stretch = e[:, :, None]
+        known = self.times_stiffness(stretch) + self.pull(e, stretch)
+        return self._resting(self.forces(w) - self.internal - known[:, :, 0])
 
     def _resting(self, forces: Array) -> Array:
         """Forces, (nodes, 3), without those that move it as a whole. Collective."""
@@ -206,13 +207,16 @@ class Expanded:
         out = np.asarray(self._scene.sum(np.reshape(each, (-1, *2 * modes.shape[2:]))))
         return 0.5 * (out + out.swapaxes(1, 2))
 
-    def _pull(self, d: Array) -> Array:
-        """Forces of the stresses of d on d itself, shape (nodes, 3) [N]. Collective."""
-        field, out = d[:, :, None], fem.Function(self._scene.space)
-        (image,) = self._pulled(field, self._at_corners(field))
-        out.x.array.reshape(-1, 3)[self._linear.node_of] = image[:, :, 0]
-        out.x.scatter_reverse(la.InsertMode.add)
-        return np.asarray(out.x.array.reshape(-1, 3)[self.nodes])
+    def pull(self, d: Array, modes: Array) -> Array:
+        """Forces ∫ S'[d] : ∇wᵀ∇φ by stresses of d at fields φ, (nodes, 3, k) [N]. Collective."""
+        (image,) = self._pulled(d[:, :, None], self._at_corners(modes))
+        out, found = fem.Function(self._scene.space), np.empty(modes.shape)
+        for k in range(modes.shape[2]):
+            out.x.array[:] = 0.0
+            out.x.array.reshape(-1, 3)[self._linear.node_of] = image[:, :, k]
+            out.x.scatter_reverse(la.InsertMode.add)
+            found[:, :, k] = out.x.array.reshape(-1, 3)[self.nodes]
+        return found
 
     def _at_corners(self, fields: Array) -> Array:
         """Fields at the local dofs of one component, zero elsewhere, (dofs, 3, k). Collective."""

@@ -97,7 +97,9 @@ class Responses:
         R = self.rigid.loose
         self._balance(normalised(R, self.dot(R, self.inertia(R))))
         if self.stiffness.springs and R.shape[2]:
-            self._balance(self._not_held())
+            w = self.solve(self.stiffness.of_springs(self.motions))
+            squares, T = slowest(scene.comm, self.dot(w, self.inertia(w)))
+            self._balance(np.asarray(self.motions @ T[:, squares <= LACKING**2]))
 
     def _balance(self, motions: Array) -> None:
         """Let inertia balance forces along motions R, RᵀMR = 1. Collective."""
@@ -105,12 +107,6 @@ class Responses:
         self._momenta = self.inertia(motions)
         if self._solver is not None:
             self._solver.balance(motions, self._momenta)
-
-    def _not_held(self) -> Array:
-        """Motions beside which springs strain the structure by little. Collective."""
-        w = self.solve(self.stiffness.of_springs(self.motions))
-        squares, T = slowest(self.scene.comm, self.dot(w, self.inertia(w)))
-        return np.asarray(self.motions @ T[:, squares <= LACKING**2])
 
     @property
     def stressed(self) -> bool:

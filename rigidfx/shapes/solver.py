@@ -35,10 +35,8 @@ class Solver:
         every rank, if the rest is not definite.
         """
         self._of, p = stiffness, stiffness.prolongation
-        self._pins, self._count = (
-            determining(stiffness.unknowns_of(motions), p.comm),
-            motions.shape[2],
-        )
+        self._pins = determining(stiffness.unknowns_of(motions), p.comm)
+        self._count = motions.shape[2]  # of pins on all ranks
         self._K = stiffness.matrix
         K = self._K.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
         diagonal = K.getDiagonal()

@@ -24,7 +24,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body, RigidBody
 from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.scene import Scene
-from rigidfx.shapes.bends import Spent, tense
+from rigidfx.shapes.bends import SOFTEST, Spent, stresses, tense
 from rigidfx.shapes.excess import About
 from rigidfx.shapes.faces import of_faces
 from rigidfx.shapes.motion import pulled
@@ -44,6 +44,9 @@ from rigidfx.switch.loosening import Loosening
 # Square of a spin over that of the lowest frequency, above which spin stiffens: frequencies are
 # off by half of it without.
 STIFFENING = 1e-4
+# Responses to pulls in a row: a string at 30 times its buckling load, pushed aside, errs by 16 %
+# without, by 1.8 % with two; a column at 0.91 of it by 22 and 0.9 %.
+PULLS = 2
 MEGA = 1e6
 
 
@@ -82,8 +85,8 @@ class Shaping:
         self._expanded: dict[str, tuple[Part, About]] = {}
         self._full: set[str] = set()  # parts that have been warned of
         self.spent = Spent(scene, self.about)
-        touches = bool(scene.named(Contact))
-        self._growing = {e.name for e in scene.named(Reduced) if touches and e.shapes is None}
+        self._unasked = {e.name for e in scene.named(Reduced) if e.shapes is None}
+        self._growing = self._unasked if scene.named(Contact) else set()
 
     def _bind(self) -> Responses:
         """Responses of the structure about its start, with one factor for a run. Collective."""
@@ -280,6 +283,11 @@ class Shaping:
         for vectors, count in found:
             part.extend(basis, vectors, count)
         self._tell_more(data.name, m, len(basis), fits)
+        return self._extended(body, part, basis, m)
+
+    def _extended(self, body: Body, part: Part, basis: Basis, m: int) -> Body:
+        """A body with the shapes that a basis has beside m known ones. Collective."""
+        data = body.data
         if len(basis) == m:
             return body
         every = self._with_new(whole_modes(data).swapaxes(1, 2), basis, m)
@@ -287,6 +295,28 @@ class Shaping:
         if shapes is None:
             return self._with(body, projected, False, 0)
         return self._with(body, projected, shapes.drift is not None, shapes.given)
+
+    def tensed(self, bodies: Bodies, at: Bodies, taut: frozenset[str]) -> Bodies:
+        """The bodies, some with Γ, by their names, and with shapes for pulls. Collective."""
+        some = {body.data.name: body for body in at if body.data.name in taut & self._unasked}
+        each = [self._pulled(b, some[b.data.name]) if b.data.name in some else b for b in bodies]
+        return self.spent.tense(Bodies.of_each(each), taut)
+
+    def _pulled(self, body: Body, at: Body) -> Body:
+        """A body with responses to forces by which stresses of it elsewhere pull. Collective."""
+        part, responses = self._part(body.data), self.about(body).responses
+        known = part.projected(_free(body.data))
+        basis, m = part.begun(part.still(known.modes)), len(known.force)
+        soft = np.argsort(np.diag(known.stiffness), kind="stable")[:SOFTEST]
+        fields = known.modes[:, :, soft]
+        for _ in range(PULLS):
+            if not fields.shape[2]:
+                break
+            F, n = np.zeros((self._scene.owned_nodes, 3, fields.shape[2])), len(basis)
+            F[body.data.nodes] = part.pull(stresses(at), fields)
+            part.extend(basis, responses.solve(F), F.shape[2])
+            fields = basis.vectors[:, :, n:]
+        return self._extended(body, part, basis, m)
 
     def _tell_more(self, name: str, before: int, now: int, all_of_them: bool) -> None:
         """Log new shapes; warn once of forces for which there is no room. Collective."""

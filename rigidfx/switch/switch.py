@@ -261,7 +261,7 @@ class Switch:
             state.group(loosened)
         taut, bodies = shaping.spent.taut(state.bodies), state.bodies
         if taut or loosened is not None:
-            self.regroup(shaping.spent.tense(bodies, taut) if taut else bodies)
+            self.regroup(shaping.tensed(bodies, bodies, taut) if taut else bodies)
 
     def regroup(self, bodies: Bodies) -> None:
         """Replace the bodies by those with more shapes, or fewer cells. Collective."""
