@@ -84,7 +84,6 @@ class ClosedJoints:
         linkage = linked(structure, acting)
         assert linkage is not None
         self._linkage: Linkage = linkage
-        self._part = parts_of_nodes(scene)[: own.size]
         self._groups = Groups(scene, state.bodies, held)
 
     def _staying(self, bodies: Bodies) -> Bodies:
@@ -111,6 +110,16 @@ class ClosedJoints:
             return None
         gained = self._linkage.stored(self._staying(bodies)) - stored
         return Moved(x - begun, bodies, gained)
+
+    def slopes(self, d: Array, motions: Motions) -> list[tuple[Array, Array]]:
+        """How rows of joints, and springs of joints, go with motions of groups, and with d.
+
+        Those of springs by the root of their stiffness. Collective.
+        """
+        x, bodies = self._begun, self._bodies
+        _, D = self._rows(x, bodies)
+        led, by_d = self._led(x, bodies, motions), self._averages(d[:, :, None])[:, 0]
+        return [(rows @ led, rows @ by_d) for rows in (D, self._linkage.sprung())]
 
     def _rows(self, x: Array, bodies: Bodies) -> tuple[Array, Array]:
         """g of all rows where nodes are at x, shape (rows,) [m], and D by averages. Collective."""
@@ -149,10 +158,15 @@ class ClosedJoints:
         F = np.zeros((*x.shape, forces.shape[1]))
         for k, own in enumerate(forces.T):
             self._linkage.averages.add(own.reshape(-1, 3), ForcesOfNodes(F[:, :, k]))
-        start, turns = self._responses.stiffness.places, []
-        for part in range(self._scene.parts.count):
-            some = self._part == part
-            turns.append(best_motion(start[some], x[some], self._scene.sum)[0])
-        Q = np.stack(turns)[self._part]
+        Q = turned(self._scene, self._responses.stiffness.places, x)
         found = self._responses.solve(np.einsum("nba,nbk->nak", Q, F))
         return np.einsum("nab,nbk->nak", Q, found) * self._free[:, :, None]
+
+
+def turned(scene: Scene, start: Array, x: Array) -> Array:
+    """Rotations of connected parts since the start, by owned nodes, (nodes, 3, 3). Collective."""
+    part, turns = parts_of_nodes(scene)[: len(x)], []
+    for number in range(scene.parts.count):
+        some = part == number
+        turns.append(best_motion(start[some], x[some], scene.sum)[0])
+    return np.stack(turns)[part]

@@ -34,6 +34,7 @@ from rigidfx.step.equations.actions import Actions, apart
 from rigidfx.step.stepper import Stepper
 from rigidfx.switch.closed_joints import ClosedJoints, Moved
 from rigidfx.switch.inventory import about_start
+from rigidfx.switch.kept import kept
 from rigidfx.withheld.body_forces import BodyForces
 from rigidfx.withheld.fields import Fields, Force
 
@@ -242,6 +243,11 @@ class FoundBodies:
         if shapes is not None and shapes.shorter is not None:
             out[body.data.nodes] -= shapes.bent(shapes.shorter) @ body.motion.R.T
         return out
+
+    def kept(self, e: Array) -> Array:
+        """A response, (nodes, 3) [m], as joints and springs keep it: see `kept`. Collective."""
+        own = {b.data.number for b in self._stepper.state.bodies if self.grows(b.data)}
+        return kept(self._stepper, own, self.responses, e)
 
     def keep(self, vector: Array) -> None:
         """Give a shape, (owned nodes, 3, 1), to bodies that will be found."""

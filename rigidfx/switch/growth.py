@@ -305,7 +305,8 @@ class Growth(Watch):
         """
         out = np.zeros(omega.size)
         if limits.rates is None:
-            out[cells] = 2 * at_cells(self._scene, np.linalg.norm(motion, axis=1), cells)
+            size = np.linalg.norm(self.found.kept(motion), axis=1)
+            out[cells] = 2 * at_cells(self._scene, size, cells)
             return part_of(out, np.full(out.size, self._allowed(limits)))
         shape = self.found.responses.stiffness.linear.shape
         out[cells] = omega[cells] * self._strains.of(motion, 1.0, shape, cells)

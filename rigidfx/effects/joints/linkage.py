@@ -328,6 +328,11 @@ class Linkage:
         bound = np.r_[np.ones(self.rows.active.size, dtype=bool), drives.prescribed]
         return np.r_[self.rows.violation[self.rows.active], q][bound], rows[bound]
 
+    def sprung(self) -> Array:
+        """Springs of joints and stops that press: slopes, likewise, by √stiffness, at its start."""
+        rows = dense(self._by_averages(0.0, partial(self.drives.along, 0.0)))
+        return np.sqrt(self.drives.stiffness())[:, None] * rows[self.rows.active.size :]
+
     def on_vectors(self, multipliers: Array) -> Array:
         """Forces of multipliers on vectors, as a resistance, shape (vectors, 3) [N]."""
         rows = self._by_vectors(self._share, self.drives.test)
