@@ -7,11 +7,12 @@ parts far below the bound; where displacements are bounded, also once forces tha
 
 A strip that is pulled is harder to bend, and so is one that spins on a hinge, pulled by its own
 inertia. Where stresses change the stiffness of any shape by more than 3 `BOUND`, a body gets Γ,
-see `rigidfx.mechanics.shapes`, which takes an assembly for each shape. A displacement that shapes
-lack becomes a shape where its stresses bend the body by more than is allowed. Named parts are asked
-in each step, with `BOUND`, as a pull may have little energy beside that of a bend. Above the bound
-of ν cells of bodies that were found wake; for named parts the run warns, each time that ν has
-grown eightfold.
+see `rigidfx.mechanics.shapes`, which takes an assembly for each shape. So it does where joints or
+springs would stress it as it bends: without Γ they do not feel that it gets shorter. A displacement
+that shapes lack becomes a shape where its stresses bend the body by more than is allowed. Named
+parts are asked in each step, with `BOUND`, as a pull may have little energy beside that of a bend.
+Above the bound of ν cells of bodies that were found wake; for named parts the run warns, each time
+that ν has grown eightfold.
 """
 
 from collections.abc import Callable, Mapping
@@ -161,7 +162,7 @@ class Spent:
         leaving: Which owned cells leave parts before the next step.
     """
 
-    remembered: ClassVar[Remembered] = same("nu", "_rise", "_told") | {
+    remembered: ClassVar[Remembered] = same("nu", "_rise", "_told", "_draws") | {
         "_looks": PART,
         "leaving": ON_CELLS,
     }
@@ -172,6 +173,8 @@ class Spent:
         self.nu: dict[str, float] = {}
         self._rise: dict[str, float] = {}  # ν over q·Dq when it was looked at [1/(kg m²)]
         self._told: dict[str, float] = {}  # ν of which the last warning told, of each part
+        # By how much they would be stiffer if joints kept them from getting shorter, likewise
+        self._draws: dict[str, float] = {}
         # How stretches stiffen the softest shapes, per e, by name, cells and shapes [1/m].
         self._stiffer: dict[tuple[str, int, int], Array] = {}
         owned = scene.mesh.topology.index_map(3).size_local
@@ -190,6 +193,7 @@ class Spent:
                 leaves = marks is not None and self._leave(body, found, marks)
                 if not (leaves or taut):
                     self._look(state.t, body, found)
+                self._draws[name] = self._stiffens(body, found.drawn) / square
                 self._rise[name] = found.nu / square
             if not taut:
                 self.nu[name] = max(self.nu.get(name, 0.0), self._rise.get(name, 0.0) * square)
@@ -224,16 +228,22 @@ class Spent:
 
     def _tightens(self, body: Body) -> bool:
         """Whether stresses stiffen one of the softest shapes by much, without Γ. Collective."""
-        shapes, q = body.data.shapes, body.motion.q
-        assert shapes is not None
-        if not lacks_tension(body) or np.abs(q).max() <= ROUNDING * body.data.length:
+        small = np.abs(body.motion.q).max() <= ROUNDING * body.data.length
+        if not lacks_tension(body) or small:
             return False
+        held = self._draws.get(body.data.name, 0.0) * _sizes(body)[1]
+        return max(held, self._stiffens(body, body.stretched[0])) > BOUND
+
+    def _stiffens(self, body: Body, e: Array) -> float:
+        """By which part a stretch stiffens one of the softest shapes at most. Collective."""
+        shapes = body.data.shapes
+        assert shapes is not None
         key = body.data.name, body.data.size, len(shapes)
         if key not in self._stiffer:
             own = np.diag(shapes.stiffness)[shapes.given :]
             soft = shapes.given + np.argsort(own, kind="stable")[:SOFTEST]
             self._stiffer[key] = self._about(body).part.stiffer(shapes, soft)
-        return bool(np.abs(self._stiffer[key] @ body.stretched[0]).max() > BOUND)
+        return float(np.abs(self._stiffer[key] @ e).max())
 
     def tense(self, bodies: Bodies, taut: frozenset[str]) -> Bodies:
         """The bodies, some with Γ, by their names. Collective."""

@@ -16,6 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 from rigidfx.base.types import Array, Indices
+from rigidfx.effects import Joint, Spring, SpringDamper
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.mechanics.shapes import ShapesOfBodies
 from rigidfx.shapes.expanded import Expanded
@@ -85,6 +86,8 @@ class Excess:
     Attributes:
         d: Φ q in the frame of the body, at its owned nodes, shape (nodes, 3) [m].
         nu: ν of all of it.
+        drawn: Coordinates by which forces of second order stretch it, where joints or springs may
+            keep its ends apart, shape (m,) [m]; zero where nothing does.
     """
 
     def __init__(self, about: About, body: Body) -> None:
@@ -106,6 +109,10 @@ class Excess:
         energy += about.beside.energy(self.d @ about.Q) / part.energy(e)
         left = on_shapes - ShapesOfBodies([shapes]).even_force(stretched[None])[0]
         self.nu = max(energy, 0.5 * abs(part.followed(shapes, left, e)))
+        self.drawn = np.zeros(len(left))
+        if any(isinstance(own, (Joint, Spring, SpringDamper)) for own in self._scene.effects):
+            free = slice(shapes.given, None)
+            self.drawn[free] = np.linalg.solve(shapes.stiffness[free, free], left[free])
 
     @cached_property
     def _lacking(self) -> Array:

@@ -24,7 +24,7 @@ from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.mechanics.rigid_motions import best_motion
 from rigidfx.mechanics.rotation import axial
 from rigidfx.shapes import bends
-from rigidfx.shapes.excess import About, Excess
+from rigidfx.shapes.excess import About, Excess, deformed
 from rigidfx.shapes.found import Found
 from rigidfx.shapes.linear import Linear
 from rigidfx.shapes.part import MOST
@@ -305,9 +305,9 @@ class FoundBodies:
             size = bends.off_by(nu) * far
             bound = bends.BOUND if allowed is None or about.on_supports else bends.FARTHEST
             small = nu <= bound and (allowed is None or size <= allowed)
-            if withheld is not None and data.number not in self._taut:
-                own = [each for each in withheld if each[0].data is data]
-                if (more := self._tensed(body, own, allowed)) is not None:
+            if (withheld is not None or found.drawn.any()) and data.number not in self._taut:
+                own = [each for each in withheld or () if each[0].data is data]
+                if (more := self._tensed(body, own, allowed, found.drawn)) is not None:
                     self._taut.add(data.number)
                     return Looked(more)
             if size > 0 and allowed is not None:  # 3 ν |d| goes with |d|³
@@ -326,20 +326,28 @@ class FoundBodies:
         return None
 
     def _tensed(
-        self, body: Body, withheld: Sequence[tuple[Fields, Force]], allowed: float | None
+        self,
+        body: Body,
+        withheld: Sequence[tuple[Fields, Force]],
+        allowed: float | None,
+        drawn: Array,
     ) -> Bodies | None:
         """The bodies, one with Γ of its shapes, and with one more for a tension that these lack.
 
-        None if it needs none of both, where it comes in a step. Collective.
+        Joints and springs may stretch it by what is drawn, (m,) [m]. None if it needs none of
+        both, where it comes in a step. Collective.
         """
         part, now = self._of(body.data)[0], list(self._stepper.state.bodies)
         (k,) = (k for k, own in enumerate(now) if own.data.number == body.data.number)
         e = self.responses.solve(self.at_start(withheld)[:, :, None])
         d, out = self._within(body.data, e)[1][:, :, 0], now[k]
         lacks = bends.lacks_tension(body)
-        if lacks and not bends.tightens(body, part, d + bends.stresses(body)):
+        sooner = bends.FAR if drawn.any() else 1.0  # what joints did not bear until then is lost
+        most = d + bends.stresses(body) + sooner * deformed(body, drawn)
+        if lacks and not bends.tightens(body, part, most):
             return None
-        if self.grown(body.data) < MOST and bends.tightens(body, part, d, allowed):
+        bound = None if drawn.any() else allowed
+        if self.grown(body.data) < MOST and bends.tightens(body, part, sooner * d, bound):
             out = self.more(out, e) or out
         if out is now[k] and not lacks:
             return None
