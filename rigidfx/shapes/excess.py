@@ -111,8 +111,8 @@ class Excess:
         self.nu = max(energy, 0.5 * abs(part.followed(shapes, left, e)))
         self.drawn = np.zeros(len(left))
         if any(isinstance(own, (Joint, Spring, SpringDamper)) for own in self._scene.effects):
-            free = slice(shapes.given, None)
-            self.drawn[free] = np.linalg.solve(shapes.stiffness[free, free], left[free])
+            k = shapes.given
+            self.drawn[k:] = np.linalg.solve(shapes.stiffness[k:, k:], left[k:])
 
     @cached_property
     def _lacking(self) -> Array:

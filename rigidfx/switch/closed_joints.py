@@ -111,15 +111,23 @@ class ClosedJoints:
         gained = self._linkage.stored(self._staying(bodies)) - stored
         return Moved(x - begun, bodies, gained)
 
-    def slopes(self, d: Array, motions: Motions) -> list[tuple[Array, Array]]:
-        """How rows of joints, and springs of joints, go with motions of groups, and with d.
+    def kept(self, e: Array) -> Array:
+        """A small displacement of the start, (nodes, 3) [m], as joints keep it. Collective.
 
-        Those of springs by the root of their stiffness. Collective.
+        Groups go by rigid motions that close joints, and of these by such that springs of joints
+        bear what they bore, for that rests or varies slowly; of all by the least one by mass.
         """
         x, bodies = self._begun, self._bodies
-        _, D = self._rows(x, bodies)
-        led, by_d = self._led(x, bodies, motions), self._averages(d[:, :, None])[:, 0]
-        return [(rows @ led, rows @ by_d) for rows in (D, self._linkage.sprung())]
+        motions, (_, D) = self._groups.motions(x, bodies), self._rows(x, bodies)
+        d: Array = np.einsum("nab,nb->na", self._turns(x), e)
+        by_c, by_d = self._led(x, bodies, motions), self._averages(d[:, :, None])[:, 0]
+        free, c, springs = motions.even, np.zeros(len(motions.even)), self._linkage.sprung()
+        U, sizes, V = np.linalg.svd(D @ by_c @ free)
+        n = np.count_nonzero(sizes > LEAST * sizes.max(initial=0.0))
+        c -= free @ V[:n].T @ (U[:, :n].T @ D @ by_d / sizes[:n])
+        free = free @ V[n:].T
+        c -= free @ np.linalg.lstsq(springs @ by_c @ free, springs @ (by_d + by_c @ c))[0]
+        return np.asarray(d + self._groups.led(np.arange(len(x)), x, motions) @ c)
 
     def _rows(self, x: Array, bodies: Bodies) -> tuple[Array, Array]:
         """g of all rows where nodes are at x, shape (rows,) [m], and D by averages. Collective."""
@@ -158,15 +166,14 @@ class ClosedJoints:
         F = np.zeros((*x.shape, forces.shape[1]))
         for k, own in enumerate(forces.T):
             self._linkage.averages.add(own.reshape(-1, 3), ForcesOfNodes(F[:, :, k]))
-        Q = turned(self._scene, self._responses.stiffness.places, x)
+        Q = self._turns(x)
         found = self._responses.solve(np.einsum("nba,nbk->nak", Q, F))
         return np.einsum("nab,nbk->nak", Q, found) * self._free[:, :, None]
 
-
-def turned(scene: Scene, start: Array, x: Array) -> Array:
-    """Rotations of connected parts since the start, by owned nodes, (nodes, 3, 3). Collective."""
-    part, turns = parts_of_nodes(scene)[: len(x)], []
-    for number in range(scene.parts.count):
-        some = part == number
-        turns.append(best_motion(start[some], x[some], scene.sum)[0])
-    return np.stack(turns)[part]
+    def _turns(self, x: Array) -> Array:
+        """Rotations of connected parts since the start, by owned nodes. Collective."""
+        start, part, turns = self._responses.stiffness.places, parts_of_nodes(self._scene), []
+        for number in range(self._scene.parts.count):
+            some = part[: len(x)] == number
+            turns.append(best_motion(start[some], x[some], self._scene.sum)[0])
+        return np.stack(turns)[part[: len(x)]]

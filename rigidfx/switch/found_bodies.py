@@ -34,7 +34,6 @@ from rigidfx.step.equations.actions import Actions, apart
 from rigidfx.step.stepper import Stepper
 from rigidfx.switch.closed_joints import ClosedJoints, Moved
 from rigidfx.switch.inventory import about_start
-from rigidfx.switch.kept import kept
 from rigidfx.withheld.body_forces import BodyForces
 from rigidfx.withheld.fields import Fields, Force
 
@@ -245,9 +244,14 @@ class FoundBodies:
         return out
 
     def kept(self, e: Array) -> Array:
-        """A response, (nodes, 3) [m], as joints and springs keep it: see `kept`. Collective."""
-        own = {b.data.number for b in self._stepper.state.bodies if self.grows(b.data)}
-        return kept(self._stepper, own, self.responses, e)
+        """A response, (nodes, 3) [m], as joints keep it: see `ClosedJoints`. Collective."""
+        stepper, state = self._stepper, self._stepper.state
+        if stepper.system.linkage is None:
+            return e
+        state.rebuild()
+        own = {body.data.number for body in state.bodies if self.grows(body.data)}
+        joints = ClosedJoints(self._scene, state, own, stepper.system.acting, self.responses)
+        return joints.kept(e)
 
     def keep(self, vector: Array) -> None:
         """Give a shape, (owned nodes, 3, 1), to bodies that will be found."""
