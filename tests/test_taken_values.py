@@ -11,7 +11,6 @@ from dolfinx import fem
 from records import RECORDS, nothing
 
 import rigidfx as rf
-from rigidfx.base.taken import taken
 from rigidfx.domain.domain import EntitySet
 from rigidfx.effects.supports import Support
 from rigidfx.plot import Curve
@@ -77,19 +76,6 @@ def test_record_follows_no_later_change(record):
         found = getattr(made, field.name)
         assert _fixed(found), field.name
         assert repr(found) == repr(getattr(expected, field.name)), field.name
-
-
-def test_functions_and_what_cannot_change_are_not_copied():
-    """Two supports that share a function prescribe the same motion."""
-    table, pair = rf.Table([0, 1], [0, 1]), (1.0, (2, "text"))
-    assert taken(table) is table
-    assert taken(nothing) is nothing
-    assert all(a is b for a, b in zip(taken(pair), pair, strict=True) if not isinstance(a, tuple))
-    never_ending = []
-    never_ending.append(never_ending)
-    assert taken(never_ending) is never_ending
-    with pytest.raises(rf.SceneError, match="three finite numbers"):
-        rf.InitialVelocity(linear=never_ending)
 
 
 def test_constant_of_dolfinx_is_a_number():
