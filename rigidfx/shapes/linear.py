@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 from rigidfx.base.types import Array
 from rigidfx.coupling.mass import Mass
-from rigidfx.shapes.responses import Responses
+from rigidfx.shapes.responses import LACKING, Responses
 from rigidfx.shapes.stiffness import by_columns
 from rigidfx.step.linear.eigenpairs import EigenControl, clusters, lowest
 from rigidfx.step.linear.linear_solver import solver_of
@@ -40,12 +40,16 @@ class Linear:
     def modes(self, dt: float) -> tuple[Array, float]:
         """Modes that steps of Δt resolve, and the lowest ω left out [1/s]: see `resolved`.
 
-        φ at the owned nodes has the shape (owned nodes, 3, modes) [1/√kg], φᵀMφ = 1. Collective.
+        φ at the owned nodes has the shape (owned nodes, 3, modes) [1/√kg], φᵀMφ = 1. Those in which
+        soft springs move a part and do not strain it are left out: as shapes they would be
+        rounding. Collective.
         """
-        stiffness, p = self.responses.stiffness, self.responses.stiffness.prolongation
-        motions = stiffness.unknowns_of(self.responses.motions)
-        y, _, cut = resolved(self._K, self._M, motions, p.unknowns, dt)
-        return stiffness.at_nodes(y), cut
+        responses, stiffness = self.responses, self.responses.stiffness
+        motions = stiffness.unknowns_of(responses.motions)
+        y, _, cut = resolved(self._K, self._M, motions, stiffness.prolongation.unknowns, dt)
+        found = stiffness.at_nodes(y)
+        rigid = responses.dot(responses.motions, responses.inertia(found))
+        return found[:, :, (rigid**2).sum(axis=0) < 1 - LACKING**2], cut
 
     def swing(self, F: Array, omega: float) -> Array:
         """(Ω²M + K)⁻¹ F: half of what modes at Ω [1/s] do under F at rest. Collective."""
