@@ -244,9 +244,14 @@ class FoundBodies:
         return out
 
     def kept(self, e: Array) -> Array:
-        """A response, (nodes, 3) [m], as joints keep it: see `ClosedJoints`. Collective."""
+        """A response, (nodes, 3) [m], as joints keep it that have springs. Collective.
+
+        See `ClosedJoints`. Where none has a spring, inertia alone balances rigid motions, as it does in K⁺: a
+        slider-crank whose rod and block were kept at their joints woke, for no smaller error.
+        """
         stepper, state = self._stepper, self._stepper.state
-        if stepper.system.linkage is None:
+        linkage = stepper.system.linkage
+        if linkage is None or not linkage.drives.stiffness().any():
             return e
         state.rebuild()
         own = {body.data.number for body in state.bodies if self.grows(body.data)}
