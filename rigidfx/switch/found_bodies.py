@@ -246,8 +246,8 @@ class FoundBodies:
     def kept(self, e: Array) -> Array:
         """A response, (nodes, 3) [m], as joints keep it that have springs. Collective.
 
-        See `ClosedJoints`. Where none has a spring, inertia alone balances rigid motions, as it does in K⁺: a
-        slider-crank whose rod and block were kept at their joints woke, for no smaller error.
+        See `ClosedJoints`. Where none has a spring, inertia alone balances rigid motions, as it
+        does in K⁺: a slider-crank whose rod and block were kept woke, for no smaller error.
         """
         stepper, state = self._stepper, self._stepper.state
         linkage = stepper.system.linkage
