@@ -128,7 +128,7 @@ def _noted(out, name, item):
 @NO_WARNINGS
 def test_files_go_on_without_a_row_lost_or_doubled(tmp_path):
     """A run that fails twice, after steps and fields that no checkpoint knows."""
-    make, dt, _, more = SCENES["grows"]
+    make, dt, _, more = SCENES["all wake"]
 
     def run(folder, fails=(), resume=False):
         scene = make()
