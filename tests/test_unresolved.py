@@ -43,7 +43,7 @@ def error(found, exact):
 def test_ratios_that_do_no_harm_pass(exact, factor):
     with warnings.catch_warnings():
         warnings.simplefilter("error", rf.RigidfxWarning)
-        # Rounding of what is 1e14 times as stiff alternates, with one build or another.
+        # A part that is 1e14 times as stiff has rounding that alternates, in some builds.
         warnings.filterwarnings("ignore", "(?s).*goes back and forth")
         found = tip(ratio(factor), rf.Fixed("x0"))
     show(off=error(found, exact))

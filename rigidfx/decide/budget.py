@@ -1,6 +1,6 @@
 """The rule of `Accuracy`: the displacement that bodies lack stays within a budget.
 
-docs/theory/waking.md#by-a-budget has it: what shapes may lack (`rigidfx.switch.growth`), and m,
+docs/theory/waking.md#by-a-budget says how much shapes may lack (`rigidfx.switch.growth`), and m,
 (5), the displacement that a freeze of woken cells would lose, by their largest strains so far, S,
 and strains s that are withheld.
 """
@@ -22,7 +22,7 @@ from rigidfx.scene.timeline import Timeline
 PER_OCTAVE, OCTAVES = 4, 400  # levels between which contributions are told apart
 TO_BODIES = 0.5  # part of the budget that time integration has left, that rigid parts may spend
 # Part of that which freezes use, and which time integration leaves to them in any case. A part that
-# vibrated on took two to seven times what (5) says; at 0.5 an arm of 20 073 unknowns was released
+# vibrated on took two to seven times m; at 0.5 an arm of 20 073 unknowns was released
 # repeatedly.
 FREEZING = 0.2
 AMPLIFIED = 2.0  # amplification of m by loads that change

@@ -13,7 +13,7 @@ class Limits:
 
     # Strain rate, of each owned cell [1/s]; None on all ranks if none is bounded
     rates: Array | None = None
-    # Largest displacement of any node over what accuracy is relative to; NaN where rates decide
+    # Largest displacement of any node over the length of the budget; NaN where rates decide
     part: float = np.nan
     begins: bool = False  # whether a motion begins from rest
 

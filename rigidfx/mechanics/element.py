@@ -22,8 +22,8 @@ class Portion:
     law: Literal["elastic", "viscous"]
     end: Any  # a displacement, that of derivatives
     start: Any = None  # another, whose strain is taken off; None if none is
-    factor: float = 1.0  # a number,
-    more: Any = None  # and a constant to be added to it; None if there is none
+    factor: float = 1.0
+    more: Any = None  # a constant that is added to the factor; None for none
 
 
 class Element(Protocol):

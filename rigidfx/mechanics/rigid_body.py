@@ -64,7 +64,7 @@ class RigidBody:
     # ℓ of a rigid face whose nodes' mass is in the cells beside it, and of a carried mass, whose J
     # is next to nothing [m]; None where the body's own mass tells ℓ
     extent: float | None = None
-    shapes: Shapes | None = None  # what it deforms by; None if it is rigid
+    shapes: Shapes | None = None  # by which it deforms; None if it is rigid
 
     def __post_init__(self) -> None:
         """Let nobody change the arrays: reports show them."""

@@ -6,7 +6,7 @@ cells about the frozen shape and the static response K⁺ of the whole structure
     δ = -K⁺ h,    h = ½ [f(d) + f(-d)] - f(0) - ∫ S'[d] : ∇wᵀ∇d
 
 more, in the frame of the body. h are forces of strains of second order, ½ ∫ S'[w] : ∇dᵀ∇d. Stresses
-of d pull at what bends besides: against tension K⁺ is too soft, and shapes have answered most. U(q)
+of d pull at cells that bend besides: K⁺ is too soft against tension, and shapes answer most. U(q)
 is the energy with δ, to third order, so that steps go without it. Places that are shown contain it,
 but for parts that joints alone hold.
 

@@ -114,8 +114,8 @@ class ClosedJoints:
     def kept(self, e: Array) -> Array:
         """A small displacement of the start, (nodes, 3) [m], as joints keep it. Collective.
 
-        Groups go by rigid motions that close joints, and of these by such that springs of joints
-        bear what they bore, for that rests or varies slowly; of all by the least one by mass.
+        Groups go by rigid motions that close joints; of these, by those with which springs of
+        joints keep their forces, as e rests or varies slowly; of these, by the least one by mass.
         """
         x, bodies = self._begun, self._bodies
         motions, (_, D) = self._groups.motions(x, bodies), self._rows(x, bodies)

@@ -244,9 +244,9 @@ class FoundBodies:
         return out
 
     def kept(self, e: Array) -> Array:
-        """A response, (nodes, 3) [m], as joints keep it that have springs. Collective.
+        """A response, (nodes, 3) [m], as springs of joints hold it: `ClosedJoints`. Collective.
 
-        See `ClosedJoints`. Where none has a spring, inertia alone balances rigid motions, as it
+        Where none has a spring, inertia alone balances rigid motions, as it
         does in K⁺: a slider-crank whose rod and block were kept woke, for no smaller error.
         """
         stepper, state = self._stepper, self._stepper.state
@@ -351,7 +351,7 @@ class FoundBodies:
         e = self.responses.solve(self.at_start(withheld)[:, :, None])
         d, out = self._within(body.data, e)[1][:, :, 0], now[k]
         lacks = bends.lacks_tension(body)
-        sooner = bends.FAR if drawn.any() else 1.0  # what joints did not bear until then is lost
+        sooner = bends.FAR if drawn.any() else 1.0  # joints lose the work until then
         most = d + bends.stresses(body) + sooner * deformed(body, drawn)
         if lacks and not bends.tightens(body, part, most):
             return None

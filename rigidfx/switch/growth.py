@@ -1,8 +1,8 @@
 """Bodies that were found and get shapes as forces call for them: docs/theory/waking.md, rule 4.
 
-Where a displacement is bounded in place of a strain rate, (4), what accuracy is relative to is up
-to the end of the step, or the largest e that is now a shape: that is the motion to come where a
-load begins.
+Where a displacement is bounded in place of a strain rate, (4), accuracy is relative to the largest
+one up to the end of the step, or to the largest e that is now a shape: where a load begins, that is
+the motion to come.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -1,6 +1,6 @@
 """The rigid motion s that supports and motors lead, in which steps do not err.
 
-docs/theory/time_steps.md, (3a): errors are at most what those of u add up to, and those of u - s.
+docs/theory/time_steps.md, (3a): errors are at most the sum of those of u, and that of u - s.
 """
 
 import numpy as np
