@@ -142,7 +142,7 @@ class State:
         return numbers
 
     def bent(self) -> tuple[fem.Function, fem.Function, Bools]:
-        """How bodies with shapes deform: their shape at the freeze, and Φ q there. Collective.
+        """What strains bodies with shapes: their shape at the freeze, and Φ e there. Collective.
 
         Displacement of that shape and the motion in its frame, ghosts included [m], and which owned
         cells are in these bodies, are returned.
@@ -153,7 +153,8 @@ class State:
             data = body.data
             if data.shapes is not None:
                 shape.x.array.reshape(-1, 3)[data.nodes] = data.displacement
-                motion.x.array.reshape(-1, 3)[data.nodes] = body.offsets - data.offsets
+                stretched = data.shapes.bent(body.stretched[0])
+                motion.x.array.reshape(-1, 3)[data.nodes] = stretched
                 cells[data.cells] = True
         for made in (shape, motion):
             made.x.scatter_forward()
