@@ -16,10 +16,10 @@ import numpy as np
 from mpi4py import MPI
 
 from rigidfx.base.types import Array, Indices
-from rigidfx.effects import Joint, Spring, SpringDamper
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.mechanics.shapes import ShapesOfBodies
 from rigidfx.shapes.expanded import Expanded
+from rigidfx.shapes.faces import vectors
 from rigidfx.shapes.interface import Interface
 from rigidfx.shapes.orthonormal import INDEPENDENT, slowest, whole_groups
 from rigidfx.shapes.part import MOST
@@ -47,6 +47,15 @@ class About:
         """Whether cells beside it join it to supports. Collective, when it is first asked for."""
         held = self.responses.stiffness.held.reshape(-1, 3, 1).astype(np.float64)
         return self.beside.holds and bool(self.responses.act_on(self.part.nodes, held)[0])
+
+    @cached_property
+    def joined(self) -> bool:
+        """Whether joints or springs hold it, or what it hangs together with. Collective."""
+        own = self.responses
+        F = own.stiffness.of_springs(np.tile(np.eye(3), (own.scene.owned_nodes, 1, 1)))
+        for vector in vectors(own.scene):
+            F[vector.nodes] = 1.0
+        return bool(own.act_on(self.part.nodes, F).any())
 
     def unspanned(
         self, modes: Array, stiffness: Array, F: Array, most: int = MOST
@@ -109,10 +118,8 @@ class Excess:
         energy += about.beside.energy(self.d @ about.Q) / part.energy(e)
         left = on_shapes - ShapesOfBodies([shapes]).even_force(stretched[None])[0]
         self.nu = max(energy, 0.5 * abs(part.followed(shapes, left, e)))
-        self.drawn = np.zeros(len(left))
-        if any(isinstance(own, (Joint, Spring, SpringDamper)) for own in self._scene.effects):
-            k = shapes.given
-            self.drawn[k:] = np.linalg.solve(shapes.stiffness[k:, k:], left[k:])
+        k, self.drawn = shapes.given if about.joined else len(left), np.zeros(len(left))
+        self.drawn[k:] = np.linalg.solve(shapes.stiffness[k:, k:], left[k:])
 
     @cached_property
     def _lacking(self) -> Array:

@@ -21,12 +21,12 @@ def of_faces(responses: Responses) -> Array:
     against each other, and motors come and go. Those of all points in turn are in balance with
     inertia and of norm 1, shape (owned nodes, 3, k).
     """
-    vectors = list(_vectors(responses.scene))
-    turned = [v.face for v in vectors if v.face is not None and not v.is_place]
+    every = list(vectors(responses.scene))
+    turned = [v.face for v in every if v.face is not None and not v.is_place]
     faces: dict[int, FaceSide] = {id(face): face for face in turned}
     known = {id(face.averages[0]) for face in faces.values()}
     each = [(face.nodes, face.unit_loads()) for face in faces.values()]
-    for v in vectors:
+    for v in every:
         own = v if v.face is None else v.face
         if v.is_place and id(own) not in faces and id(own) not in known:
             known.add(id(own))
@@ -41,7 +41,7 @@ def _at(responses: Responses, nodes: Ints, loads: Array) -> Array:
     return out
 
 
-def _vectors(scene: Scene) -> Iterator[Vector]:
+def vectors(scene: Scene) -> Iterator[Vector]:
     """Points and directions that joints, springs and masses at points of faces act on."""
     for between in (*scene.named(Joint), *scene.named(SpringDamper)):
         yield from between.averages

@@ -261,19 +261,14 @@ class Shortening:
 
     def _hangs(self, body: Body) -> bool:
         """Whether joints alone hold a body, so that K does not know where. Collective."""
-        known = self._of(body)
+        known, nodes = self._of(body), body.data.nodes
         if known.hangs is None:
-            known.hangs = self._found_to_hang(body, self._about(body).responses)
+            responses = self._about(body).responses
+            loose = np.zeros_like(responses.motions)
+            loose[nodes] = responses.motions[nodes]
+            each = [v.nodes for joint in self._scene.named(Joint) for v in joint.averages]
+            known.hangs = bool(responses.act_on(np.concatenate([nodes[:0], *each]), loose).any())
         return known.hangs
-
-    def _found_to_hang(self, body: Body, responses: Responses) -> bool:
-        part = responses.rigid.part
-        nodes = [v.nodes for joint in self._scene.named(Joint) for v in joint.averages]
-        jointed = np.concatenate([part[:0], *(part[own] for own in nodes)])
-        jointed = np.concatenate(self._scene.comm.allgather(np.unique(jointed)))
-        loose = responses.motions[body.data.nodes].any(axis=(1, 2))
-        hangs = loose & np.isin(part[body.data.nodes], jointed)
-        return bool(self._scene.sum(np.count_nonzero(hangs)) > 0)
 
     def _response(self, body: Body, about: About, forces: Array) -> Array:
         """K⁺ f of forces on a body, both in its frame, shape (k, owned nodes, 3). Collective."""

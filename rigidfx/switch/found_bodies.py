@@ -348,15 +348,16 @@ class FoundBodies:
         """
         part, now = self._of(body.data)[0], list(self._stepper.state.bodies)
         (k,) = (k for k, own in enumerate(now) if own.data.number == body.data.number)
-        e = self.responses.solve(self.at_start(withheld)[:, :, None])
+        e = self.at_start(withheld)[:, :, None]
+        e = self.responses.solve(e) if withheld else e
         d, out = self._within(body.data, e)[1][:, :, 0], now[k]
         lacks = bends.lacks_tension(body)
         sooner = bends.FAR if drawn.any() else 1.0  # joints lose the work until then
         most = d + bends.stresses(body) + sooner * deformed(body, drawn)
         if lacks and not bends.tightens(body, part, most):
             return None
-        bound = None if drawn.any() else allowed
-        if self.grown(body.data) < MOST and bends.tightens(body, part, sooner * d, bound):
+        bound, few = None if drawn.any() else allowed, self.grown(body.data) < MOST
+        if withheld and few and bends.tightens(body, part, sooner * d, bound):
             out = self.more(out, e) or out
         if out is now[k] and not lacks:
             return None
