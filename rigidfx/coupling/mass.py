@@ -8,15 +8,17 @@ and take part where all of these nodes do. A reduced tangent gets nothing of the
 they are a stiffness at ports, see `rigidfx.effects.attached.point_mass`.
 """
 
+from typing import Any
+
 import numpy as np
 import ufl
-from dolfinx.fem import petsc as fem_petsc
+from dolfinx import fem, la
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array, hstack, vstack
 
 from rigidfx.base.matrices import distributed, free
-from rigidfx.base.types import Array, Bools, Ints
+from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.coupling.rows import Rows
@@ -55,35 +57,27 @@ class Mass:
         self._diagonal.array[:] = np.repeat(np.where(own, masses[rows.nodes], 0.0), 3)
         self._reduced: PETSc.Vec | None = None
         self._condensed: CondensedMatrix | None = None
-        self._kernel: Kernel | None = None
-        if not lumped:
-            v, w = ufl.TrialFunction(scene.space), ufl.TestFunction(scene.space)
-            degree = {"quadrature_degree": 2 * scene.order + 2}
-            dx = ufl.Measure("dx", domain=scene.mesh, metadata=degree)
-            form = scene.density() * ufl.inner(v, w) * dx(tuple(cells))
-            self._kernel = Kernel(form, [scene.space] * 2, scene.mesh)
-        self._matrix = self._assembled(cells, driven)
+        self._scene, self._cells, self._lumped = scene, cells, lumped
+        self._matrix = self._assembled(driven)
         self._faces, self._slopes = _at_faces(scene, rows, own, carried)
 
-    def _assembled(self, cells: Cells, driven: Cells | None) -> PETSc.Mat:
-        """M but for masses at points of faces. Collective."""
-        rows = self._rows
-        if self._kernel is None:
-            M = PETSc.Mat().createAIJ([self._diagonal.sizes] * 2, nnz=1, comm=rows.comm)
-            M.setDiagonal(self._diagonal)
-            M.assemble()
-            return M
-        counted = cells
-        if driven is not None:
-            counted = {i: np.union1d(own, driven[i]) for i, own in cells.items()}
-        bound = self._kernel.bind(counted)
-        M = rows.matrix(bound)
-        fem_petsc.assemble_matrix(M, bound)
-        if rows.comm.allreduce(bool(self._diagonal.array_r.any()), op=MPI.LOR):
-            # A node of no counted cell has no entry in the pattern yet.
-            rows.add_diagonal(M, self._diagonal.array_r)
-        M.assemble()
-        return without_zeros(M)
+    def _assembled(self, driven: Cells | None) -> PETSc.Mat:
+        """M but for masses at points of faces: that of one direction, thrice. Collective."""
+        rows, n = self._rows, self._rows.nodes.size
+        first, count = rows.first // 3, rows.comm.allreduce(n)
+        places = np.arange(n), first + np.arange(n)
+        M = csr_array((self._diagonal.array_r[::3], places), shape=(n, count))
+        if not self._lumped:
+            cells = self._cells
+            if driven is not None:
+                cells = {i: np.union1d(own, driven[i]) for i, own in cells.items()}
+            M = csr_array(M + _of_one_direction(self._scene, cells, rows.nodes, first, count))
+        of_rows = M[np.repeat(places[0], 3)]
+        axes = np.repeat(np.tile(np.arange(3), n), np.diff(of_rows.indptr))
+        entries = of_rows.data, 3 * of_rows.indices + axes, of_rows.indptr
+        every = csr_array(entries, shape=(3 * n, 3 * count))
+        every.sort_indices()
+        return distributed(every, [self._diagonal.sizes] * 2, rows.comm)
 
     def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
         """Evaluate out = M v. Collective."""
@@ -107,7 +101,7 @@ class Mass:
 
         Columns have values at these, zero at others; both have the shape (nodes, k).
         """
-        if self._kernel is None:
+        if self._lumped:
             return np.asarray(self._diagonal.array_r[3 * at, None] * values)
         out, a, b = np.empty_like(values), self._rows.vector(), self._rows.vector()
         a.set(0.0)
@@ -124,15 +118,15 @@ class Mass:
 
         Masses at points of faces are not added: see the module.
         """
-        if self._kernel is None:
+        if self._lumped:
             tangent.matrix.assemble()
             self._add_diagonal(tangent.matrix, factor, prolongation)
             return
         if self._condensed is None:
             part = prolongation.layout
             dealt = None if prolongation.dealt is None else prolongation.dealt.cells
-            cells = part.interior, part.interface
-            forms = [self._kernel.bind(own, dealt=dealt) for own in cells]
+            kernel = _kernel_of(self._scene, self._scene.space, self._cells)
+            forms = [kernel.bind(own, dealt=dealt) for own in (part.interior, part.interface)]
             self._condensed = CondensedMatrix(prolongation, *forms)
             self._condensed.assemble()
             self._condensed.matrix.assemble()
@@ -201,15 +195,34 @@ def _slopes(scene: Scene, vector: Vector, rows: Rows, counted: Bools) -> csr_arr
     return csr_array((slopes.ravel(), (row.ravel(), columns.ravel())), (3, rows.dofs.size))
 
 
-def without_zeros(A: PETSc.Mat) -> PETSc.Mat:
-    """A matrix of the nonzero entries of another, which is destroyed. Collective.
+def _kernel_of(scene: Scene, space: Any, cells: Cells) -> Kernel:
+    """∫ ρ0 v·w dV of some cells. Collective."""
+    v, w = ufl.TrialFunction(space), ufl.TestFunction(space)
+    degree = {"quadrature_degree": 2 * scene.order + 2}
+    dx = ufl.Measure("dx", domain=scene.mesh, metadata=degree)
+    form = scene.density() * ufl.inner(v, w) * dx(tuple(cells))
+    return Kernel(form, [space] * 2, scene.mesh)
 
-    A matrix that does not couple directions, as masses, has two zeros in three assembled entries.
+
+def _of_one_direction(
+    scene: Scene, cells: Cells, nodes: Indices, first: int, count: int
+) -> csr_array:
+    """The mass matrix of cells in one direction. Collective.
+
+    Rows are owned nodes of this rank; columns are those of all ranks, `count`, of which this rank's
+    begin at `first`. Entries of other nodes are left out.
     """
-    rows, columns = A.getSizes()
-    offsets, places, values = A.getValuesCSR()
-    csr = csr_array((values, places, offsets), shape=(rows[0], columns[1]))
-    csr.eliminate_zeros()
-    B = distributed(csr, [rows, columns], A.comm)
-    A.destroy()
-    return B
+    space, node_of = scene.component
+    form = _kernel_of(scene, space, cells).bind(cells)
+    A = fem.create_matrix(form)
+    fem.assemble_matrix(A, form)
+    A.scatter_reverse()
+    dof_of = np.empty_like(node_of)
+    dof_of[node_of] = np.arange(node_of.size)
+    own, numbers = dof_of[nodes], la.vector(A.index_map(1))
+    numbers.array[:] = count
+    numbers.array[own] = first + np.arange(own.size)
+    numbers.scatter_forward()
+    M = A.to_scipy()[own]
+    at = numbers.array.astype(np.int64)[M.indices]
+    return csr_array((M.data, at, M.indptr), shape=(own.size, count + 1))[:, :count]

@@ -64,12 +64,6 @@ class Rows:
         A.assemble()
         return A
 
-    def add_diagonal(self, A: PETSc.Mat, values: Array) -> None:
-        """Add a value per row to the diagonal of a matrix that is not assembled yet."""
-        numbers = (self.first + np.arange(self.dofs.size)).astype(Int)
-        offsets = np.arange(numbers.size + 1, dtype=Int)
-        A.setValuesIJV(offsets, numbers, values, PETSc.InsertMode.ADD_VALUES, numbers)
-
     def add_blocks(self, A: PETSc.Mat, blocks: Array) -> None:
         """Add blocks, (nodes, 3, 3), to nodes' entries of a matrix, and assemble it. Collective."""
         at = np.flatnonzero(blocks.any(axis=(1, 2)))

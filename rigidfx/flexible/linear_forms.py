@@ -9,11 +9,10 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
-import numpy as np
 import ufl
 from dolfinx import fem
 
-from rigidfx.base.types import Array, Ints
+from rigidfx.base.types import Array
 from rigidfx.effects import Effect
 from rigidfx.flexible.internal_forces import BoundForces, Cells, InternalForces
 from rigidfx.flexible.kernels import Kernel, MaterialClass
@@ -98,10 +97,10 @@ class LinearForms:
 
         They are those of a displacement at the owned dofs [m], without what elements do to it, at
         one point of each cell where strains are constant or parasitic, and as they vary in cells of
-        second order. Arguments are in the space of one component: see `node_of`.
+        second order. Arguments are in the space of one component: see `Scene`.
         """
         if self._tension is None:
-            V, Q = self._scene.space, self._component[0]
+            V, Q = self._scene.space, self._scene.component[0]
             strained, moved = fem.Function(V), fem.Function(V)
             test, trial = ufl.TestFunction(Q), ufl.TrialFunction(Q)
             slopes = ufl.outer(ufl.grad(test), ufl.grad(trial))
@@ -123,17 +122,6 @@ class LinearForms:
     def strains(self) -> StrainRates:
         """Strains of cells between two displacements. Collective, when first asked for."""
         return StrainRates(self._scene, self._forces, "rms")
-
-    @cached_property
-    def _component(self) -> tuple[fem.FunctionSpace, Ints]:
-        """The space of a component of displacements, and the local node of each dof. Collective."""
-        space, dofs = self._scene.space.sub(0).collapse()
-        return space, np.asarray(dofs) // 3
-
-    @property
-    def node_of(self) -> Ints:
-        """Local node of each local dof of the space of one component. Collective at first."""
-        return self._component[1]
 
     def tangent(self, cells: Cells) -> fem.Form:
         """Derivative of `force` by the shape; compiled when first asked for. Collective."""

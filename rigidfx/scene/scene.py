@@ -21,7 +21,7 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.in_notebook import as_text
 from rigidfx.base.inputs import positive, whole
 from rigidfx.base.taken import check_same, read_only
-from rigidfx.base.types import Array, Indices
+from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.domain.domain import Domain, box_of
 from rigidfx.effects.base import ANY_SET
@@ -283,6 +283,15 @@ class Scene:
             share = self.sum(place.weights @ every[place.nodes, 0])
             moment += share * float(mass.mass) * mass.remote.arm
         return moment / self.sum(m.sum())
+
+    @cached_property
+    def component(self) -> tuple[fem.FunctionSpace, Ints]:
+        """The space of one component of `space`, and the local node of each of its local dofs.
+
+        Collective, when it is first asked for.
+        """
+        space, dofs = self.space.sub(0).collapse()
+        return space, np.asarray(dofs) // 3
 
     @cached_property
     def parts(self) -> ConnectedParts:

@@ -213,14 +213,14 @@ class Expanded:
         out, found = fem.Function(self._scene.space), np.empty(modes.shape)
         for k in range(modes.shape[2]):
             out.x.array[:] = 0.0
-            out.x.array.reshape(-1, 3)[self._linear.node_of] = image[:, :, k]
+            out.x.array.reshape(-1, 3)[self._scene.component[1]] = image[:, :, k]
             out.x.scatter_reverse(la.InsertMode.add)
             found[:, :, k] = out.x.array.reshape(-1, 3)[self.nodes]
         return found
 
     def _at_corners(self, fields: Array) -> Array:
         """Fields at the local dofs of one component, zero elsewhere, (dofs, 3, k). Collective."""
-        own, nodes = fem.Function(self._scene.space), self._linear.node_of
+        own, nodes = fem.Function(self._scene.space), self._scene.component[1]
         at = np.zeros((nodes.size, 3, fields.shape[2]))
         for j, field in enumerate(np.moveaxis(fields, 2, 0)):
             own.x.array[:] = 0.0
