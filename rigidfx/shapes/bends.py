@@ -2,8 +2,8 @@
 
 ν is how far a body is from the energy that its shapes have. It grows with ½ e·Ωe, and with q·Dq,
 the square of their displacement by mass: the energy of a bar that is stretched hardly changes as it
-begins to bend. It is looked at again once one of them has doubled, or grown eightfold, for named
-parts far below the bound; where displacements are bounded, also once forces that shapes lack have.
+begins to bend. It is looked at again once one of them has doubled, or grown as much as ν lacks to
+its bound, for named parts; where displacements are bounded, also once forces that shapes lack have.
 
 A strip that is pulled is harder to bend, and so is one that spins on a hinge, pulled by its own
 inertia. Where stresses change the stiffness of any shape by more than 3 `BOUND`, a body gets Γ,
@@ -38,9 +38,9 @@ BOUND = 0.003  # of ν, above which cells wake, and a run warns: amplitudes err 
 # The same of bodies that no support holds, where displacements are bounded by 3 ν of the bend. One
 # that supports stretched erred by 1.07 % where 1 % was asked.
 FARTHEST = 0.03
-# Factors of ½ q·Ωq or q·Dq after which ν is looked at again: near its bound, and far below it.
-NEAR = 2.0
-FAR = NEAR * NEAR * NEAR
+# Factors of ½ q·Ωq or q·Dq after which ν is looked at again: near its bound, and at most.
+NEAR, FAR = 2.0, 64.0
+AGAIN = 8.0  # factor by which ν has to grow for the next warning
 SHARE = 0.3  # part of the largest miss of any cell, over its volume, above which cells wake
 LEAST = 1e-6  # part of the largest ½ q·Ωq so far up to which ν is not looked at
 SOFTEST = 3  # shapes of a named part whose stiffness is asked for in each step
@@ -253,10 +253,10 @@ class Spent:
         return Bodies.of_each(each)
 
     def _look(self, t: float, body: Body, found: Excess) -> None:
-        """Warn where ν of a part is not small, and again as it has grown by `FAR`. Collective."""
+        """Warn where ν of a part is not small, and again as it has grown by `AGAIN`. Collective."""
         name = body.data.name
-        self._looks.looked(body, FAR if FAR * found.nu <= BOUND else NEAR)
-        if found.nu <= max(BOUND, FAR * self._told.get(name, 0.0)):
+        self._looks.looked(body, max(NEAR, BOUND / max(found.nu, BOUND / FAR)))
+        if found.nu <= max(BOUND, AGAIN * self._told.get(name, 0.0)):
             return
         self._told[name] = found.nu
         count, lower, upper = found.spent(SHARE)

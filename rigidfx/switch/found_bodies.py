@@ -352,7 +352,7 @@ class FoundBodies:
         e = self.responses.solve(e) if withheld else e
         d, out = self._within(body.data, e)[1][:, :, 0], now[k]
         lacks = bends.lacks_tension(body)
-        sooner = bends.FAR if drawn.any() else 1.0  # joints lose the work until then
+        sooner = bends.AGAIN if drawn.any() else 1.0  # joints lose the work until then
         most = d + bends.stresses(body) + sooner * deformed(body, drawn)
         if lacks and not bends.tightens(body, part, most):
             return None
