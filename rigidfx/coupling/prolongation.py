@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, vstack
 
 from rigidfx.base.matrices import distributed
 from rigidfx.base.types import Array, Ints
@@ -25,6 +25,7 @@ from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.coupling.rows import Lengths, mapped_matrix
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Step, prepare
+from rigidfx.mechanics.rotation import AXES
 from rigidfx.mechanics.shaped_step import increments_of
 
 Int = PETSc.IntType
@@ -43,21 +44,27 @@ class AttachedRows:
         """Find them."""
         rows, self._shape = layout.rows, layout.ensemble.frozen.shape
         height, count = 3 * self._shape[1], layout.ensemble.frozen.size
-        parts: list[tuple[Ints, Ints, Array]] = []  # rows, columns, values
         displacement = np.zeros(rows.dofs.size)
+        places, parts = [AXES[:0]], [csr_array((0, count))]
         for k, (body, at) in enumerate(zip(layout.bodies, layout.attached, strict=True)):
-            coordinates = body.coordinates(at)
-            shape = at.size, 3, coordinates.shape[1]
-            node, axis, j = (i.reshape(-1) for i in np.indices(shape))
-            places = 3 * rows.positions(body.nodes[at])[node] + axis
-            displacement[places] = body.displacement[at][node, axis]
-            parts.append((places, height * k + 3 * j + axis, coordinates[node, j]))
-        none = np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
-        row, column, value = map(np.concatenate, zip(none, *parts, strict=True))
-        self.entries = csr_array((value, (row, column)), shape=(rows.dofs.size, count))
-        self.rows: Ints = np.unique(row)
+            own = 3 * rows.positions(body.nodes[at])[:, None] + AXES
+            displacement[own] = body.displacement[at]
+            a = np.repeat(body.coordinates(at), 3, axis=0)
+            columns = height * k + 3 * np.arange(a.shape[1]) + np.tile(AXES, at.size)[:, None]
+            begins = a.shape[1] * np.arange(len(a) + 1)
+            parts.append(csr_array((a.ravel(), columns.ravel(), begins), shape=(len(a), count)))
+            places.append(own.ravel())
+        at_rows = np.concatenate(places)
+        order = np.argsort(at_rows, kind="stable")
+        every, at_rows = csr_array(vstack(parts, format="csr"))[order], at_rows[order]
+        self.rows: Ints = np.unique(at_rows)
         self.displacement: Array = displacement[self.rows]
-        own = self.entries[self.rows]
+
+        def of(some: Ints) -> csr_array:
+            ends = every.indptr[np.searchsorted(at_rows, np.r_[some, rows.dofs.size])]
+            return csr_array((every.data, every.indices, ends), shape=(some.size, count))
+
+        self.entries, own = of(np.arange(rows.dofs.size)), of(self.rows)
         self._numbers, self._at_rows = np.zeros(count), np.zeros(self.rows.size)
         vectors = (self._numbers, self._at_rows)
         self._of_bodies, self._of_rows = (

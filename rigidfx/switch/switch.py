@@ -216,11 +216,14 @@ class Switch:
             return impact
         stepper = self._stepper
         state, scene, before = stepper.state, stepper.scene, stepper.measure()
+        rests = before.kinetic == 0.0  # velocities that are zero keep joints closed
         if (linkage := stepper.system.linkage) is not None:
             apart = partial(linkage.drives.apart, state.t, started)
             for found in together(scene.comm, "A motor", apart):
                 warn(scene.comm, f"{found}: it is thrown there in one step. Let both be the same.")
-        if before.kinetic == 0.0 and not started:  # velocities that are zero keep joints closed
+            speeds = partial(linkage.drives.speeds, state.t, self._exchange.dt)
+            rests &= not together(scene.comm, "A motor", speeds).any()
+        if rests:
             return impact
         state.rebuild()
         gained = self._exchange.close(state, stepper.system.prescribed.mask)
