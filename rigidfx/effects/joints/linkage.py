@@ -299,8 +299,8 @@ class Linkage:
 
     def across(self, share: float, moving: Array) -> Array:
         """Velocities across rows at the step's start (0) or end (1), by those of averages [m/s]."""
-        along = partial(self.drives.along, share)
-        return np.asarray(self._by_averages(share, along) @ moving.ravel())
+        rows = self._by_vectors(share, partial(self.drives.along, share))
+        return np.asarray(rows @ self._vectors.rates(moving.ravel(), share))
 
     def leading(self, end: int) -> tuple[Array, Array, Array]:
         """Rows that keep joints closed and motors' motions, at the step's start (0) or end (1).

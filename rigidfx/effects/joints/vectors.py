@@ -235,6 +235,10 @@ class Vectors:
         """Derivatives by vectors as those by averages."""
         return rows if self.is_plain else rows @ self.slopes(share)
 
+    def rates(self, of_averages: Array, share: float) -> Array:
+        """Rates of vectors by those of averages, shape (3 · vectors,)."""
+        return of_averages if self.is_plain else np.asarray(self.slopes(share) @ of_averages)
+
     def forces(self, on_vectors: Array, share: float) -> Array:
         """Forces on averages of those on vectors, shape (averages, 3) [N]."""
         if self.is_plain:
