@@ -221,8 +221,9 @@ class Switch:
             apart = partial(linkage.drives.apart, state.t, started)
             for found in together(scene.comm, "A motor", apart):
                 warn(scene.comm, f"{found}: it is thrown there in one step. Let both be the same.")
-            speeds = partial(linkage.drives.speeds, state.t, self._exchange.dt)
-            rests &= not together(scene.comm, "A motor", speeds).any()
+            if started:
+                speeds = partial(linkage.drives.speeds, state.t, self._exchange.dt)
+                rests &= not together(scene.comm, "A motor", speeds).any()
         if rests:
             return impact
         state.rebuild()
