@@ -12,6 +12,7 @@ import rigidfx as rf
 
 CLAMP, PUSH = rf.Fixed("x0"), rf.Traction("x1", (0, 0, 300.0))
 DOWN = rf.Gravity((0, 0, -1.0))
+DRIVEN = rf.Motor("hinge", torque=9.0)
 TURNED = rf.PrescribedRotation("x0", axis=(0, 0, 1), angle=lambda t: 0.5 * t)
 
 
@@ -29,6 +30,11 @@ CASES = {
     "its weight": (bar, [CLAMP, DOWN], [None]),
     "on springs": (bar, [rf.Spring("x0", 1e6), rf.Spring("x1", 1e5), DOWN], ["half"]),
     "turned": (bar, [TURNED, PUSH], ["half"]),
+    "all reduced": (
+        partial(bars, thrown=False),
+        [HINGE, rf.Fixed("near"), rf.JointSpring("hinge", 300.0), DOWN, DRIVEN],
+        ["A", "B"],
+    ),
     "hinged": (
         partial(bars, thrown=False),
         [HINGE, rf.Fixed("near"), rf.Spring("far", 1e5), rf.Traction("far", (0, 300.0, 100.0))],

@@ -220,11 +220,15 @@ class Linkage:
 
         In statics a drag per mass [1/s²] may resist in place of stiffness.
         """
-        sizes = np.concatenate([self.rows.sizes[self.rows.active], self.drives.sizes])
         stiff = self.drives.static and not drag
-        out: Any = self._modulus * sizes if stiff else (drag or 2.0 / dt**2) * self.masses
+        out: Any = self._modulus * self.sizes if stiff else (drag or 2.0 / dt**2) * self.masses
         self.drives.kappa = out[self.rows.active.size :]
         return np.asarray(out)
+
+    @property
+    def sizes(self) -> Array:
+        """Lengths of what each active row joins [m]."""
+        return np.concatenate([self.rows.sizes[self.rows.active], self.drives.sizes])
 
     @property
     def multipliers(self) -> Array:

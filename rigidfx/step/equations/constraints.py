@@ -141,8 +141,13 @@ class Constraints:
 
     @property
     def noise(self) -> float:
-        """Size of the forces at the last iterate [N]."""
-        return float(np.abs(self.linkage.multipliers).sum()) + self.linkage.points.rounding
+        """Size of the forces at the last iterate, in statics also of what closes rows [N].
+
+        In motion that is of the size of momenta over Δt.
+        """
+        own = self.linkage
+        close = float(np.linalg.norm(self.scale * own.sizes)) if own.drives.static else 0.0
+        return float(np.abs(own.multipliers).sum()) + own.points.rounding + close
 
     def accept(self) -> None:
         """Accept the last iterate as a step; a `StepError` if rows that others implied are open."""
