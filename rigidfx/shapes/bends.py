@@ -42,7 +42,9 @@ FARTHEST = 0.03
 NEAR, FAR = 2.0, 64.0
 AGAIN = 8.0  # factor by which ν has to grow for the next warning
 SHARE = 0.3  # part of the largest miss of any cell, over its volume, above which cells wake
-LEAST = 1e-6  # part of the largest ½ q·Ωq so far up to which ν is not looked at
+# Part of the largest ½ q·Ωq so far, and of a body's length, up to which ν is not looked at: where a
+# bar bends by so much of its length, ν is 1e-6 if it is a thousand times as long as thick.
+LEAST = 1e-6
 SOFTEST = 3  # shapes of a named part whose stiffness is asked for in each step
 ROUNDING = float(np.sqrt(np.finfo(np.float64).eps))  # of q, over the length of a body
 
@@ -126,7 +128,7 @@ class Looks:
             return False
         energy, square = _sizes(body)
         self._largest = max(self._largest, energy, data.frozen.strain)
-        if np.abs(q).max() <= ROUNDING * data.length or energy <= LEAST * self._largest:
+        if np.abs(q).max() <= LEAST * data.length or energy <= LEAST * self._largest:
             return False
         known = self._next.get(data.number, (0.0, 0.0, 0.0))
         return energy > known[0] or square > known[1] or pull > known[2]
