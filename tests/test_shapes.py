@@ -9,6 +9,7 @@ from scipy.linalg import eigh
 import rigidfx as rf
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.shapes import solver
+from rigidfx.shapes.orthonormal import Basis
 from rigidfx.shapes.part import Part
 from rigidfx.shapes.patterns import patterns, unit_loads
 from rigidfx.shapes.responses import Responses
@@ -268,3 +269,14 @@ def test_ranks():
 
 if __name__ == "__main__":
     tell(found())
+
+
+def test_bases_stay_orthonormal_where_each_vector_hardly_differs_from_earlier_ones():
+    """Rounding that each one passes on, larger, would leave 3 of 1."""
+    rng = np.random.default_rng(1)
+    mass, vectors = rng.uniform(1.0, 2.0, (40, 3, 1)), rng.standard_normal((40, 3, 8))
+    vectors[:, :, 1:] = vectors[:, :, :-1] + 1e-3 * vectors[:, :, 1:]
+    images, basis = mass * vectors, Basis(40, np.asarray, lambda u: (u, mass * u))
+    basis.grow(vectors, images, np.sqrt((vectors * images).sum(axis=(0, 1))), 8)
+    gram = np.einsum("nak,nal->kl", basis.vectors, mass * basis.vectors)
+    assert np.abs(gram - np.eye(8)).max() < 10 * EPS

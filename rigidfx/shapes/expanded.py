@@ -105,7 +105,12 @@ class Expanded:
 
     def begun(self, vectors: Array) -> Basis:
         """A basis of fields that are orthogonal by the mass. Collective."""
-        images, basis = self.times_mass(vectors), Basis(self.nodes.size, self._scene.sum)
+
+        def anew(u: Array) -> tuple[Array, Array]:
+            own = self.unmoved(u)
+            return own, self.times_mass(own)
+
+        images, basis = self.times_mass(vectors), Basis(self.nodes.size, self._scene.sum, anew)
         sizes = self.sizes(vectors, images)
         basis.vectors, basis.images = np.asarray(vectors / sizes), np.asarray(images / sizes)
         return basis

@@ -18,10 +18,18 @@ APART = 1e-6
 class Basis:
     """Vectors Y at this rank's nodes with YᵀMY = 1 and their images MY, shape (nodes, 3, n)."""
 
-    def __init__(self, nodes: int, total: Callable[[Array], Array]) -> None:
-        """Begin without vectors at this rank's nodes; `total` is a sum over ranks. Collective."""
+    def __init__(
+        self,
+        nodes: int,
+        total: Callable[[Array], Array],
+        anew: Callable[[Array], tuple[Array, Array]],
+    ) -> None:
+        """Begin without vectors at this rank's nodes. Collective.
+
+        `total` is a sum over ranks; `anew` gives vectors without what none may have, and images.
+        """
         self.vectors, self.images = np.zeros((2, nodes, 3, 0))
-        self._total = total
+        self._total, self._anew = total, anew
 
     def __len__(self) -> int:
         """Number of vectors."""
@@ -31,7 +39,8 @@ class Basis:
         """Add those of some vectors that are not dependent on earlier ones. Collective.
 
         Vectors have the shape (nodes, 3, k), and `INDEPENDENT` of the size of each by the mass has
-        to be left. The basis is full at `most` vectors.
+        to be left. The basis is full at `most` vectors. What is left has the errors of earlier
+        ones, as many times larger as it is small: it is made clean before others are taken from it.
         """
         shape, n, k = vectors.shape[:2], len(self), vectors.shape[2]
         room = min(n + k, max(most, n))
@@ -39,20 +48,23 @@ class Basis:
         Y[:, :n], MY[:, :n] = columns(self.vectors), columns(self.images)
         more, of_more = (np.array(columns(of), order="F") for of in (vectors, images))
         m = n
-        for _ in range(2):  # once more for what rounding leaves
-            parts = self._total(MY[:, :n].T @ more)
-            more -= Y[:, :n] @ parts
-            of_more -= MY[:, :n] @ parts
+        parts = self._total(MY[:, :n].T @ more)
+        more -= Y[:, :n] @ parts
+        of_more -= MY[:, :n] @ parts
         for k, size in enumerate(sizes):
             if n == room:
                 break
             y, image = more[:, k], of_more[:, k]
-            for _ in range(2):
-                parts = self._total(MY[:, m:n].T @ y)
-                y -= Y[:, m:n] @ parts
-                image -= MY[:, m:n] @ parts
+            parts = self._total(MY[:, m:n].T @ y)
+            y -= Y[:, m:n] @ parts
+            image -= MY[:, m:n] @ parts
             left = float(np.sqrt(max(float(self._total(y @ image)), 0.0)))
             if left > INDEPENDENT * size:
+                y /= left
+                y, image = (u.ravel() for u in self._anew(y.reshape(*shape, 1)))
+                parts = self._total(MY[:, :n].T @ y)
+                y, image = y - Y[:, :n] @ parts, image - MY[:, :n] @ parts
+                left = float(np.sqrt(self._total(y @ image)))
                 Y[:, n], MY[:, n] = y / left, image / left
                 n += 1
         self.vectors, self.images = (A[:, :n].reshape(*shape, n) for A in (Y, MY))

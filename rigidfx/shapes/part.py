@@ -86,7 +86,7 @@ class Part(Expanded):
         after = np.einsum("nak,nak->k", deformed, images)
         before, after = np.sqrt(np.maximum(scene.sum(np.stack([before, after])), 0.0))
         some = after > STRAINING * before
-        basis = Basis(self.nodes.size, scene.sum)
+        basis = self.begun(own[:, :, :0])
         basis.grow(deformed[:, :, some], images[:, :, some], after[some], count)
         m = len(basis)
         m -= m % block if m > block else 0

@@ -45,7 +45,9 @@ def ritz(
     called for: a few that are not resolved follow, which may fill a block. Vectors that are known
     have no part in them: rounding along slow ones would take over.
     """
-    basis, late = Basis(responses.scene.owned_nodes, responses.scene.sum), []
+    scene = responses.scene
+    basis = Basis(scene.owned_nodes, scene.sum, lambda u: (u, responses.inertia(u)))
+    late: list[Array] = []
     if known is not None:
         _add(responses, basis, known)
     first, most = len(basis), most + len(basis)
@@ -60,7 +62,7 @@ def ritz(
                 continue
             Y = responses.solve(F)
             if level:
-                squares, T = slowest(responses.scene.comm, responses.dot(F, Y))  # 1/ω²
+                squares, T = slowest(scene.comm, responses.dot(F, Y))  # 1/ω²
                 slow[k] = max(slow[k], squares[0])
                 pure = rounding[k] * slow[k] <= CLEAN * squares
                 squares = squares[pure & (squares > resolved**2) if level > 1 else pure]
