@@ -17,7 +17,6 @@ from mpi4py import MPI
 
 from rigidfx.base.types import Array, Indices
 from rigidfx.mechanics.rigid_body import Body
-from rigidfx.mechanics.shapes import ShapesOfBodies
 from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.faces import vectors
 from rigidfx.shapes.interface import Interface
@@ -110,13 +109,12 @@ class Excess:
         stretched, _ = body.stretched
         self._e = e = deformed(body, stretched)
         self._about, even = about, part.even(e)
-        on_shapes = part.dot(shapes.whole.swapaxes(1, 2), even[:, :, None])[:, 0]
         respond = about.responses.of_nodes(part.nodes, about.Q)
         free = deformed(body, shapes.free(body.motion.q))
         self._w = part.whole(free, part.beyond(shapes, even), respond)
         energy = abs(float(self._scene.sum(part.missed(e, self._w).sum())))
         energy += about.beside.energy(self.d @ about.Q) / part.energy(e)
-        left = on_shapes - ShapesOfBodies([shapes]).even_force(stretched[None])[0]
+        left = part.left_on(shapes, stretched, even)
         self.nu = max(energy, 0.5 * abs(part.followed(shapes, left, e)))
         k, self.drawn = shapes.given if about.joined else len(left), np.zeros(len(left))
         self.drawn[k:] = np.linalg.solve(shapes.stiffness[k:, k:], left[k:])

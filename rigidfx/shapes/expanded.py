@@ -23,7 +23,7 @@ from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.mechanics.rigid_motions import free_motions, rigid_motions
-from rigidfx.mechanics.shapes import Shapes
+from rigidfx.mechanics.shapes import Shapes, ShapesOfBodies
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.orthonormal import Basis, columns, normalised
 from rigidfx.shapes.stiffness import on_nodes, times
@@ -270,6 +270,11 @@ class Expanded:
         follow = self.dot(modes, even[:, :, None])[:, 0]
         along = np.linalg.solve(shapes.stiffness[:n, :n], follow)
         return np.asarray(even - self.times_stiffness(modes) @ along)
+
+    def left_on(self, shapes: Shapes, e: Array, even: Array) -> Array:
+        """Forces of second order on shapes, beside those of their stretches e, (m,). Collective."""
+        on_shapes = self.dot(shapes.whole.swapaxes(1, 2), even[:, :, None])[:, 0]
+        return np.asarray(on_shapes - ShapesOfBodies([shapes]).even_force(e[None])[0])
 
     def followed(self, shapes: Shapes, forces: Array, d: Array) -> float:
         """Part of d by which forces Φᵀf on shapes, (m,), would move them along it. Collective.

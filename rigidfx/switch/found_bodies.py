@@ -232,15 +232,19 @@ class FoundBodies:
 
     def shortened(self, body: Body) -> Array:
         """δ of the whole structure as a body bends, in space, (owned nodes, 3) [m]. Collective."""
-        found, about = self._of(body.data)
-        F = np.zeros((self._scene.owned_nodes, 3, 1))
-        shapes = body.data.shapes
+        (found, about), shapes = self._of(body.data), body.data.shapes
+        F, by = np.zeros((self._scene.owned_nodes, 3, 1)), np.zeros(body.data.offsets.shape)
         if shapes is not None:
-            even = found.even(shapes.bent(body.stretched[0]))
+            e, _ = body.stretched
+            even = found.even(shapes.bent(e))
             F[body.data.nodes, :, 0] = found.beyond(shapes, even) @ about.Q
+            if shapes.tension is not None:
+                q, K = np.array(shapes.shorter), shapes.tightened(body.motion.q)
+                n = len(shapes.tension)
+                q[:n] += np.linalg.solve(K[:n, :n], found.left_on(shapes, e, even)[:n])
+                by = shapes.bent(q) @ body.motion.R.T
         out = np.asarray(-self.responses.solve(F)[:, :, 0] @ (body.motion.R @ about.Q).T)
-        if shapes is not None and shapes.shorter is not None:
-            out[body.data.nodes] -= shapes.bent(shapes.shorter) @ body.motion.R.T
+        out[body.data.nodes] -= by
         return out
 
     def kept(self, e: Array) -> Array:
@@ -396,8 +400,12 @@ class FoundBodies:
         gained = partial(self._gained, bodies=bodies, rows=rows, actions=actions)
         moved = closed(d)
         found, stay, go = (None, 0.0, 0.0) if moved is None else gained(moved)
-        if stay * go < 0 and (moved := closed(stay / (stay - go) * d)) is not None:
-            found, _, go = gained(moved)  # between both it is that of the expansion
+        (a, at), (b, to) = (0.0, stay), (1.0, go)
+        for _ in range(2 if stay * go < 0 else 0):  # between both it is that of the expansion
+            way = a + (b - a) * at / (at - to)
+            if (moved := closed(way * d)) is not None:
+                found, _, go = gained(moved)
+                (a, at), (b, to) = ((way, go), (b, to)) if go * to < 0 else ((a, at), (way, go))
         actions.destroy()
         return found if abs(go) < abs(stay) else None
 
