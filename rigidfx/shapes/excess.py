@@ -1,8 +1,8 @@
 """How far a body is from the expansion that its shapes have, and where: ν.
 
-It is the larger one of two parts,
+It is the largest of three parts,
 
-    |V(w) - ½ d·K d|/(½ d·K d)    and    ½ |e·M d|/d·M d ,    e = Φ Ω⁻¹ Φᵀ g ,
+    |V(w) - ½ d·K d|/(½ d·K d) ,    ½ |e·M d|/d·M d ,    e = Φ Ω⁻¹ Φᵀ g ,    ½ |ΔΩ|/Ω ,
 
 of the energy and of the displacement d = Φq. e is the response of the shapes to the forces g of
 second order. A bar in tension is stiffer as it bends, which may be little of the energy of the
@@ -108,14 +108,15 @@ class Excess:
         self.d = deformed(body, body.motion.q)
         stretched, _ = body.stretched
         self._e = e = deformed(body, stretched)
-        self._about, even = about, part.even(e)
+        self._about, even = about, part.even(e, part.rolled(e))
         respond = about.responses.of_nodes(part.nodes, about.Q)
         free = deformed(body, shapes.free(body.motion.q))
-        self._w = part.whole(free, part.beyond(shapes, even), respond)
+        self._w = part.whole(free, part.beyond(shapes, even), respond) + part.rolled(free)
         energy = abs(float(self._scene.sum(part.missed(e, self._w).sum())))
         energy += about.beside.energy(self.d @ about.Q) / part.energy(e)
-        left = part.left_on(shapes, stretched, even)
-        self.nu = max(energy, 0.5 * abs(part.followed(shapes, left, e)))
+        left, modes = part.left_on(shapes, stretched, even), shapes.whole.swapaxes(1, 2)
+        unseen = float(np.abs(part.swung(e, modes) / np.diag(shapes.stiffness)).max())
+        self.nu = max(energy, 0.5 * abs(part.followed(shapes, left, e)), 0.5 * unseen)
         k, self.drawn = shapes.given if about.joined else len(left), np.zeros(len(left))
         self.drawn[k:] = np.linalg.solve(shapes.stiffness[k:, k:], left[k:])
 

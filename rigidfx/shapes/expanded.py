@@ -9,7 +9,7 @@ as far as energies tell it (`rigidfx.shapes.excess`). The energy is that of the 
 shape that bends a leaf stretches it by the square of the rotation, which the structure relieves.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -22,7 +22,7 @@ from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.flexible.surface import SMALL_WAY
-from rigidfx.mechanics.rigid_motions import free_motions, rigid_motions
+from rigidfx.mechanics.rigid_motions import fitted_motion, free_motions, rigid_motions
 from rigidfx.mechanics.shapes import Shapes, ShapesOfBodies
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.orthonormal import Basis, columns, normalised
@@ -48,13 +48,14 @@ class Expanded:
         nodes: Indices,
         state: Array,
         held: Bools | None = None,
+        rigid: Sequence[tuple[Ints, Array]] = (),
     ) -> None:
         """Assemble cells of owned nodes, sorted, about their displacement [m]. Collective.
 
         The displacement and the dofs that supports hold have the shape (nodes, 3). The forms' shape
-        is moved and brought back.
+        is moved and brought back. Rigid bodies in it have some of its nodes each, by arms.
         """
-        self._scene, self._linear, self._state = scene, linear, state
+        self._scene, self._linear, self._state, self._rigid = scene, linear, state, rigid
         self.nodes, self.cells, self.rows = nodes, cells, Rows(scene.space, nodes)
         self._mass = Mass(scene, self.rows, cells, np.ones(nodes.size, dtype=bool))
         with self._displaced(0 * state):
@@ -144,18 +145,45 @@ class Expanded:
         yield
         x.array[:] = before
 
+    def rolled(self, d: Array) -> Array:
+        """What keeps bodies in it rigid to second order, as d does to first. Collective."""
+        more = np.zeros(d.shape)
+        for own, arms in self._rigid:
+            turn = self._turns(own, arms, d[:, :, None])[:, 0]
+            more[own] = 0.5 * np.cross(turn, np.cross(turn, arms))
+        return more
+
+    def swung(self, e: Array, modes: Array) -> Array:
+        """Stiffness of shapes in which bodies turn, by forces K e on these, (m,) [N/m]. Collective.
+
+        It is half the change of their work by what `rolled` adds.
+        """
+        out, forces = np.zeros(modes.shape[2]), self.times_stiffness(e[:, :, None])[:, :, 0]
+        for own, arms in self._rigid:
+            W = np.asarray(self._scene.sum(forces[own].T @ arms))
+            turns = self._turns(own, arms, modes)
+            out += (turns * ((W - np.trace(W) * np.eye(3)) @ turns)).sum(axis=0)
+        return out
+
+    def _turns(self, own: Ints, arms: Array, fields: Array) -> Array:
+        """Turns of a body in it in fields (nodes, 3, k), shape (3, k). Collective."""
+        modes = columns(rigid_motions(arms, 1.0))
+        return fitted_motion(modes, columns(fields[own]), self._scene.sum)[3:]
+
     def forces(self, d: Array, cells: Cells | None = None) -> Array:
         """Forces of its cells, or some, at d [m] beside the state, (nodes, 3) [N]. Collective."""
         with self._displaced(d):
             form = self._force if cells is None else self._linear.force(cells)
             return on_nodes(self._scene, form)[self.nodes]
 
-    def even(self, d: Array) -> Array:
+    def even(self, d: Array, more: Array | float = 0.0) -> Array:
         """½ [f(d) + f(-d)] - f(0), the forces of second order, shape (nodes, 3) [N]. Collective.
 
         Without those that move it as a whole: its frame follows these, at the nodes' places in d.
+        More of second order may be in both displacements.
         """
-        return self._resting(0.5 * (self.forces(d) + self.forces(-d)) - self.internal)
+        both = self.forces(more + d) + self.forces(more - d)
+        return self._resting(0.5 * both - self.internal)
 
     def lengthened(self, d: Array) -> Array:
         """The part of these by strains of second order, ½ ∫ S'[w] : ∇dᵀ∇d, (nodes, 3). Collective.

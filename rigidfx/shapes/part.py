@@ -54,7 +54,14 @@ class Part(Expanded):
         held, state = stiffness.held.reshape(-1, 3)[nodes], stiffness.linear.shape.x.array
         free = self._checked(responses.scene, cells, held)
         known = responses.scene, stiffness.linear, cells, nodes
-        super().__init__(*known, state.reshape(-1, 3)[nodes], held)
+        bodies = stiffness.bodies
+        beside = [np.setdiff1d(body.nodes, nodes).size for body in bodies.of.records]
+        rigid = [
+            (np.flatnonzero(np.isin(nodes, body.data.nodes)), body.data.offsets @ body.motion.R.T)
+            for body, left in zip(bodies, responses.scene.sum(beside), strict=True)
+            if left == 0
+        ]
+        super().__init__(*known, state.reshape(-1, 3)[nodes], held, rigid)
         self.room = free - self.motions.shape[2]
 
     def _checked(self, scene: Scene, cells: Cells, held: Bools) -> int:

@@ -128,6 +128,8 @@ class Shortening:
             about = self._about(body)
             moved -= _seen(body, self._response(body, about, self._forces(body, about.part)))
         for body in counting if every else ():
+            rolled = self._about(body).part.rolled(deformed(body, body.motion.q))
+            moved[0, body.data.nodes] += rolled @ body.motion.R.T
             for _ in range(RELAXED):
                 moved[0] += self._further(body, moved[0])
         return moved
