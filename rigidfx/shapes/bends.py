@@ -233,6 +233,8 @@ class Spent:
         small = np.abs(body.motion.q).max() <= ROUNDING * body.data.length
         if not lacks_tension(body) or small:
             return False
+        if body.data.shapes is not None and body.data.shapes.given:
+            return True
         held = self._draws.get(body.data.name, 0.0) * _sizes(body)[1]
         return max(held, self._stiffens(body, body.stretched[0])) > BOUND
 
