@@ -85,6 +85,28 @@ def test_equilibria_have_the_twin_s_places_stresses_and_reactions(case, part):
         assert off(found, expected) < 5e-3
 
 
+@pytest.mark.parametrize("pressure", [300.0, 4000.0])
+@pytest.mark.parametrize("ends", ["apart", "one set", "axial"])
+def test_bends_pull_at_supports(ends, pressure):
+    domain = rf.box((0, 0, 0), (1.0, 0.05, 0.02), (24, 2, 2))
+    domain = domain.with_facets("both", lambda x: np.abs(x[0] - 0.5) > 0.5 - 1e-9)
+    far = rf.Fixed("x1", "x") if ends == "axial" else rf.Fixed("x1")
+    held = [rf.Fixed("both")] if ends == "one set" else [LEFT, far]
+    effects = *held, rf.Traction("z1", (0, 0, -pressure))
+    material, probes = (
+        rf.StVenantKirchhoff(E=2e9, nu=0.3, rho=2000.0),
+        {"middle": (0.5, 0.025, 0.01)},
+    )
+    given = {"probes": probes, "element": "enhanced"}
+    own, twin = (
+        [*rf.static(rf.Scene(domain, material, [*effects, *more], **given))][-1]
+        for more in ([rf.Reduced()], [])
+    )
+    assert own.probes["middle"] == pytest.approx(twin.probes["middle"], rel=3e-3, abs=1e-6)
+    for where, force in twin.reactions.items():
+        assert np.abs(own.reactions[where] - force).max() < 3e-3 * np.abs(force).max()
+
+
 def test_modes_are_those_of_the_flexible_twin():
     pulse = rf.Traction("z1", (100.0, 20.0, 300.0), time=lambda t: float(0.3 < t < 0.301))
     effects = pulse, LEFT, rf.Fixed("x1", "z")

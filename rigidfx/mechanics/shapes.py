@@ -24,6 +24,8 @@ from rigidfx.base.taken import seal
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.mechanics.rotation import IDENTITY, axial, skew
 
+EPS = float(np.finfo(np.float64).eps)
+
 
 @dataclass(frozen=True)
 class Shapes:
@@ -63,6 +65,12 @@ class Shapes:
         """D, shape (m, m) [kg]."""
         return np.asarray(np.einsum("klii->kl", self.moments[1:, 1:]))
 
+    @cached_property
+    def flexibility(self) -> Array:
+        """Ω⁻¹, zero along motions that supports give and nothing resists, shape (m, m) [m/N]."""
+        inverse = np.linalg.pinv(self.stiffness, rcond=EPS ** (2 / 3), hermitian=True)
+        return np.asarray(inverse, dtype=np.float64)
+
     def bent(self, q: Array) -> Array:
         """Φ q at the nodes, shape (nodes, 3)."""
         return np.asarray(q @ self.modes)
@@ -74,7 +82,7 @@ class Shapes:
         n = len(self.tension)
         gained = np.zeros((len(self), 2))
         gained[:n] = np.stack([self.tension @ x[:n] @ q[:n] for x in (0.5 * q, rate)], axis=1)
-        relieved = np.linalg.solve(self.stiffness, gained).T
+        relieved = (self.flexibility @ gained).T
         return self.free(q) + relieved[0], rate + relieved[1]
 
     def free(self, q: Array) -> Array:
@@ -157,7 +165,7 @@ class ShapesOfBodies:
                 m, n = len(own), len(own.tension)
                 out[k, :n, :n, :n] = own.tension
                 flat = out[k, :m, :m, :m].reshape(m, m * m)
-                out[k, :m, :m, :m] = np.linalg.solve(own.stiffness, flat).reshape(m, m, m)
+                out[k, :m, :m, :m] = (own.flexibility @ flat).reshape(m, m, m)
                 shorter[k, :m] = own.shorter
         return out, shorter
 

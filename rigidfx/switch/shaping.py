@@ -150,22 +150,29 @@ class Shaping:
     def _guides(self, data: RigidBody, hold: Hold | None) -> Array:
         """Static responses of the whole to unit motions of guides, at a body's nodes. Collective.
 
+        There are none where a support clamps a `Rigid` part in it.
+
         Raises:
             SceneError: On every rank, if a support holds a `Rigid` part in it beside another one.
         """
-        if hold is None or not hold.guides:
-            return np.zeros((data.nodes.size, 3, 0))
+        none = np.zeros((data.nodes.size, 3, 0))
+        if hold is None:
+            return none
         responses, scene = self._responses, self._scene
         assert responses is not None
         stiffness = responses.stiffness
         clamped = (stiffness.held & ~stiffness.prescribed.mask).reshape(-1, 3)[data.nodes]
         if scene.sum(np.count_nonzero(clamped)):
+            if not hold.guides:
+                return none
             raise SceneError(
                 f"Reduced '{data.name}': a support clamps a Rigid part in it, and another one "
                 "holds it, too. Take the Rigid away, or leave a layer of flexible cells."
             )
         offsets = stiffness.places - data.origin
         each = [motions for _, motions, _ in guided(scene, hold, data, offsets)]
+        if not each:
+            return none
         moved = np.concatenate(each, axis=2)
         return (moved + responses.solve(pulled(responses, moved)))[data.nodes]
 

@@ -1,17 +1,20 @@
 """Bodies that supports hold or move: what their paths give frames and shapes in a step.
 
-The frame of a body follows one support, or rests. Further supports are guides: the first shapes are
-responses to unit motions of their nodes, so that q of these is how the nodes move in the frame, and
-the rows of q are the forces of the guides.
+The frame of a body follows one support, or rests. Further places that supports hold are guides: the
+first shapes are responses to unit motions of their nodes, so that q of these is how the nodes move
+in the frame, and the rows of q are the forces of the guides.
 """
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from rigidfx.base.errors import together
 from rigidfx.base.types import Array, Ints
+from rigidfx.coupling.dof_layout import AtNodes
 from rigidfx.coupling.ports import far_apart
 from rigidfx.effects import Support
 from rigidfx.mechanics.bodies import Bodies
@@ -22,6 +25,10 @@ from rigidfx.mechanics.shaped_step import ShapedIncrements
 from rigidfx.scene.scene import Scene
 from rigidfx.step.equations.division import Hold
 from rigidfx.step.equations.supports import dofs_of
+
+# Places of a support that count each for itself: with six motions of all but one a part has as many
+# coordinates that are given as it may have shapes (`rigidfx.shapes.part`).
+PLACES = 7
 
 
 @dataclass(frozen=True)
@@ -82,7 +89,8 @@ class HeldBodies:
         for k, data in enumerate(bodies.of.records):
             if (hold := held.get(data.name)) is not None and data.shapes is not None:
                 self._frames[k] = None if hold.frame is None else self._frame(k, hold.frame, data)
-                self._guides[k] = list(self._each_guide(k, hold, data))
+                own = self._each_guide(k, hold, data) if data.shapes.given else ()
+                self._guides[k] = list(own)
         guides: list[_Points] = [guide for own in self._guides.values() for guide in own]
         self._every = [*filter(None, self._frames.values()), *guides]
 
@@ -218,23 +226,61 @@ def guided(
 ) -> Iterator[tuple[Support, Array, Array]]:
     """Unit motions of the guides in a body, of all their nodes. Collective.
 
+    Each place that a support holds counts for itself, as bends pull at it, but one of the frame's.
     A dof that several supports hold counts for the first of them, that of the frame before others.
     Offsets are places of the owned nodes in the body's frame, shape (owned nodes, 3) [m]. Of each
     guide come motions of the owned nodes, zero at dofs that it does not hold, shape
     (owned nodes, 3, n), and the rigid motions that these are, shape (6, n).
     """
-    V, moved = rigid_motions(offsets, data.length), np.zeros((*offsets.shape, 6))
-    frame = () if hold.frame is None else dofs_of(scene, hold.frame)
-    taken = np.isin(np.arange(offsets.size), frame)
-    for support in hold.guides:
+    V, taken = rigid_motions(offsets, data.length), np.zeros(offsets.size, dtype=bool)
+    for support in (*([] if hold.frame is None else [hold.frame]), *hold.guides):
         dofs = dofs_of(scene, support)
         dofs = dofs[~taken[dofs]]
-        taken[dofs], moved[:] = True, 0.0
-        moved.reshape(-1, 6)[dofs] = V.reshape(-1, 6)[dofs]
-        own = moved[data.nodes].reshape(-1, 6)
-        values, motions = scene.comm.bcast(np.linalg.eigh(scene.sum(own.T @ own)))
-        motions = motions[:, values > RIGID**2 * values[-1]]
-        yield support, moved @ motions, motions
+        taken[dofs], found = True, []
+        for some in _places(scene, dofs, data):
+            moved = np.zeros((*offsets.shape, 6))
+            moved.reshape(-1, 6)[some] = V.reshape(-1, 6)[some]
+            own = moved[data.nodes].reshape(-1, 6)
+            values, motions = scene.comm.bcast(np.linalg.eigh(scene.sum(own.T @ own)))
+            motions = motions[:, values > RIGID**2 * values[-1]]
+            found.append((support, moved @ motions, motions))
+        if support is hold.frame:  # one place is the frame's, or all together are
+            held = [k for k, (*_, motions) in enumerate(found) if motions.shape[1] == 6]
+            found = [own for k, own in enumerate(found) if held and k != held[0]]
+        yield from found
+
+
+def _places(scene: Scene, dofs: Ints, data: RigidBody) -> list[Ints]:
+    """Owned dofs of a support at each place where it holds a body, the largest first. Collective.
+
+    Nodes that share cells are in one place; all dofs are where there are more than `PLACES`.
+    """
+    nodes, number = np.unique(dofs // 3, return_inverse=True)
+    marks = np.zeros(scene.owned_nodes)
+    marks[nodes] = 1.0
+    at, owned = AtNodes(scene).of_owners(marks) > 0, scene.mesh.topology.index_map(3).size_local
+    cells = scene.space.dofmap.list[:owned]
+    row, column = np.nonzero(at[cells])
+    first = np.r_[True, np.diff(row) > 0] if row.size else np.empty(0, dtype=bool)
+    ends = cells[row, column], cells[row, column][first][np.cumsum(first) - 1]
+    known = scene.space.dofmap.index_map.local_to_global
+    pairs = np.stack([known(end.astype(np.int32)) for end in ends])
+    every = np.concatenate(scene.comm.allgather(pairs), axis=1)
+    ids, pairs = np.unique(every, return_inverse=True)
+    pairs = pairs.reshape(2, -1)
+    graph = coo_array((np.ones(pairs.shape[1]), pairs), shape=(ids.size,) * 2)
+    count, place = connected_components(graph, directed=False)
+    place = place[np.searchsorted(ids, known(nodes.astype(np.int32)))]
+    x = scene.space.tabulate_dof_coordinates()[nodes]
+    sums = np.zeros((count, 5))
+    np.add.at(sums, place, np.c_[np.isin(nodes, data.nodes), np.ones(nodes.size), x])
+    sums = np.asarray(scene.sum(sums))
+    here = np.flatnonzero(sums[:, 0])
+    if here.size > PLACES:
+        return [dofs]
+    middle = sums[here, 2:] / (scene.mean_cell_size * sums[here, 1:2])
+    order = here[np.lexsort(np.c_[middle.round(3), -sums[here, 0]].T)]
+    return [dofs[place[number] == k] for k in order]
 
 
 def _origin(bodies: Bodies, k: int) -> Array:

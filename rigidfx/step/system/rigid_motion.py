@@ -27,8 +27,9 @@ from rigidfx.scene.weights import inertial_masses
 from rigidfx.step.equations.constraints import elements_of
 from rigidfx.step.equations.supports import PrescribedDofs
 
-FREE = 1e-10  # of the largest eigenvalue of BᵀB: motions that B does not see
-NOTHING = float(np.sqrt(np.finfo(np.float64).eps))  # of a motion: what asks less asks nothing
+EPS = np.finfo(np.float64).eps
+FREE = float(np.cbrt(EPS * EPS))  # of the largest eigenvalue of BᵀB: motions that B does not see
+NOTHING = float(np.sqrt(EPS))  # of a motion: what asks less asks nothing
 
 
 def joint_rows(scene: Any, acting: Sequence[Windowed], motions: Callable[[Ints], Array]) -> Array:
