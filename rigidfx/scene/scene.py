@@ -291,7 +291,7 @@ class Scene:
         Collective, when it is first asked for.
         """
         space, dofs = self.space.sub(0).collapse()
-        return space, np.asarray(dofs) // 3
+        return space, np.reshape(dofs, -1) // 3
 
     @cached_property
     def parts(self) -> ConnectedParts:
