@@ -34,6 +34,7 @@ def bars(*effects, thrown=True, apart_by=2.0, **options):
         ((0, 0, 0), (1, 0.2, 0.2), (5, 2, 2)), ((1.02, 0, 0), (2.02, 0.2, 0.2), (5, 2, 2))
     )
     sets = {"A": (0, 1), "B": (1.02, 3), "inner": (0.4, 1), "outer": (1.42, 3)}
+    sets |= {"hub": (0, 0.2), "arm": (0.2, 1)}
     for name, (low, high) in sets.items():
         domain = domain.with_cells(
             name, lambda x, a=low, b=high: (x[0] > a - 0.01) & (x[0] < b + 0.01)
@@ -129,6 +130,20 @@ def test_they_move_and_push_as_the_twin_does(case):
     # and 60 shapes err by the same 1.9e-4.
     for (a, b), allowed in ((ways, 3e-4 if case == "turned" else 1e-4), (forces, 2e-3)):
         assert np.abs(a - b).max() < allowed * np.abs(b).max()
+
+
+def test_joints_hold_what_is_rigid_in_a_part_by_its_name():
+    """It was refused, as no Rigid part of that name."""
+    effects = [
+        rf.Revolute("ground", "hub", (0.1, 0.1, 0.1), Z, name="root"),
+        rf.JointSpring("root", stiffness=300.0),
+        *(HINGE, PUSH, rf.Rigid("hub")),
+    ]
+    own, twin = (run(bars(*effects, *some, thrown=False)) for some in ([rf.Reduced("arm")], []))
+    assert own[0][-1].bodies[0].name == "arm + hub"
+    assert own[1] < 1e-11
+    assert own[2] < 1e-14
+    assert np.abs(tips(own[0]) - tips(twin[0])).max() < 1e-4 * np.abs(tips(twin[0])).max()
 
 
 def test_a_four_bar_linkage_bends_as_its_twin():

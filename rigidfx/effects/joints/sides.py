@@ -209,15 +209,23 @@ def side_of(scene: Any, owner: str, side: Side) -> Sided:
         return FaceSide(scene, weights, title)
     if side == GROUND:
         return Grounded()
-    rigid = {e.name: e.where for e in scene.effects if e.is_rigid}
+    rigid = _rigid_parts(scene)
     if side not in rigid:
         raise SceneError(
             f"{owner}: '{side}' is no Rigid part; there are {sorted(rigid) or 'none'}. A surface "
             f"is joined by MeanFace('{side}'), the ground is '{GROUND}'."
         )
+    where, kind = rigid[side]
     weights = np.array(scene.averaging_mass[:n])
-    weights *= scene.members(rigid[side], owner)[:n, 0]
-    return Averages(scene, weights, title)
+    weights *= scene.members(where, owner)[:n, 0]
+    return kind(scene, weights, title)
+
+
+def _rigid_parts(scene: Any) -> dict[str, tuple[str | None, type[Averages]]]:
+    """Sets of rigid parts by name, and how they are sides: as faces in a part that deforms."""
+    parts = (e for e in scene.effects if e.is_body and e.deforms)
+    inside = {name: (name, FaceSide) for part in parts for name in part.stiff}
+    return {e.name: (e.where, Averages) for e in scene.effects if e.is_rigid} | inside
 
 
 def end_of(scene: Any, owner: str, side: Side, at: Point | None = None) -> Vector:
@@ -227,8 +235,7 @@ def end_of(scene: Any, owner: str, side: Side, at: Point | None = None) -> Vecto
     None.
     """
     given = None if at is None else np.asarray(at, dtype=np.float64)
-    rigid = [effect.name for effect in scene.effects if effect.is_rigid]
-    if isinstance(side, Surface) or side == GROUND or side in rigid:
+    if isinstance(side, Surface) or side == GROUND or side in _rigid_parts(scene):
         found = side_of(scene, owner, side)
         point = found.centre if given is None else given
         if np.isnan(point).any():
