@@ -226,7 +226,8 @@ def guided(
 ) -> Iterator[tuple[Support, Array, Array]]:
     """Unit motions of the guides in a body, of all their nodes. Collective.
 
-    Each place that a support holds counts for itself, as bends pull at it, but one of the frame's.
+    Each place that a support holds counts for itself, as bends pull at it, but the largest of the
+    frame's.
     A dof that several supports hold counts for the first of them, that of the frame before others.
     Offsets are places of the owned nodes in the body's frame, shape (owned nodes, 3) [m]. Of each
     guide come motions of the owned nodes, zero at dofs that it does not hold, shape
@@ -244,10 +245,7 @@ def guided(
             values, motions = scene.comm.bcast(np.linalg.eigh(scene.sum(own.T @ own)))
             motions = motions[:, values > RIGID**2 * values[-1]]
             found.append((support, moved @ motions, motions))
-        if support is hold.frame:  # one place is the frame's, or all together are
-            held = [k for k, (*_, motions) in enumerate(found) if motions.shape[1] == 6]
-            found = [own for k, own in enumerate(found) if held and k != held[0]]
-        yield from found
+        yield from found[support is hold.frame :]
 
 
 def _places(scene: Scene, dofs: Ints, data: RigidBody) -> list[Ints]:
