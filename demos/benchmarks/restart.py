@@ -53,6 +53,7 @@ POLITE = {  # processes let others work
     "MPIR_CVAR_POLLS_BEFORE_YIELD": "1",
 }
 KILLS = 50
+ENERGIES = "kinetic", "strain", "stored", "springs", "dissipated"  # relative to the largest energy
 APART = "wall", "iterations", "tangents", "linear_iterations"  # of the machine, of Newton's method
 LONGEST = 3.0  # s from when a run moves to when it is killed; a short run's time if that is less
 WAIT = 300.0  # s, after which a run counts as hanging
@@ -171,10 +172,10 @@ def compared(folder: Path, reference: Path) -> float:
     if len(ours["t"]) != len(theirs["t"]):
         return np.inf
     every = [name for name in theirs if name not in APART]
-    off, size = (dict.fromkeys([name.rstrip("xyz") for name in every], 0.0) for _ in range(2))
+    off, size = (dict.fromkeys([kind_of(name) for name in every], 0.0) for _ in range(2))
     for name in every:
         a, b = (np.nan_to_num(np.asarray(rows[name], dtype=float)) for rows in (ours, theirs))
-        kind = name.rstrip("xyz")
+        kind = kind_of(name)
         if kind.startswith("a_"):  # a difference of velocities over Δt, and compared with these
             dt = np.asarray(theirs["dt"], dtype=float)
             a, b, kind = a * dt, b * dt, kind.replace("a_", "v_", 1)
@@ -185,6 +186,11 @@ def compared(folder: Path, reference: Path) -> float:
         if not same_rows(folder / name, reference / name):
             return np.inf
     return worst
+
+
+def kind_of(column: str) -> str:
+    """The columns whose largest value a column is compared with."""
+    return "energy" if column in ENERGIES else column.rstrip("xyz")
 
 
 def same_rows(one: Path, other: Path) -> bool:
