@@ -21,6 +21,7 @@ their own.
 import csv
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -190,7 +191,7 @@ def compared(folder: Path, reference: Path) -> float:
 
 def kind_of(column: str) -> str:
     """The columns whose largest value a column is compared with."""
-    return "energy" if column in ENERGIES else column.rstrip("xyz")
+    return "energy" if column in ENERGIES else re.sub("_[xyz](_resolved)?$", "", column)
 
 
 def same_rows(one: Path, other: Path) -> bool:
