@@ -142,7 +142,7 @@ class State:
         return numbers
 
     def bent(self) -> tuple[fem.Function, fem.Function, Bools]:
-        """What strains bodies with shapes: their shape at the freeze, and Φ e there. Collective.
+        """Strains of bodies with shapes: their shape at the freeze, and Φ e there. Collective.
 
         Displacement of that shape and the motion in its frame, ghosts included [m], and which owned
         cells are in these bodies, are returned.

@@ -93,11 +93,8 @@ def test_bends_pull_at_supports(ends, pressure):
     far = rf.Fixed("x1", "x") if ends == "axial" else rf.Fixed("x1")
     held = [rf.Fixed("both")] if ends == "one set" else [LEFT, far]
     effects = *held, rf.Traction("z1", (0, 0, -pressure))
-    material, probes = (
-        rf.StVenantKirchhoff(E=2e9, nu=0.3, rho=2000.0),
-        {"middle": (0.5, 0.025, 0.01)},
-    )
-    given = {"probes": probes, "element": "enhanced"}
+    material = rf.StVenantKirchhoff(E=2e9, nu=0.3, rho=2000.0)
+    given = {"probes": {"middle": (0.5, 0.025, 0.01)}, "element": "enhanced"}
     own, twin = (
         [*rf.static(rf.Scene(domain, material, [*effects, *more], **given))][-1]
         for more in ([rf.Reduced()], [])

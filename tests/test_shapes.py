@@ -267,10 +267,6 @@ def test_ranks():
         np.testing.assert_allclose(other, one, rtol=0, atol=1e-9 * np.abs(one).max())
 
 
-if __name__ == "__main__":
-    tell(found())
-
-
 def test_bases_stay_orthonormal_where_each_vector_hardly_differs_from_earlier_ones():
     """Rounding that each one passes on, larger, would leave 3 of 1."""
     rng = np.random.default_rng(1)
@@ -280,3 +276,7 @@ def test_bases_stay_orthonormal_where_each_vector_hardly_differs_from_earlier_on
     basis.grow(vectors, images, np.sqrt((vectors * images).sum(axis=(0, 1))), 8)
     gram = np.einsum("nak,nal->kl", basis.vectors, mass * basis.vectors)
     assert np.abs(gram - np.eye(8)).max() < 10 * EPS
+
+
+if __name__ == "__main__":
+    tell(found())

@@ -290,7 +290,7 @@ def main() -> None:
         rows.append(overhead(600 if options.short else 20_000, 1 if options.short else 5))
     conclude(options.out, rows)
     for row in rows:
-        if row["largest_difference"] is not None:  # what bodies grow makes rounding larger
+        if row["largest_difference"] is not None:  # growth makes rounding larger
             assert row["largest_difference"] <= 1e-9, row["case"]
         assert options.short or row["overhead"] is None or row["overhead"] <= 0.02
 

@@ -68,8 +68,7 @@ class Shapes:
     @cached_property
     def flexibility(self) -> Array:
         """Ω⁻¹, zero along motions that supports give and nothing resists, shape (m, m) [m/N]."""
-        inverse = np.linalg.pinv(self.stiffness, rcond=EPS ** (2 / 3), hermitian=True)
-        return np.asarray(inverse, dtype=np.float64)
+        return _inverse(self.stiffness)
 
     def bent(self, q: Array) -> Array:
         """Φ q at the nodes, shape (nodes, 3)."""
@@ -227,7 +226,7 @@ class ShapesOfBodies:
     @cached_property
     def _flexibility(self) -> Array:
         """Ω⁻¹ of the shapes that there are, shape (some, most, most) [m/N]."""
-        return np.asarray(np.linalg.pinv(self.stiffness, hermitian=True), dtype=np.float64)
+        return _inverse(self.stiffness)
 
     def even_force(self, q: Array) -> Array:
         """What Γ adds to Ωq to second order, shape (some, most) [N]."""
@@ -238,6 +237,12 @@ class ShapesOfBodies:
         """U(q) - U₀ of each body, shape (some,) [J]."""
         e = self.stretched(q)
         return np.asarray((self.force * q + 0.5 * times(self.stiffness, e) * e).sum(axis=1))
+
+
+def _inverse(stiffness: Array) -> Array:
+    """The inverse of stiffnesses, shape (..., m, m), zero along motions that nothing resists."""
+    inverse = np.linalg.pinv(stiffness, rcond=EPS ** (2 / 3), hermitian=True)
+    return np.asarray(inverse, dtype=np.float64)
 
 
 def times(matrices: Array, vectors: Array) -> Array:

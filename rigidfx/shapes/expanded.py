@@ -146,7 +146,7 @@ class Expanded:
         x.array[:] = before
 
     def rolled(self, d: Array) -> Array:
-        """What keeps bodies in it rigid to second order, as d does to first. Collective."""
+        """Displacement by which bodies in it, rigid in d, stay so to second order. Collective."""
         more = np.zeros(d.shape)
         for own, arms in self._rigid:
             turn = self._turns(own, arms, d[:, :, None])[:, 0]

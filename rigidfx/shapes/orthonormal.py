@@ -26,7 +26,7 @@ class Basis:
     ) -> None:
         """Begin without vectors at this rank's nodes. Collective.
 
-        `total` is a sum over ranks; `anew` gives vectors without what none may have, and images.
+        `total` is a sum over ranks; `anew` takes out motions that none may have, and gives images.
         """
         self.vectors, self.images = np.zeros((2, nodes, 3, 0))
         self._total, self._anew = total, anew
@@ -39,8 +39,8 @@ class Basis:
         """Add those of some vectors that are not dependent on earlier ones. Collective.
 
         Vectors have the shape (nodes, 3, k), and `INDEPENDENT` of the size of each by the mass has
-        to be left. The basis is full at `most` vectors. What is left has the errors of earlier
-        ones, as many times larger as it is small: it is made clean before others are taken from it.
+        to be left. The basis is full at `most` vectors. The rest has the errors of earlier ones,
+        as many times larger as it is small: it is cleaned before others are taken from it.
         """
         shape, n, k = vectors.shape[:2], len(self), vectors.shape[2]
         room = min(n + k, max(most, n))

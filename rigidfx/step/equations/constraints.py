@@ -141,9 +141,9 @@ class Constraints:
 
     @property
     def noise(self) -> float:
-        """Size of the forces at the last iterate, in statics also of what closes rows [N].
+        """Size of the forces at the last iterate, in statics also of those that close rows [N].
 
-        In motion that is of the size of momenta over Δt.
+        In motion the latter are of the size of momenta over Δt.
         """
         own = self.linkage
         close = float(np.linalg.norm(self.scale * own.sizes)) if own.drives.static else 0.0

@@ -227,8 +227,8 @@ def guided(
     """Unit motions of the guides in a body, of all their nodes. Collective.
 
     Each place that a support holds counts for itself, as bends pull at it, but the largest of the
-    frame's.
-    A dof that several supports hold counts for the first of them, that of the frame before others.
+    frame's. A dof that several supports hold counts for the first of them, that of the frame before
+    others.
     Offsets are places of the owned nodes in the body's frame, shape (owned nodes, 3) [m]. Of each
     guide come motions of the owned nodes, zero at dofs that it does not hold, shape
     (owned nodes, 3, n), and the rigid motions that these are, shape (6, n).
