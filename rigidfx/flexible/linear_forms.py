@@ -95,28 +95,30 @@ class LinearForms:
     def tension(self, cells: Cells, along: Array) -> fem.Form:
         """∫ S'[along] : ∇wᵀ∇v: what stresses add to the stiffness, of each component alike.
 
-        They are those of a displacement at the owned dofs [m], without what elements do to it, at
-        one point of each cell where strains are constant or parasitic, and as they vary in cells of
-        second order. Arguments are in the space of one component: see `Scene`.
+        They are those of a displacement at the owned dofs [m], at one point of each cell where
+        strains are constant or parasitic, else as they vary in it. Arguments are in the space of
+        one component: see `Scene`.
         """
         if self._tension is None:
-            V, Q = self._scene.space, self._scene.component[0]
-            strained, moved = fem.Function(V), fem.Function(V)
+            V, Q, element = self._scene.space, self._scene.component[0], self._scene.element
+            ends = fem.Function(V), fem.Function(V)
             test, trial = ufl.TestFunction(Q), ufl.TrialFunction(Q)
             slopes = ufl.outer(ufl.grad(test), ufl.grad(trial))
 
             def work(i: int, c: MaterialClass) -> Any:
-                F = ufl.Identity(3) + ufl.grad(strained)
-                S = second_piola_kirchhoff(c.law.energy, F.T * F, c.law.parameters)
-                return ufl.inner(S, slopes)
+                C, s = element.right_cauchy_green(self.shape), ufl.variable(ufl.as_ufl(0.0))
+                C += 2 * s * element.strain_increment(*ends)
+                S = second_piola_kirchhoff(c.law.energy, C, c.law.parameters)
+                return ufl.inner(ufl.diff(S, s), slopes)
 
-            degree = 2 * (self._scene.order - 1)
-            form = ufl.derivative(self._forces.integrate(work, degree), strained, moved)
-            self._tension = strained, moved, Kernel(form, [Q, Q], self._scene.mesh)
-        strained, moved, kernel = self._tension
-        moved.x.array[: along.size] = along
-        moved.x.scatter_forward()
-        return kernel.bind(cells, instead={strained: self.shape})
+            degree = 2 * (self._scene.order - 1) if element.locks else None
+            form = self._forces.integrate(work, degree)
+            self._tension = *ends, Kernel(form, [Q, Q], self._scene.mesh)
+        begin, end, kernel = self._tension
+        for f, sign in ((begin, -0.5), (end, 0.5)):
+            f.x.array[: along.size] = self.shape.x.array[: along.size] + sign * along
+            f.x.scatter_forward()
+        return kernel.bind(cells)
 
     @cached_property
     def strains(self) -> StrainRates:
