@@ -133,7 +133,7 @@ def _of_joints(
     out: dict[str, float] = {}
     unknown = np.full(3, nan)
     for title, owners in joints.items():
-        joint = told.get(title, fx.JointReport(unknown, unknown, unknown, gap=nan))
+        joint = told.get(title, fx.JointReport(unknown, lambda: (unknown, unknown, {}), gap=nan))
         for name in ("place", "force", "moment"):
             out |= components(f"joint_{title}_{name}", getattr(joint, name))
         for name in ("angle", "travel", "angle_rate", "travel_rate", "gap"):

@@ -19,7 +19,7 @@ from rigidfx.step.equations.supports import Impact
 NEGLIGIBLE = ADVICE["a load does nothing, nothing acts"].bound
 OTHERS = Preload, SpringDamper, Reduced  # tensions, and shapes that have masses of their own
 TURNED_OF_ALL = 1e-3  # of the largest energy: what springs have stored by a rotation that matters
-LUMPED_EVERY, TURNED_EVERY = 8, 16  # steps from look to look
+EVERY = 8  # steps from look to look
 
 
 class Jolts(Adviser):
@@ -129,7 +129,7 @@ class LumpedInertia(Adviser):
         bodies = report.rigid
         if self.said or not self._lumped or not bodies.of.excessive:
             return
-        if bodies.of is self._seen and report.step % LUMPED_EVERY:
+        if bodies.of is self._seen and report.step % EVERY:
             return
         self._seen = bodies.of
         excess, kinetic = bodies.kinetic_excess, bodies.kinetic_of_each
@@ -174,7 +174,7 @@ class TurnedSprings(Adviser):
         if self.said or not self._springs:
             return
         self._most = max(self._most, report.energy)
-        if report.step % TURNED_EVERY:
+        if report.step % EVERY:
             return
         for where, K, on, w, X in self._springs:
             x = report.state.positions(on)

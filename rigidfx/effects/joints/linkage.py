@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from itertools import accumulate, pairwise
 from typing import Any
 
@@ -32,34 +32,54 @@ from rigidfx.effects.joints.vectors import BoundAverages, Vectors, stiff_rows
 from rigidfx.effects.nodes import Forces, ForcesOfNodes, Instant, Motion
 from rigidfx.mechanics.bodies import Bodies
 
+# Force [N], moment [N m] and efforts of a joint.
+Acting = tuple[Array, Array, Mapping[str, float]]
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class JointReport:
     """Force and motion of a joint in a step; forces are those at its midpoint, in space.
 
     Attributes:
         place: Place of the joint on its first side at the end of the step, shape (3,) [m].
-        force: On its second side, of rows, motors and springs together, shape (3,) [N].
-        moment: On its second side about the joint's place, likewise [N m].
+        acting: Finds its forces, when they are first asked for.
         angle: Of the second side about the axis, turns counted [rad]; NaN if it leaves none free.
         travel: Of the second side along the axis [m]; NaN if it leaves none free.
         angle_rate: Mean rate of the angle in the step [rad/s]; NaN likewise.
         travel_rate: Mean rate of the travel [m/s]; NaN likewise.
-        efforts: Torque [N m] or force [N] of each motor, spring and stop of the joint that acts, by
-            its owner, such as "Motor of 'pin'". Of two with one owner in the scene each has more:
-            "Motor of 'pin', torque 2".
         gap: Largest violation of its rows at the end of the step [m].
     """
 
     place: Array
-    force: Array
-    moment: Array
+    acting: Callable[[], Acting] = field(repr=False)
     angle: float = np.nan
     travel: float = np.nan
     angle_rate: float = np.nan
     travel_rate: float = np.nan
-    efforts: Mapping[str, float] = field(default_factory=dict)
     gap: float = 0.0
+
+    @cached_property
+    def _acts(self) -> Acting:
+        return self.acting()
+
+    @property
+    def force(self) -> Array:
+        """On its second side, of rows, motors and springs together, shape (3,) [N]."""
+        return self._acts[0]
+
+    @property
+    def moment(self) -> Array:
+        """On its second side about the joint's place, likewise [N m]."""
+        return self._acts[1]
+
+    @property
+    def efforts(self) -> Mapping[str, float]:
+        """Torque [N m] or force [N] of each motor, spring and stop that acts, by its owner.
+
+        An owner is "Motor of 'pin'", say. Of two with one owner in the scene each has more: "Motor
+        of 'pin', torque 2".
+        """
+        return self._acts[2]
 
 
 @dataclass(eq=False, repr=False)
@@ -402,31 +422,33 @@ class Linkage:
         their forces on vectors; none in statics.
         """
         end, middle = self._motion.after(1.0), self._motion.after(self._share)
-        before, now, rows = self._q, self._coordinates(end), self.rows
-        dt = np.inf if self.drives.static else self._dt
-        forces, multipliers = self.forces, self.drives.multipliers
+        before, now, rows, drives = self._q, self._coordinates(end), self.rows, self.drives
+        dt = np.inf if drives.static else self._dt
+        forces, multipliers = self.forces, drives.multipliers
         open_by = np.abs(rows.violation)
         joints = [joint for joint in self._joints if isinstance(joint, Joint)]
 
-        def of(k: int) -> JointReport:
-            joint, on, λ = joints[k], forces, multipliers
+        def acting(k: int) -> Acting:
+            on, λ = forces, multipliers
             if added is not None:
                 more, on_vectors = added()
                 on, λ = forces + on_vectors, multipliers + more[rows.active.size :]
             own = slice(self._firsts[k], self._firsts[k + 1])
+            efforts = Named(f"report.joints[{joints[k].title!r}].efforts", drives.efforts(λ, k))
+            return *resultant(joints[k], middle[own], -on[own]), efforts
+
+        def of(k: int) -> JointReport:
+            joint, own = joints[k], slice(self._firsts[k], self._firsts[k + 1])
             motion: dict[str, Any] = {name: now[k, name] for name in joint.pieces.coordinates}
             motion |= {f"{name}_rate": (q - before[k, name]) / dt for name, q in motion.items()}
-            force, moment = resultant(joint, middle[own], -on[own])
             return JointReport(
                 place=end[own][np.argmax(joint.pieces.places)],
-                force=force,
-                moment=moment,
+                acting=partial(acting, k),
                 **motion,
-                efforts=Named(f"report.joints[{joint.title!r}].efforts", self.drives.efforts(λ, k)),
                 gap=float(open_by[rows.of_joints[k]].max(initial=0.0)),
             )
 
         total = float(np.abs(self.multipliers).sum())
-        blows = {} if self.drives.static else self.drives.blows
+        blows = {} if drives.static else drives.blows
         points = {a.title: a.told(self._motion) for a in self.points.actions if a.title}
         return JointReports([joint.title for joint in joints], of, total, blows=blows), points

@@ -20,8 +20,8 @@ MARGIN = 100.0  # ... and the residual, if it has not grown, is within this fact
 HIDDEN = 0.1  # of the tolerance: an older tangent, unlike a new one, does not square the error
 MAX_ITERATIONS = 25
 CONSERVED = 3e-3  # of the tolerance of residuals, what a step may take from energy and momenta
-SLOW = 0.5  # factor by which what falls in an iteration is no rounding
-GROWN = 2.0  # a residual that has grown by that belongs to no solution any more
+# What falls by this factor in an iteration is no rounding; what has grown by it is no solution.
+SLOW = 0.5
 NOT_FINITE = -4  # DIVERGED_FNORM_NAN, or DIVERGED_FUNCTION_NANORINF, as its name is in PETSc 3.25
 DIVERGENCE = 1e6  # growth of the residual at which Newton gives up ...
 # ... if it is also above all that it is the difference of: what moves a stiff part at its ease may
@@ -69,6 +69,10 @@ class StoppingTest:
         if iteration >= self.max_it:
             return int(Reason.DIVERGED_MAX_IT)
         return 0
+
+    def fell(self, factor: float) -> bool:
+        """Whether the last iteration took the residual down by a factor or more."""
+        return len(self.history) > 1 and self.history[-1] <= factor * self.history[-2]
 
     def _at_rounding(self) -> bool:
         """Whether all that is left of the residual is rounding.
@@ -186,7 +190,7 @@ class Conserving:
 
     def grown(self, residual: float) -> bool:
         """Whether an iterate is none to go on from. True ends the step."""
-        self.best = residual <= GROWN * self._residual
+        self.best = SLOW * residual <= self._residual
         return not self.best
 
     def enough(self, residual: float, lost: Array, kept: bool = False) -> bool:
