@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import numbers, positive, shown
+from rigidfx.base.inputs import names, numbers, positive, shown
 from rigidfx.base.taken import Checks
 from rigidfx.effects.base import WHOLE, Effect, at_least_one, is_truth, must_be
 
@@ -110,3 +110,4 @@ class Reduced(Rigid):
                 f"cells. Give its material another rho, or take Rigid({self.where!r})."
             )
         super().__post_init__()
+        object.__setattr__(self, "stiff", names(self.owner, "stiff", self.stiff, "cell sets"))
