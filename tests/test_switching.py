@@ -21,7 +21,7 @@ from runs import prepared, regroup, step
 
 import rigidfx as rf
 from rigidfx.base.errors import SceneError
-from rigidfx.decide.memory import CYCLES
+from rigidfx.decide.memory import CYCLES, HELD
 from rigidfx.domain.domain import Domain
 
 COMM = MPI.COMM_WORLD
@@ -401,7 +401,7 @@ def test_declared_change_releases_everything(effect):
     if isinstance(effect, (rf.Fixed, rf.PrescribedMotion)):
         assert times(reports, "release") == [0.55]
         assert times(reports, "freeze") == [0.3, 0.9]
-        assert {e.reason for e in events(reports)} >= {"a support begins or ends"}
+        assert {e.reason for e in events(reports)} >= {HELD}
     else:
         assert times(reports, "release") == []
         assert times(reports, "freeze") == [0.3]

@@ -38,6 +38,7 @@ from rigidfx.scene.timeline import Timeline
 from rigidfx.state import State
 
 NOTHING = np.zeros(4)
+HELD = "a support begins or ends, or a motor begins to lead"
 REST = 1e-3  # of its largest value so far, by which a load at rest may change
 TELLTALES = 8  # nodes whose distances are recorded
 CYCLES = 3.0  # cycles of a signal in a record before its period is believed
@@ -65,8 +66,9 @@ class LoadChanges:
         self._comm, self._timeline, self._fraction = scene.comm, timeline, fraction
         windowed = [effect for effect in scene.named(Windowed) if effect.is_load]
         loads, supports = [e.breakpoints for e in windowed], [e.ends for e in scene.named(Support)]
+        supports += [(motor.since,) for motor in windowed if motor.prescribes]  # an impact, too
         self._breaks = sorted({t for own in (loads if every else supports) for t in own})
-        self._reason = "a load or a support changes" if every else "a support begins or ends"
+        self._reason = "a load or a support changes" if every else HELD
         self._loads = [load for load in windowed if type(load).signal is not Effect.signal]
         self._idle: list[Array] | None = None  # signals while no load acts
         self.reference = self._signals(0.0)

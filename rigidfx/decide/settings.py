@@ -167,7 +167,7 @@ class StrainRate(Criterion):
     The run is observed window by window. A cell qualifies if its strain rate, a mean over the cell,
     was at most `tol` in every step of a window; at the window's end connected cells that qualify
     become bodies. Bodies get shapes as forces call for them, and cells are released where shapes do
-    not suffice; all cells are released when a support begins or ends.
+    not suffice; all cells are released when a support begins or ends, or a motor begins to lead.
 
     Cells named by a `Rigid` effect are rigid always. With wake="all" or "none" bodies that are
     found grow together with them unless the effect gives their mass or inertia or a `Resultant`
