@@ -139,12 +139,7 @@ curves(
     ylabel=["force (N)", "number", "energy (J)"],
     title="A device falls on its corner",
 )
-draw(
-    shapes,
-    options.out / "rigid_parts.png",
-    view=(0.3, -1.0, 0.4),
-    title="Drop test: rigid and flexible parts",
-)
+draw(options, shapes, "Drop test: rigid and flexible parts", view=(0.3, -1.0, 0.4))
 # -
 
 # ## Assertions

@@ -206,13 +206,8 @@ curves(
     ylabel=["$J_y$ (kg m²/s)", "number"],
     title="Free-flying body: momentum and size of the problem",
 )
-draw(
-    evolution,
-    options.out / "evolution.png",
-    view=(0.0, -1.0, 0.25),
-    title="Rigid and flexible parts",
-)
-draw(swings, options.out / "shapes.png", view=(0.0, -1.0, 0.25), title="Deformed shapes")
+draw(options, evolution, "Rigid and flexible parts", "evolution", view=(0.0, -1.0, 0.25))
+draw(options, swings, "Deformed shapes", "shapes", view=(0.0, -1.0, 0.25))
 # -
 
 # ## Assertions

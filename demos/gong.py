@@ -160,12 +160,7 @@ curves(
     ylabel=["displacement (mm)", "energy (J)", "number"],
     title="A gong is struck twice",
 )
-draw(
-    shapes,
-    options.out / "rigid_parts.png",
-    view=(0.3, -0.8, 0.9),
-    title="Gong: rigid and flexible parts",
-)
+draw(options, shapes, "Gong: rigid and flexible parts", view=(0.3, -0.8, 0.9))
 # -
 
 # ## Assertions

@@ -152,12 +152,7 @@ curves(
     ylabel=["displacement (µm)", "von Mises stress (MPa)", "number"],
     title="Slider-crank: start, run, blows and stop",
 )
-draw(
-    shapes,
-    options.out / "rigid_parts.png",
-    view=(0.35, -0.6, 1.0),
-    title="Slider-crank: rigid and flexible parts",
-)
+draw(options, shapes, "Slider-crank: rigid and flexible parts", view=(0.35, -0.6, 1.0))
 # -
 
 # ## Assertions

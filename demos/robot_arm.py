@@ -167,12 +167,7 @@ curves(
     ylabel=["displacement (mm)", "energy (J)", "number"],
     title="Robot's arm: a move there and a move back",
 )
-draw(
-    shapes,
-    options.out / "rigid_parts.png",
-    view=(0.45, -1.0, 0.55),
-    title="Robot's arm: rigid and flexible parts",
-)
+draw(options, shapes, "Robot's arm: rigid and flexible parts", view=(0.45, -1.0, 0.55))
 # -
 
 # ## Assertions

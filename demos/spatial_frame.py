@@ -168,12 +168,9 @@ def side_by_side(
             run.close()
             recorders[tol].close()
     for tol, collected in shapes.items():
-        draw(
-            collected,
-            options.out / f"{name}evolution_{end:g}s_tol_{tol:g}.png",
-            view=(-0.8, -1.6, 0.35),
-            title=f"Rigid and flexible parts, tolerance {tol:g}",
-        )
+        title = f"Rigid and flexible parts, tolerance {tol:g}"
+        picture = f"{name}evolution_{end:g}s_tol_{tol:g}"
+        draw(options, collected, title, picture, view=(-0.8, -1.6, 0.35))
     return {tol: run.reports for tol, run in runs.items()}
 
 

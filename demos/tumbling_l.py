@@ -208,13 +208,7 @@ histories(
     free_since=FREE,
     title=f"Tumbling L, energy-momentum method, Δt = {options.dt:g} s",
 )
-draw(
-    shapes,
-    options.out / "shapes.png",
-    view=(0.45, -0.5, 1.0),
-    up=(0.0, 1.0, 0.0),
-    title="Tumbling L",
-)
+draw(options, shapes, "Tumbling L", "shapes", view=(0.45, -0.5, 1.0), up=(0.0, 1.0, 0.0))
 curves(
     panels,
     options.out / "comparison.png",

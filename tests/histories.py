@@ -2,7 +2,7 @@
 
 import csv
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from tumbling_l import tumbling_l
 
 import rigidfx as rf
+from rigidfx.command.pair import energy_drift as imbalance  # noqa: F401 (for the tests)
 from rigidfx.effects import Effect
 
 Array = npt.NDArray[np.float64]
@@ -64,20 +65,6 @@ def heard(words: str = "") -> Iterator[list[str]]:
         warnings.simplefilter("always")
         yield texts
     texts += [str(w.message) for w in shown if words in str(w.message)]
-
-
-def imbalance(reports: Sequence[rf.Report]) -> float:
-    """Largest error of the balance of energy, relative to the largest energy."""
-    given = [
-        r.work_of_loads
-        + r.work_of_supports
-        + (r.impact.energy if r.impact else 0.0)
-        - sum(r.dissipated.values())
-        for r in reports
-    ]
-    energy = np.array([r.energy for r in reports])
-    error = energy - np.cumsum(given)
-    return float(np.abs(error - error[0]).max() / np.abs(energy).max())
 
 
 def tips(reports: Iterable[rf.Report]) -> Array:

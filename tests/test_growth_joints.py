@@ -38,9 +38,8 @@ def run(scene, dt, steps, tol=None, window=WINDOW):
         if found.step % 5 == 0 and MPI.COMM_WORLD.size == 1:
             open_by = max(open_by, apart(scene, found.state)[0])
     energy = np.array([r.energy for r in reports])
-    work = [r.work_of_loads + r.work_of_supports - sum(r.dissipated.values()) for r in reports]
-    booked = np.cumsum([sum(event.energy_lost for event in r.events) for r in reports])
-    off = np.abs(energy - energy[0] - np.cumsum(work) + booked).max()
+    booked = [r.supplied - sum(event.energy_lost for event in r.events) for r in reports]
+    off = np.abs(energy - energy[0] - np.cumsum(booked)).max()
     return reports, off / np.abs(energy).max(), open_by
 
 

@@ -26,12 +26,10 @@ or name the Python that has it by --exudyn. Then
 
 import importlib.util
 import sys
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -39,9 +37,10 @@ import numpy.typing as npt
 from bench import Parser, chosen, conclude
 from bench.drilled import exact_period, rod_numbers, swing
 from bench.flexible_crank import crank_motion, flexible_crank, for_exudyn, motion
+from bench.followed import Followed
 from bench.mechanism_scenes import hinged
 from codes import Found, exudyn
-from common import ROOT, Balance, say
+from common import ROOT, say
 from scipy.integrate import solve_ivp
 
 import rigidfx as rf
@@ -52,10 +51,14 @@ MODES = 64  # of each flexible body in Exudyn
 SPEED, DEFLECTION = 0.005, 0.03  # largest difference to Exudyn, of the largest value
 
 
-def line(case: str, **known: Any) -> Row:
+def line(case: str, run: Followed | None = None, **known: Any) -> Row:
     """A line of the summary; what is not known is None."""
     names = "unknowns", "energy_drift", "constraint", "error", "order", "seconds_per_step", "peer"
-    return {"case": case} | dict.fromkeys(names) | known
+    of_run = {} if run is None else {
+        "unknowns": run.last.unknowns, "energy_drift": run.drift, "constraint": run.gap,
+        "seconds_per_step": run.seconds, "iterations": run.iterations,
+    }  # fmt: skip
+    return {"case": case} | dict.fromkeys(names) | of_run | known
 
 
 @dataclass(frozen=True)
@@ -65,31 +68,6 @@ class Asked:
     short: bool  # longer steps, shorter
     # lets Exudyn run a mechanism; None if it is not there
     exudyn: Callable[[dict[str, Any]], Found] | None
-
-
-class Followed:
-    """A run: its drift of energy [J], constraints [m], end point and seconds a step."""
-
-    def __init__(self, scene: rf.Scene, dt: float, t_end: float, end: tuple[str, Array]) -> None:
-        """Run it; `end` is a rigid part, and a point of it in its frame at the start [m]."""
-        name, arm = end
-        self.gap, balance = 0.0, Balance()
-        told: list[warnings.WarningMessage]
-        with warnings.catch_warnings(record=True) as told:
-            warnings.simplefilter("always")
-            began = perf_counter()
-            for report in rf.simulate(scene, dt, t_end):
-                balance.follow(report)
-                if report.step == 0:
-                    began = perf_counter()
-                    continue
-                self.gap = max(self.gap, *(joint.gap for joint in report.joints.values()))
-        self.unknowns, self.drift = report.unknowns, balance.off
-        self.seconds = (perf_counter() - began) / max(balance.steps, 1)
-        implied = [str(w.message) for w in told if "follow from others" in str(w.message)]
-        self.redundant = int(implied[0].split()[0]) if implied else 0
-        at = {body.data.name: body.motion for body in report.rigid}
-        self.end = at[name].r + at[name].R @ arm
 
 
 def pendulum(asked: Asked) -> list[Row]:
@@ -107,28 +85,24 @@ def pendulum(asked: Asked) -> list[Row]:
     a, b = solution.y[:2, -1]
     exact = np.array([np.cos(a) + np.cos(b), np.sin(a) + np.sin(b), 0.0])
     steps = (0.008, 0.004) if asked.short else (0.002, 0.001)
-    end = "bar 1", np.array([0.5, 0, 0])
-    coarse, fine = (Followed(hinged(2), dt, 2.0, end) for dt in steps)
-    off = [float(np.linalg.norm(run.end - exact)) for run in (coarse, fine)]
+    coarse, fine = (Followed(hinged(2), dt, 2.0) for dt in steps)
+    ends = [run.place("bar 1", np.array([0.5, 0, 0])) for run in (coarse, fine)]
+    off = [float(np.linalg.norm(end - exact)) for end in ends]
     order = float(np.log(off[0] / off[1]) / np.log(steps[0] / steps[1]))
     assert abs(order - 2) <= 0.3
-    found = {"energy_drift": max(coarse.drift, fine.drift), "error": off[1], "order": order}
-    found |= {"constraint": max(coarse.gap, fine.gap), "seconds_per_step": fine.seconds}
-    return [line("double pendulum", unknowns=fine.unknowns, **found)]
+    return [line("double pendulum", fine, error=off[1], order=order)]
 
 
 def pin(asked: Asked) -> list[Row]:
     """A bar swings on a pin in its own hole."""
     size, steps = (0.03, (0.02, 0.01)) if asked.short else (0.02, (0.01, 0.005))
     exact = exact_period(size)
-    coarse, (period, drift, gap, seconds, unknowns) = (swing(size, dt) for dt in steps)
-    off = coarse[0] - exact, period - exact
+    (coarse, _), (period, run) = (swing(size, dt) for dt in steps)
+    off = coarse - exact, period - exact
     assert abs(off[1]) <= 1e-3 * exact
-    assert drift <= 1e-10
+    assert run.drift <= 1e-10
     found = {"error": abs(off[1]), "order": float(np.log2(abs(off[0] / off[1])))}
-    found |= {"energy_drift": drift, "constraint": gap, "seconds_per_step": seconds}
-    found |= {"unknowns": unknowns, "period": period, "exact_period": exact}
-    return [line("bar on a pin", **found)]
+    return [line("bar on a pin", run, **found, period=period, exact_period=exact)]
 
 
 def crank(asked: Asked) -> list[Row]:
@@ -136,21 +110,20 @@ def crank(asked: Asked) -> list[Row]:
     scene = flexible_crank(0.03)
     parts = [rf.Reduced(name) for name in ("crank", "rod")]
     dt, steps = 2e-4, 100 if asked.short else 200
-    twin = crank_motion(scene, dt, steps)
-    own = crank_motion(flexible_crank(0.03, *parts), dt, steps)
-    rows = []
-    for case, run in (("slider-crank", twin), ("slider-crank, reduced", own)):
-        found = {"energy_drift": run.drift, "constraint": run.gap, "seconds_per_step": run.seconds}
-        rows.append(line(case, unknowns=run.unknowns, iterations=run.iterations, **found))
+    twin, flexible = crank_motion(scene, dt, steps)
+    own, reduced = crank_motion(flexible_crank(0.03, *parts), dt, steps)
+    rows = [line("slider-crank", flexible), line("slider-crank, reduced", reduced)]
+    for run in (flexible, reduced):
         assert run.drift <= 1e-10
         assert run.gap <= 1e-12
-    rows[1] |= apart(own.motion, twin.motion)
+    rows[1] |= apart(own, twin)
     assert rows[1]["speed_apart"] <= 1e-4
     assert rows[1]["deflection_apart"] <= 0.01
     if asked.exudyn is not None:
-        for modes in (own.shapes + 6, MODES):
+        shapes = max(body.shapes for body in reduced.last.bodies)
+        for modes in (shapes + 6, MODES):
             found = asked.exudyn(for_exudyn(scene, dt, steps) | {"modes": modes})
-            theirs = apart(motion(found["crank"], found["rod"], dt), twin.motion)
+            theirs = apart(motion(found["crank"], found["rod"], dt), twin)
             row = line(f"slider-crank, Exudyn, {modes} modes", peer=str(found["version"]))
             rows.append(row | {"seconds_per_step": float(found["seconds"])} | theirs)
         assert theirs["speed_apart"] <= SPEED

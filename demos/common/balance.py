@@ -40,16 +40,14 @@ class Balance:
     def follow(self, r: rf.Report) -> None:
         """Take note of a report."""
         first = self._first = r if self._first is None else self._first
-        work = r.work_of_loads + r.work_of_supports - sum(r.dissipated.values())
-        work += r.impact.energy if r.impact else 0.0
         if r is not first:
             self.steps += 1
             self.touching += any(touch.energy > 0 for touch in r.touches.values())
-            self._expected += work
+            self._expected += r.supplied
         now = r.energy - first.energy - self._expected
         self.gain, self._now = now - self._now, now
         self.off = float(np.maximum(self.off, abs(now)))  # of what is no number, too
-        self.largest = max(self.largest, r.energy, abs(work))
+        self.largest = max(self.largest, r.energy, abs(r.supplied))
         L, J = r.linear_momentum, r.angular_momentum
         changes = L - first.linear_momentum, J - first.angular_momentum
         self._changes = np.maximum(self._changes, np.linalg.norm(changes, axis=1))

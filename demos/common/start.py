@@ -99,10 +99,13 @@ def go(
     return run
 
 
-def draw(shapes: Shapes, path: Path, **how: Any) -> None:
+def draw(
+    options: argparse.Namespace, shapes: Shapes, title: str, name: str = "rigid_parts", **how: Any
+) -> None:
     """Draw shapes, if there are any: a run that was over has none to add. Collective."""
+    path = options.out / f"{name}.png"
     if shapes.count:
-        shapes.draw(path, **how)
+        shapes.draw(path, title=title, **how)
     else:
         say(f"The run was over before: no shapes for {path}")
 

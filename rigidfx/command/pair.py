@@ -52,9 +52,7 @@ def energy_jump(reports: Sequence[Report]) -> float:
 def energy_drift(reports: Sequence[Report]) -> float:
     """Largest error of the balance of energy, relative to the largest energy of the run."""
     energy = np.array([r.energy for r in reports])
-    gained = [r.work_of_loads + r.work_of_supports - sum(r.dissipated.values()) for r in reports]
-    struck = [r.impact.energy if r.impact and r.step else 0.0 for r in reports]
-    off = energy - np.cumsum(np.add(gained, struck))
+    off = energy - np.cumsum([r.supplied for r in reports])
     return float(np.abs(off - off[0]).max() / max(float(energy.max()), TINY))
 
 

@@ -53,7 +53,7 @@ class EnergyBalance(Adviser):
         if report.step == 0:
             self._expected, self._given = report.energy, report.kinetic
         else:
-            self._expected += work - taken + (report.impact.energy if report.impact else 0.0)
+            self._expected += report.supplied
         # What joints hold at rest moves by rounding, and their forces with it.
         self._held += ROUNDING * report.joints.total * self._size
         self._known = max(self._known, abs(self._expected), abs(work), taken)

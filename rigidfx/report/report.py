@@ -242,6 +242,12 @@ class Report:
         return as_table(f"step {self.step}, t = {self.t:.6g} s", rows)
 
     @property
+    def supplied(self) -> float:
+        """Energy that loads, supports and impacts give, less what is dissipated [J]."""
+        given = self.work_of_loads + self.work_of_supports - sum(self.dissipated.values())
+        return given + (self.impact.energy if self.impact else 0.0)
+
+    @property
     def impulse(self) -> Array:
         """Impulse of supports on the structure besides their reactions, shape (3,) [N s].
 

@@ -4,10 +4,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from common import Balance
 from scipy.special import ellipk
 
 import rigidfx as rf
+
+from .followed import Followed
 
 STEEL = rf.StVenantKirchhoff(rho=7800.0, E=2.1e11, nu=0.3)
 WIDE, THICK, RADIUS = 0.04, 0.02, 0.01  # m
@@ -61,27 +62,22 @@ def exact_period(size: float) -> float:
     return float(4 * ellipk(0.5) * np.sqrt(about / (data.mass * G * away)))
 
 
-def swing(size: float, dt: float) -> tuple[float, float, float, float, int]:
-    """Period [s], drift of energy [J], constraint [m], seconds a step and unknowns.
+def swing(size: float, dt: float) -> tuple[float, Followed]:
+    """Period [s], between two passes of the vertical in the same direction, and the run."""
 
-    The period is the time between two passes of the vertical in the same direction.
-    """
-    t, angle, balance, gap, wall = [], [], Balance(), 0.0, 0.0
-    for report in rf.simulate(hung_bar(size), dt, 1.3 * UNIFORM):
-        balance.follow(report)
-        if report.step == 0:
-            continue
-        gap = max(gap, report.joints["pin"].gap)
-        wall += report.wall
-        t.append(report.t)
-        angle.append(abs(report.joints["pin"].angle) - np.pi / 2)
+    def look(report: rf.Report) -> tuple[float, float]:
+        """Time and angle from the vertical; the bar starts level."""
+        turned = abs(report.joints["pin"].angle) if report.step else 0.0
+        return report.t, turned - np.pi / 2
+
+    run = Followed(hung_bar(size), dt, 1.3 * UNIFORM, look)
+    t, angle = np.array(run.seen).T
     passed = [k for k in range(2, len(t) - 2) if angle[k - 1] < 0 <= angle[k]]
     at = []
-    for k in (passed[0], passed[1]):
+    for k in passed[:2]:
         near = slice(k - 2, k + 2)
-        time_of = np.polyfit(angle[near], np.array(t[near]) - t[k], 3)
-        at.append(t[k] + time_of[-1])
-    return at[1] - at[0], balance.off, gap, wall / len(t), report.unknowns
+        at.append(t[k] + np.polyfit(angle[near], t[near] - t[k], 3)[-1])
+    return at[1] - at[0], run
 
 
 def rod_numbers(face: type[rf.MeanFace] | type[rf.RigidFace], size: float) -> dict[str, Any]:

@@ -4,21 +4,19 @@ The crank turns about the z axis at the origin, the rod lies between the pins at
 x = CRANK + ROD, and a rigid slider goes along x. Both bars lie in one plane: nothing touches.
 """
 
-from dataclasses import dataclass
 from functools import partial
-from statistics import mean, median
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from codes import matrices, part_of
-from common import Balance
 from common.machines import ramp
 from mpi4py import MPI
 
 import rigidfx as rf
 
 from .drilled import drilled
+from .followed import Followed
 
 Array = npt.NDArray[np.float64]
 CRANK, ROD = 0.08, 0.24  # m, between the axes of holes
@@ -72,9 +70,7 @@ def _parts(names: tuple[str, ...], size: float, gmsh: Any) -> None:
     model.mesh.generate(3)
 
 
-def flexible_crank(
-    size: float, *more: rf.effects.Effect, comm: MPI.Intracomm = MPI.COMM_WORLD, **options: Any
-) -> rf.Scene:
+def flexible_crank(size: float, *more: rf.effects.Effect) -> rf.Scene:
     """The whole, of cells of some size [m] and further effects, with mean faces in all holes."""
     face, wrist = rf.MeanFace, (CRANK + ROD, 0.0, 0.0)
     effects = [
@@ -86,21 +82,8 @@ def flexible_crank(
         rf.Motor("bearing", torque=torque),
         *more,
     ]
-    domain = rf.from_gmsh(partial(_parts, ("crank", "rod", "slider"), size), comm)
-    return rf.Scene(domain, ALUMINIUM, effects, order=2, mass="consistent", **options)
-
-
-@dataclass(frozen=True)
-class CrankMotion:
-    """A run."""
-
-    motion: tuple[Array, Array]  # as `motion` gives it
-    unknowns: int  # number of unknowns
-    drift: float  # largest change of the energy less the motor's work [J]
-    gap: float  # largest violation of a joint [m]
-    seconds: float  # median wall time of a step [s]
-    iterations: float  # mean Newton iterations of a step
-    shapes: int  # most shapes of a reduced part
+    domain = rf.from_gmsh(partial(_parts, ("crank", "rod", "slider"), size))
+    return rf.Scene(domain, ALUMINIUM, effects, order=2, mass="consistent")
 
 
 def motion(crank: Array, rod: Array, dt: float) -> tuple[Array, Array]:
@@ -118,28 +101,20 @@ def motion(crank: Array, rod: Array, dt: float) -> tuple[Array, Array]:
     return np.diff(angle) / dt, bent - bent[0]
 
 
-def crank_motion(scene: rf.Scene, dt: float, steps: int) -> CrankMotion:
-    """Run the slider-crank of `flexible_crank`."""
-    X = scene.space.tabulate_dof_coordinates()
-    nodes = {name: nodes_of(scene, name) for name in PROBES}
-    comm = scene.mesh.comm
-    paths: dict[str, list[Array]] = {name: [] for name in PROBES}
-    wall, iterations, balance, gap = [], [], Balance(), 0.0
-    for report in rf.simulate(scene, dt, steps * dt, progress=False):
+def crank_motion(scene: rf.Scene, dt: float, steps: int) -> tuple[tuple[Array, Array], Followed]:
+    """The motion of the slider-crank of `flexible_crank`, as `motion` gives it, and the run."""
+    X, comm = scene.space.tabulate_dof_coordinates(), scene.mesh.comm
+    nodes = [nodes_of(scene, name)[:, None] for name in PROBES]
+
+    def look(report: rf.Report) -> list[Array]:
+        """Places of the probes of crank and rod."""
         report.state.rebuild()
         x = X + report.state.u.x.array.reshape(-1, 3)
-        for name, path in paths.items():
-            path.append(comm.allreduce(np.where(nodes[name][:, None] < 0, 0.0, x[nodes[name]])))
-        balance.follow(report)
-        if report.step == 0:
-            continue
-        gap = max(gap, *(joint.gap for joint in report.joints.values()))
-        wall.append(report.wall)
-        iterations.append(report.iterations)
-    shapes = max(body.shapes for body in report.bodies)
-    found = motion(np.array(paths["crank"]), np.array(paths["rod"]), dt)
-    numbers = report.unknowns, balance.off, gap, median(wall), mean(iterations), shapes
-    return CrankMotion(found, *numbers)
+        return [comm.allreduce(np.where(own < 0, 0.0, x[own[:, 0]])) for own in nodes]
+
+    run = Followed(scene, dt, steps * dt, look)
+    crank, rod = (np.array(path) for path in zip(*run.seen, strict=True))
+    return motion(crank, rod, dt), run
 
 
 def nodes_of(scene: rf.Scene, name: str) -> npt.NDArray[np.int64]:

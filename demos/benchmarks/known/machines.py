@@ -8,14 +8,16 @@ error falls with Δt². Exudyn is a peer of two four-bar linkages where it is in
 `mechanisms.py` says, in the plane by its generalised α.
 """
 
+import warnings
 from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
+from bench.followed import Followed
 from bench.mechanism_scenes import Link, bricard, four_bars, heavy_top, linked
 from codes import exudyn
-from common import ROOT, Balance, comm
-from mechanisms import Followed, python_with_exudyn
+from common import ROOT, comm
+from mechanisms import python_with_exudyn
 
 import rigidfx as rf
 
@@ -23,8 +25,7 @@ from .row import Found, problem
 
 Array = npt.NDArray[np.float64]
 # Parts, points of them in their frames at the start [m], and where these end [m].
-UP, BAR = ("up 0", np.array([0.0, 0.5, 0.0])), ("bar 2", np.array([0.0, 0.0, 0.5]))
-TOP = "top", np.zeros(3)
+UP, TOP = ("up 0", np.array([0.0, 0.5, 0.0])), ("top", np.zeros(3))
 END_OF_UP, END_OF_TOP = np.array([0.3284574, 0.9445188]), np.array([-0.15042, -0.72417, -0.67302])
 # Of Andrews' mechanism.
 A, B, C = np.array([[-0.06934, -0.00227], [-0.03635, 0.03273], [0.014, 0.072]])  # m
@@ -36,6 +37,15 @@ TORQUE, STIFFNESS, LENGTH = 0.033, 4530.0, 0.07785  # N m, N/m, m
 CRANK, T_END = 15.81077, 0.03  # angle of the crank [rad] at the end [s], without turns taken off
 STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7850.0)
 THICK, APART = 5e-3, 0.01  # m, of the cells that stand for a body, and between their levels
+
+
+def followed(scene: rf.Scene, dt: float, t_end: float) -> tuple[Followed, int]:
+    """A run, and how many equations of its joints follow from others, as a warning says."""
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        run = Followed(scene, dt, t_end)
+    implied = [str(w.message) for w in told if "follow from others" in str(w.message)]
+    return run, int(implied[0].split()[0]) if implied else 0
 
 
 def components(
@@ -53,36 +63,38 @@ def components(
 def four(short: bool) -> Iterator[list[Found]]:
     """Two four-bar linkages after 10 s, and the equations of many that others imply."""
     exact, dt = END_OF_UP, 0.025 if short else 0.005
-    run = Followed(four_bars(2), dt, 10.0, UP)
+    run, redundant = followed(four_bars(2), dt, 10.0)
     assert run.drift <= 1e-10  # J
     assert run.gap <= 1e-11  # m
-    assert run.redundant == 6
-    yield components("after 10 s", exact, run.end, 0.01, kind="rigid", unknowns=run.unknowns)
+    assert redundant == 6
+    how = {"kind": "rigid", "unknowns": run.last.unknowns}
+    yield components("after 10 s", exact, run.place(*UP), 0.01, **how)
     python = python_with_exudyn(None)
     if python and not short and comm.size == 1:
         given = {"kind": "four-bars", "n": 2, "dt": dt, "steps": round(10 / dt)}
         found = exudyn(python, ROOT / "out" / "exudyn", given)
         yield components("after 10 s", exact, found["end"], None, kind="Exudyn")
     n = 6 if short else 40
-    run = Followed(four_bars(n), 0.01, 0.02 if short else 0.2, UP)
+    run, redundant = followed(four_bars(n), 0.01, 0.02 if short else 0.2)
     assert run.drift <= 1e-9
-    title = f"redundant equations of {n} linkages"
-    yield [Found(title, 3 * n, run.redundant, 0.0, kind="rigid", unknowns=run.unknowns)]
+    title, how = f"redundant equations of {n} linkages", how | {"unknowns": run.last.unknowns}
+    yield [Found(title, 3 * n, redundant, 0.0, **how)]
 
 
 @problem("Bricard", "IFToMM's library of multibody benchmarks, A04")
 def cube(short: bool) -> Iterator[list[Found]]:
     """The redundant equation of Bricard's mechanism."""
-    run = Followed(bricard(), 0.01, 0.1 if short else 10.0, BAR)
+    run, redundant = followed(bricard(), 0.01, 0.1 if short else 10.0)
     assert run.drift <= 1e-10
-    yield [Found("redundant equations", 1, run.redundant, 0.0, kind="rigid", unknowns=run.unknowns)]
+    how = {"kind": "rigid", "unknowns": run.last.unknowns}
+    yield [Found("redundant equations", 1, redundant, 0.0, **how)]
 
 
 @problem("heavy top", "O. Brüls, A. Cardona, M. Arnold, MMT 48 (2012) 121")
 def top(short: bool) -> Iterator[list[Found]]:
     """The centre of the heavy top after 2 s."""
     dt = 1 / 160 if short else 0.001  # s
-    ends = [Followed(heavy_top(), h, 2.0, TOP).end for h in (2 * dt, dt)]
+    ends = [Followed(heavy_top(), h, 2.0).place(*TOP) for h in (2 * dt, dt)]
     place = (4 * ends[1] - ends[0]) / 3
     yield components("after 2 s", END_OF_TOP, place, 0.005, kind="rigid")
 
@@ -146,11 +158,9 @@ def squeezer() -> rf.Scene:
 
 def angle_of_crank(steps: int) -> float:
     """Andrews' crank at the end [rad]; energy is kept to rounding."""
-    balance = Balance()
-    for report in rf.simulate(squeezer(), T_END / steps, T_END, progress=False):
-        balance.follow(report)
-    assert balance.off <= 1e-12 * report.energy
-    return BETA + report.joints["ground K1"].angle
+    run = Followed(squeezer(), T_END / steps, T_END)
+    assert run.drift <= 1e-12 * run.last.energy
+    return BETA + run.last.joints["ground K1"].angle
 
 
 @problem("Andrews' squeezer", "E. Hairer, G. Wanner, Solving ODEs II, Section VII.7")
