@@ -69,7 +69,7 @@ def launch(ranks: int) -> tuple[list[str], dict[str, str]]:
     mine = ("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_APP", "OMPI_NUM", "OMPI_FIRST", "OMPI_FILE",
             "PMIX_", "PMI_", "PRTE_", "HYDRA_", "HYDI_", "MPI_LOCAL")  # fmt: skip
     kept = {k: v for k, v in os.environ.items() if not k.startswith(mine)}
-    folders = [ROOT, *(ROOT / name for name in ("meshes", "tests", "demos"))]
+    folders = [ROOT, *(ROOT / name for name in ("meshes", "tests", "demos", "demos/benchmarks"))]
     path = [os.environ.get("PYTHONPATH", ""), *map(str, folders)]
     kept["PYTHONPATH"] = os.pathsep.join(p for p in path if p)
     beside = Path(sys.executable).with_name("mpirun")

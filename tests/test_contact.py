@@ -9,6 +9,7 @@ import numpy as np
 import parallel
 import pytest
 from histories import imbalance
+from impact import FLOOR, SOFT, bar_against_wall, block, bounces, crept, slid
 from mpi4py import MPI
 
 import rigidfx as rf
@@ -19,8 +20,6 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:.* acts with a jolt"),
 ]
 
-SOFT = rf.StVenantKirchhoff(rho=1000.0, E=1e6, nu=0.3)
-FLOOR = rf.Plane((0, 0, 0), (0, 0, 1))
 BALL = rf.Sphere((0.2, 0.1, -0.5), 0.5)
 OBSTACLES = {
     "plane": FLOOR,
@@ -33,15 +32,6 @@ OBSTACLES = {
 }
 PARTS = {"flexible": [], "mixed": [rf.Rigid("part")], "rigid": [rf.Rigid()]}
 NO_WARNINGS = pytest.mark.filterwarnings("ignore:Body")  # of few cells, whose lumped mass shows
-
-
-def block(*effects, cell="hexahedron", material=SOFT, above=0.02, cells=(4, 2, 2), **options):
-    """A block that falls and turns, all of its boundary named."""
-    domain = rf.box((0, 0, above), (0.4, 0.2, above + 0.2), cells, cell)
-    domain = domain.with_cells("part", lambda x: x[0] <= 0.2 + 1e-9)
-    domain = domain.with_cells("all", lambda x: x[0] > -1)
-    domain = domain.with_facets("skin", lambda x: np.full(x.shape[1], True))
-    return rf.Scene(domain, material, effects, **options)
 
 
 THROWN = rf.InitialVelocity(linear=(0.3, 0, -1.0), angular=(1, 2, 0.5))
@@ -60,9 +50,6 @@ def books(scene, dt, t_end, **options):
         linear = max(linear, float(np.abs(gained).max()) / size)
         angular = max(angular, float(np.abs(turned).max()) / size)
     return reports, imbalance(reports), max(linear, angular)
-
-
-# The law ---------------------------------------------------------------------------------------
 
 
 # Energy and momenta ----------------------------------------------------------------------------
@@ -124,27 +111,8 @@ def test_corners_of_second_order_triangles_are_stopped():
 
 
 def test_a_rigid_block_regains_its_height():
-    """It falls flat, by steps in which it goes deep, or not, as they come.
-
-    Its inertia is so large that rounding does not make it rock.
-    """
-    g, height = 10.0, 0.05
-    contact = rf.Contact("skin", against=FLOOR)
-    heavy = rf.Rigid("all", mass=16.0, inertia=1e9 * np.eye(3))
-    scene = block(contact, rf.Gravity((0, 0, -g)), heavy, above=height)
-    fall = np.sqrt(2 * height / g)
-    mass = 0.4 * 0.2 * 0.2 * 1000.0
-    tops, bounces, rises = [], 0, False
-    for r in rf.simulate(scene, 5e-3, 25 * fall):
-        v = r.linear_momentum[2] / mass
-        if rises and v <= 0:
-            # Between steps, as free flight goes on: v²/2g above where it is.
-            lowest = r.rigid.r[0, 2] - (0.1 + height)
-            tops.append(lowest + v * v / (2 * g))
-            bounces += 1
-        rises = v > 0
-    assert bounces >= 11
-    np.testing.assert_allclose(tops, 0.0, atol=1e-12)
+    """It falls flat, by steps in which it goes deep, or not, as they come."""
+    assert bounces(11, 5e-3)["height_error"] <= 2e-11
 
 
 # Waves -----------------------------------------------------------------------------------------
@@ -152,24 +120,10 @@ def test_a_rigid_block_regains_its_height():
 
 def test_a_bar_rebounds_as_plane_waves_do():
     """Force ρ c v S for 2 L/c, lateral motion blocked, and all of its speed comes back."""
-    n, v, rho, nu, E = 100, 2e-3, 1.0, 0.3, 1.0
-    c = np.sqrt(E * (1 - nu) / ((1 + nu) * (1 - 2 * nu)) / rho)
-    bar = rf.box((0, 0, 0), (1, 0.02, 0.02), (n, 1, 1)).with_cells("all", lambda x: x[0] > -1)
-    wall = rf.Contact("x0", against=rf.Plane((0, 0, 0), (1, 0, 0)))
-    effects = [wall, rf.Fixed("all", "yz"), rf.InitialVelocity(linear=(-v, 0, 0))]
-    scene = rf.Scene(bar, rf.StVenantKirchhoff(rho=rho, E=E, nu=nu), effects)
-    dt = 0.01 / c
-    reports, energy, _ = books(scene, dt, 2.6 / c)
-    force = np.array([r.touches[wall.title].force[0] for r in reports[1:]])
-    t = np.array([r.t for r in reports[1:]])
-    pressed = t[force > 0]
-    duration = pressed[-1] - pressed[0] + dt
-    within = (t > 0.4 / c) & (t < 1.6 / c)
-    assert force[within].mean() == pytest.approx(rho * c * v * 0.02**2, rel=0.03)
-    assert duration == pytest.approx(2 / c, rel=0.05)
-    after = reports[-1].linear_momentum[0] / (rho * 0.02**2)
-    assert after == pytest.approx(v, rel=0.03)
-    assert energy <= 1e-12
+    found = bar_against_wall(100, 1)
+    assert found["energy_drift"] <= 1e-12
+    assert max(found["force_error"], found["rebound_error"]) <= 0.03
+    assert found["duration_error"] <= 0.05
 
 
 # Friction --------------------------------------------------------------------------------------
@@ -177,37 +131,17 @@ def test_a_bar_rebounds_as_plane_waves_do():
 
 def test_a_block_slides_as_far_as_coulomb_says():
     """v²/(2 μ g), resting on the floor from the start at the depth of its weight."""
-    mu, g, v, k = 0.3, 10.0, 0.5, 1e8
-    depth = 1000.0 * 0.2 * g / k
-    contact = rf.Contact("z0", against=FLOOR, stiffness=k, friction=mu, creep=1e-4)
-    effects = [contact, rf.Rigid(), rf.InitialVelocity(linear=(v, 0, 0)), rf.Gravity((0, 0, -g))]
     with pytest.warns(rf.RigidfxWarning, match="at the start it is 2e-05 m inside the Plane"):
-        scene = block(*effects, above=-depth)
-    reports, energy, _ = books(scene, 2e-3, 0.25)
-    way = v**2 / (2 * mu * g)
-    assert reports[-1].rigid.r[0, 0] - 0.2 == pytest.approx(way, rel=0.01)
-    assert energy <= 1e-12
-    assert sum(r.dissipated.get("Contact", 0.0) for r in reports) == pytest.approx(
-        reports[0].kinetic, rel=1e-2
-    )
+        found = slid(2e-3)
+    assert found["way_error"] <= 0.01
+    assert found["energy_drift"] <= 1e-12
+    assert found["lost_by_kinetic"] == pytest.approx(1, rel=1e-2)
 
 
 def test_a_block_on_a_slope_creeps_no_faster_than_told():
     """ε tan φ/√(μ² - tan² φ) below the angle of friction."""
-    mu, slope, creep, g, k = 0.5, 0.4, 1e-3, 10.0, 1e8
-    down = g * np.array([np.sin(np.arctan(slope)), 0, -np.cos(np.arctan(slope))])
-    contact = rf.Contact("z0", against=FLOOR, stiffness=k, friction=mu, creep=creep)
-    depth = -1000.0 * 0.2 * down[2] / k
     with pytest.warns(rf.RigidfxWarning, match="at the start"):
-        scene = block(contact, rf.Rigid(), rf.Gravity(tuple(down)), above=-depth)
-    reports = list(rf.simulate(scene, 2e-3, 0.1))
-    begin, end = reports[10], reports[-1]  # velocities at the ends of steps swing about the mean
-    speed = (end.rigid.r - begin.rigid.r)[0, 0] / (end.t - begin.t)
-    fastest = creep * slope / np.sqrt(mu**2 - slope**2)
-    assert speed == pytest.approx(fastest, rel=1e-2)
-
-
-# Kept tangents ---------------------------------------------------------------------------------
+        assert crept()["creep_by_theory"] == pytest.approx(1, rel=1e-2)
 
 
 # Waking ----------------------------------------------------------------------------------------
