@@ -133,7 +133,7 @@ STRUCTURES = [
     Structure("robot arm", arm, "tip", 0.018, 0.06 if short else 0.2, 5e-4, named("link", "head")),
     Structure("drop test", drop, "top", 0.05, touch + 0.012, 1e-4, named(None), quiet=touch - 1e-3),
     Structure("slider-crank", crank, "block", 6e-5, 0.01 if short else 0.04, 2e-4, all_three),
-    Structure("free-flying body", body, "end", 1.7, 4.0 if short else 30.0, 0.05, named("block")),
+    Structure("free-flying body", body, "tip", 1.7, 4.0 if short else 30.0, 0.05, named("block")),
 ]
 STRUCTURES = [s for s in STRUCTURES if s.name in chosen(options, [s.name for s in STRUCTURES])]
 # -

@@ -89,14 +89,3 @@ class Forces:
     def energy(self, u):
         self.u0.x.array[:] = u.reshape(-1)
         return fem.assemble_scalar(self.of.bind_energy(self.cells))
-
-
-def drifts(reports):
-    """Of energy and both momenta, relative to the first and to what they are compared with."""
-    first, scale = reports[0], max(r.momentum_scale for r in reports)
-    return {
-        "H": max(abs(r.energy / first.energy - 1) for r in reports),
-        "L": max(np.abs(r.linear_momentum - first.linear_momentum).max() for r in reports) / scale,
-        "J": max(np.abs(r.angular_momentum - first.angular_momentum).max() for r in reports)
-        / np.abs(first.angular_momentum).max(),
-    }

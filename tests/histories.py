@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from bench import RAMP, pushed_l
 from tumbling_l import tumbling_l
 
 import rigidfx as rf
@@ -20,25 +21,10 @@ Array = npt.NDArray[np.float64]
 EPS = float(np.finfo(np.float64).eps)
 NEWTON = 1e-12  # ‖R‖ at which Newton stops, relative to the first iterate's
 
-TRIANGLE = rf.Table((0.0, 2.5, 5.0), (0.0, 2.5, 0.0))
-LOAD_1 = np.array([256.0, 512.0, 768.0]) / 90
 
-
-def pair_of_tractions(a: str, b: str, value: Array, time: rf.Table) -> list[rf.Traction]:
-    """Opposite tractions on two faces of equal area until the table ends: no net force."""
-    end = time.times[-1]
-    return [
-        rf.Traction(face, tuple(sign * value), time=time, until=end)
-        for face, sign in ((a, 1.0), (b, -1.0))
-    ]
-
-
-def tumbling(
-    material: rf.Material, *effects: Effect, load: float = 1.0, **discretisation: Any
-) -> rf.Scene:
-    """The tumbling L under so many times load 1; free from t = 5 s on."""
-    tractions = pair_of_tractions("top", "side", load * LOAD_1, TRIANGLE)
-    return rf.Scene(tumbling_l(), material, [*tractions, *effects], **discretisation)
+def tumbling(material: rf.Material, *effects: Effect, **how: Any) -> rf.Scene:
+    """The tumbling L under so many times its load; free from t = 5 s on."""
+    return pushed_l(tumbling_l(), *effects, material=material, time=RAMP, until=5.0, **how)
 
 
 def between(low: float, high: float) -> Callable[[Array], npt.NDArray[np.bool_]]:
@@ -85,10 +71,30 @@ def drift(values: Array) -> float:
     return float(moved.max() / sizes[0])
 
 
+def changes(reports: list[rf.Report]) -> list[float]:
+    """Largest changes of H, over the first, and of L and J, over the first Σ m|v|."""
+    scale = reports[0].momentum_scale
+    of = {"energy": reports[0].energy, "linear_momentum": scale, "angular_momentum": scale}
+    values = {name: column(reports, name) for name in of}
+    return [float(np.abs(values[name] - values[name][0]).max() / of[name]) for name in of]
+
+
 def linear_momentum(reports: list[rf.Report]) -> float:
     """Largest ‖L‖ relative to Σ m|v|."""
     sizes = np.linalg.norm(column(reports, "linear_momentum"), axis=1)
     return float((sizes / column(reports, "momentum_scale")).max())
+
+
+def gone_on(
+    make: Callable[[], rf.Scene], dt: float, t_end: float, left: rf.Checkpoint, count: int,
+    **how: Any,
+) -> list[rf.Report]:  # fmt: skip
+    """What is left of a run that ends after so many reports and goes on from its checkpoint."""
+    cut = rf.simulate(make(), dt, t_end, checkpoint=left, progress=False, **how)
+    for _ in range(count):
+        next(cut)
+    cut.close()
+    return list(rf.resume(left.folder, make(), progress=False))
 
 
 def since(reports: list[rf.Report], t: float) -> list[rf.Report]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 from common import boxes
+from histories import changes
 
 import rigidfx as rf
 from rigidfx.effects import Joint
@@ -58,8 +59,4 @@ def follow(scene, dt, steps, **options):
     for report in rf.simulate(scene, dt, steps * dt, **options):
         reports.append(report)
         held = np.maximum(held, apart(scene, report.state))
-    first, size = reports[0], reports[0].momentum_scale
-    H = np.abs(np.array([r.energy for r in reports]) - first.energy).max() / first.energy
-    L = max(np.abs(r.linear_momentum - first.linear_momentum).max() for r in reports) / size
-    J = max(np.abs(r.angular_momentum - first.angular_momentum).max() for r in reports) / size
-    return reports, float(H), float(L), float(J), held
+    return reports, *changes(reports), held

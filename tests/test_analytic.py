@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from histories import NEWTON, show
-from known.motions import DEFORMATION, INCH, RATIO, by_gravity, by_support, el_centro, storey
-from scipy.interpolate import make_interp_spline
+from known.motions import DEFORMATION, INCH, RATIO, by_gravity, by_support, el_centro, shaken
 from scipy.linalg import expm
 from scipy.optimize import brentq, root
 from scipy.signal import lsim
@@ -230,12 +229,6 @@ def oscillator(T, t, a, finer=8):
 )
 def test_el_centro(T, dt, until, way):
     """The reference within 1 %, the exact oscillator of this record within what Δt errs by."""
-    t, a = el_centro()
-    scene = storey(T, way(t, a))
-    path = make_interp_spline(t, a, k=1).antiderivative(2)
-    most = 0.0
-    for report in rf.simulate(scene, dt, until, progress=False):
-        ground = float(path(report.t)) if way is by_support else 0.0
-        most = max(most, abs(report.probes["roof"][0] - ground))
+    most, _ = shaken(T, dt, until, way)
     assert most / INCH == pytest.approx(DEFORMATION[T], rel=0.01)
-    assert most == pytest.approx(oscillator(T, t, a), rel=3e-3)
+    assert most == pytest.approx(oscillator(T, *el_centro()), rel=3e-3)

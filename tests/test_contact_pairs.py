@@ -7,6 +7,7 @@ import numpy as np
 import parallel
 import pytest
 from common import arrays, boxes, on_first_rank
+from histories import changes
 from impact import SOFT, collided
 from mpi4py import MPI
 
@@ -60,12 +61,7 @@ def blocks(*effects, gap=0.03, **options):
 def drifts(scene, dt, steps, **options):
     """Reports, and the largest changes of H, L and J, relative."""
     reports = list(rf.simulate(scene, dt, steps * dt, **options))
-    first, size = reports[0], reports[0].momentum_scale
-    energies = np.array([r.energy for r in reports])
-    H = np.abs(energies - first.energy).max() / first.energy
-    L = max(np.abs(r.linear_momentum - first.linear_momentum).max() for r in reports) / size
-    J = max(np.abs(r.angular_momentum - first.angular_momentum).max() for r in reports) / size
-    return reports, float(H), float(L), float(J)
+    return reports, *changes(reports)
 
 
 @NO_WARNINGS

@@ -1,7 +1,6 @@
 """Enhanced and assumed strains: a second program, bending, shells; see also test_elements.py."""
 
 import gc
-from contextlib import nullcontext
 
 import basix
 import numpy as np
@@ -9,8 +8,8 @@ import pytest
 from dolfinx import fem
 from elements import MATERIAL, Forces, distorted
 from histories import show
+from known_answers import Problem, box, hemisphere
 from mpi4py import MPI
-from scipy.sparse.linalg import spsolve
 
 import rigidfx as rf
 from rigidfx.base.compat import cell_geometry_dofs
@@ -74,30 +73,15 @@ def test_energy_of_a_distorted_cell_is_that_of_the_equations():
 # Bending -----------------------------------------------------------------------------------------
 
 
-def tip(element, nu=0.0, cells=(10, 1, 1), order=1):
-    """Deflection of a clamped bar of 10 × 1 × 0.1 m under a force at its end, over theory."""
-    material = rf.StVenantKirchhoff(E=1e6, nu=nu, rho=1.0)
-    with pytest.warns(rf.RigidfxWarning) if element == "standard" else nullcontext():
-        scene = rf.Scene(
-            rf.box((0, 0, 0), (10, 1, 0.1), cells, comm=MPI.COMM_SELF), material,
-            order=order, element=element,
-        )  # fmt: skip
-    forces = Forces(scene)
-    X = scene.space.tabulate_dof_coordinates()
-    K = forces.tangent(0 * X)
-    f = np.zeros(X.shape)
-    f[:, 2] = scene.facet_weights("x1", "test")
-    free = np.flatnonzero((X[:, 0] > 1e-9).repeat(3))
-    u = np.zeros(f.size)
-    u[free] = spsolve(K[free][:, free].tocsc(), f.reshape(-1)[free])
-    end = X[:, 0] > 10 - 1e-9
-    theory = 0.1 * 10**3 / (3 * 1e6 * 0.1**3 / 12)  # the force is 1 Pa times 0.1 m²
-    return u.reshape(-1, 3)[end, 2].mean() / theory
-
-
 def test_bending_does_not_lock():
     """Ten cells, ten times as long as thick: theory by enhanced strains, 2 % of it without."""
-    enhanced, standard = tip("enhanced"), tip("standard")
+    load = rf.Traction("x1", (0, 0, 1.0))
+    bar = Problem(box((10, 1, 0.1), (10, 1, 1)), 1e6, 0.0, (rf.Fixed("x0"), load))
+    theory = 0.1 * 10**3 / (3 * 1e6 * 0.1**3 / 12)  # the force is 1 Pa times 0.1 m²
+    enhanced, standard = (
+        bar.mean(element, 2, lambda X: X[:, 0] > 10 - 1e-9) / theory
+        for element in ("enhanced", "standard")
+    )
     show(enhanced=enhanced, standard=standard)
     assert enhanced == pytest.approx(1.0, abs=0.01)
     assert standard < 0.03
@@ -176,9 +160,6 @@ def test_strong_compression_is_warned_of():
             list(rf.simulate(scene, 0.01, 1.0))
 
 
-# Refusals ----------------------------------------------------------------------------------------
-
-
 def test_kernels_end_with_their_forms():
     """A process has room for so many; those of scenes that are gone make way."""
     gc.collect()
@@ -198,41 +179,13 @@ def test_kernels_end_with_their_forms():
     assert alive() <= before
 
 
-# The cell ----------------------------------------------------------------------------------------
-
-
 # A shell -----------------------------------------------------------------------------------------
-
-
-def hemisphere(element, n):
-    """MacNeal and Harder's: R = 10 m, t = 0.04 m, a hole of 18°, pinched; over 0.0930 m."""
-    t, lines = 0.04, [np.linspace(0, 1, k + 1) for k in (1, n, n)]
-    c, b, a = np.meshgrid(*lines, indexing="ij")
-    phi, theta, r = a * np.pi / 2, b * np.radians(72.0), 10 + t * (c - 0.5)
-    flat = r * np.cos(theta)
-    points = np.stack([flat * np.cos(phi), flat * np.sin(phi), r * np.sin(theta)], axis=-1)
-    number = np.arange(c.size).reshape(c.shape)
-    cells = np.stack([number[k : k + 1, j : j + n, i : i + n].reshape(-1)
-                      for k in (0, 1) for j in (0, 1) for i in (0, 1)], axis=1)  # fmt: skip
-    domain = rf.from_arrays(points.reshape(-1, 3), cells, comm=MPI.COMM_SELF)
-    domain = domain.with_facets("out", lambda x: np.linalg.norm(x, axis=0) > 10 + 0.4 * t)
-    scene = rf.Scene(domain, rf.StVenantKirchhoff(E=6.825e7, nu=0.3, rho=1.0), element=element)
-    X = scene.space.tabulate_dof_coordinates()
-    on_x, on_y, low = (np.abs(X[:, k]) < 1e-9 for k in (1, 0, 2))
-    held = np.stack([on_y, on_x, on_x & low & (X[:, 0] < 10)], axis=1).reshape(-1)
-    A, B = on_x & low, on_y & low
-    f = np.zeros(X.shape)
-    f[A, 0], f[B, 1] = -0.5, 0.5
-    K = Forces(scene).tangent(0 * X)
-    free, u = np.flatnonzero(~held), np.zeros(f.size)
-    u[free] = spsolve(K[free][:, free].tocsc(), f.reshape(-1)[free])
-    return -u.reshape(-1, 3)[A, 0].mean() / 0.0930
 
 
 def test_a_pinched_hemisphere_does_not_lock():
     """8 × 8 cells: within 2 %, three quarters with enhanced strains alone."""
-    found = {"assumed": rf.AssumedStrains("out"), "enhanced": "enhanced"}
-    found = {name: hemisphere(element, 8) for name, element in found.items()}
+    goes_in = hemisphere(8)
+    found = {element: goes_in(element) / 0.0930 for element in ("assumed", "enhanced")}
     show(**found)
     assert found["assumed"] == pytest.approx(1.0, abs=0.02)
     assert found["enhanced"] == pytest.approx(0.75, abs=0.02)

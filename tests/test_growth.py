@@ -1,14 +1,16 @@
 """Bodies that were found and grow shapes, beside flexible twins."""
 
 import re
+from functools import partial
 
 import numpy as np
 import pytest
 from hardcases.cad_parts import BEND, lug_scene
-from histories import imbalance, tips
+from histories import gone_on, imbalance, tips
 from joints import boxes
 from parallel import check_the_same, report
 from scipy.interpolate import CubicSpline
+from test_reduced import SOFT, bar
 
 import rigidfx as rf
 import rigidfx.switch.growth
@@ -17,7 +19,6 @@ from rigidfx.withheld.fields import Fields, size
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
 
-SOFT = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)
 DT, T_END, BEGIN = 2e-3, 0.12, 0.03
 THROWN = rf.InitialVelocity(linear=(0.1, 0, 0), angular=(0, 0.3, 0.1))
 HELD = rf.Fixed("x0")
@@ -30,11 +31,6 @@ def pulse(t):
 
 def blow(size=1000.0):
     return rf.Traction("x1", (0, 0, size), time=pulse)
-
-
-def bar(*effects, **more):
-    domain = rf.box((0, 0, 0), (1.0, 0.1, 0.1), (12, 2, 2))
-    return rf.Scene(domain, SOFT, effects, probes={"tip": (1.0, 0.05, 0.05)}, **more)
 
 
 def rule(tol, **more):
@@ -233,13 +229,9 @@ def test_a_resonance_of_a_stiff_part_is_found():
 
 def test_a_restart_goes_on_as_the_run(tmp_path):
     """It is cut where shapes have grown and are about to grow."""
-    whole = run(bar(THROWN, blow()))
-    checkpoint = rf.Checkpoint(tmp_path, steps=19)
-    first = rf.simulate(bar(THROWN, blow()), DT, T_END, rigidify=rule(TOL), checkpoint=checkpoint)
-    for _ in range(22):
-        next(first)
-    first.close()
-    more = list(rf.resume(tmp_path, bar(THROWN, blow())))
+    make, left = partial(bar, THROWN, blow()), rf.Checkpoint(tmp_path, steps=19)
+    whole = run(make())
+    more = gone_on(make, DT, T_END, left, 22, rigidify=rule(TOL))
     assert unknowns(more) == unknowns(whole)[-len(more) :]
     assert np.abs(tips(more) - tips(whole)[-len(more) :]).max() < EXACT * np.abs(tips(whole)).max()
 

@@ -10,7 +10,8 @@ from histories import tips
 from joints import apart
 from mpi4py import MPI
 from parallel import check_the_same, report
-from test_growth import HELD, bar
+from test_growth import HELD
+from test_reduced import bar
 from test_reduced_joints import FAR, HINGE, bars
 
 import rigidfx as rf

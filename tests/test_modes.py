@@ -4,6 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from bench.mechanism_scenes import Link, linked
+from bench.mode_answers import hinged_bar
 from common import boxes
 from parallel import report as tell
 from parallel import run as mpirun
@@ -185,25 +187,11 @@ def test_shapes_are_those_of_an_orthonormal_basis():
     assert left.max() < 1e-20
 
 
-LOOSE = rf.StVenantKirchhoff(E=1e9, nu=0.0, rho=1000.0)
-
-
 def test_stresses_stiffen():
     """A pulled bar with hinged ends: ω² = (π/L)⁴ EI/μ + (π/L)² N/μ."""
-    long, thick, pull = 1.0, 0.01, 50.0
-    domain = rf.box((0, 0, 0), (long, thick, thick), (40, 1, 1))
-    holds = [rf.Fixed("x0", "yz"), rf.Fixed("x1", "yz")]
-    held = [*holds, rf.Spring("x0", (1e2, 0.0, 0.0))]
-    ends = (("x0", -pull), ("x1", pull))
-    preload = rf.Preload([rf.Traction(end, (N / thick**2, 0.0, 0.0)) for end, N in ends])
-    scene = rf.Scene(domain, LOOSE, [*held, preload], order=2)
-    report = next(iter(rf.simulate(scene, 1e-3, 1e-2)))
-    k = np.pi / long
-    bend, tension = 1e9 * thick**2 / 12 / 1000.0, pull / thick**2 / 1000.0
-    both = [rf.modes(scene, 3, about=about) for about in (None, report)]
-    free, pulled = (m.squares[m.effective_mass[:, 0] < 1e-6][:2] for m in both)
-    np.testing.assert_allclose(pulled - free, k**2 * tension, rtol=2e-3)
-    np.testing.assert_allclose(free, k**4 * bend, rtol=2e-3)
+    (free, without), (pulled, exact) = (np.square(hinged_bar(pull, 40)) for pull in (0.0, 50.0))
+    np.testing.assert_allclose(pulled - free, exact - without, rtol=2e-3)
+    np.testing.assert_allclose(free, without, rtol=2e-3)
 
 
 def test_a_rigid_bob_on_a_pulled_string_swings():
@@ -227,21 +215,15 @@ def test_a_rigid_bob_on_a_pulled_string_swings():
 def chain(count, joint, *effects, along=(0.0, 0.0, -1.0), pull=(0.0, 0.0, -9.81)):
     """Rigid links of 1 m, the first one hung on the ground, under gravity."""
     ends = [k * np.array(along) for k in range(count + 1)]
-    across = 0.05 * (1 - np.abs(along))
-    corners = [(np.minimum(a, b) - across, np.maximum(a, b) + across) for a, b in pairwise(ends)]
-    cells = [2 if side else 1 for side in along]
-    domain = boxes(*((tuple(low), tuple(high), cells) for low, high in corners))
-    names, joints = ["ground"], []
-    for k, (low, high) in enumerate(corners):
-        inside = [np.array(end)[:, None] for end in (low - 1e-9, high + 1e-9)]
-        domain = domain.with_cells(
-            f"link {k}",
-            lambda x, i=inside: ((x.reshape(3, -1) >= i[0]) & (x.reshape(3, -1) <= i[1])).all(0),
-        )
-        names.append(f"link {k}")
-        joints += [joint(*names[-2:], tuple(ends[k])), rf.Rigid(names[-1])]
+    links = [
+        Link(f"link {k}", *pair, cells=2, wide=0.05, gap=0.0)
+        for k, pair in enumerate(pairwise(ends))
+    ]
+    names, joints = ["ground", *(link.name for link in links)], []
+    for a, b, at in zip(names, names[1:], ends, strict=False):
+        joints += [joint(a, b, tuple(at)), rf.Rigid(b)]
     stiff = rf.StVenantKirchhoff(E=2e11, nu=0.0, rho=1000.0)
-    return rf.Scene(domain, stiff, [*joints, rf.Gravity(pull), *effects])
+    return rf.Scene(linked(links), stiff, [*joints, rf.Gravity(pull), *effects])
 
 
 def hinge(a, b, at):

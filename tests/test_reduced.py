@@ -2,10 +2,11 @@
 
 import warnings
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
-from histories import imbalance, tips
+from histories import gone_on, imbalance, tips
 from parallel import check_the_same, report
 
 import rigidfx as rf
@@ -35,7 +36,8 @@ def bar(*effects, n=(12, 2, 2), **more):
     domain = domain.with_cells("end", lambda x: x[0] > 0.75 - 1e-9)
     domain = domain.with_cells("low", lambda x: x[0] < 0.25 + 1e-9)
     domain = domain.with_cells("next", lambda x: (x[0] > 0.5 - 1e-9) & (x[0] < 0.75 + 1e-9))
-    return rf.Scene(domain, SOFT, effects, probes={"tip": (1.0, 0.05, 0.05)}, **more)
+    domain = domain.with_cells("rest", lambda x: x[0] < 0.75 + 1e-9)
+    return rf.Scene(domain, SOFT, effects, **{"probes": {"tip": (1.0, 0.05, 0.05)}} | more)
 
 
 def run(scene, t_end=T_END, **more):
@@ -324,13 +326,8 @@ def test_a_part_that_nothing_loads_yet_stays_held():
 def test_a_restart_goes_on_with_the_same_digits(tmp_path):
     """It is cut before the block touches, so that its shapes grow afterwards."""
     whole = hit(fall(rf.Reduced(), friction=0.4))
-    checkpoint = rf.Checkpoint(tmp_path, steps=1)
-    scene = fall(rf.Reduced(), friction=0.4)
-    first = rf.simulate(scene, dt=1e-4, t_end=6e-3, checkpoint=checkpoint)
-    for _ in range(4):
-        next(first)
-    first.close()
-    more = list(rf.resume(tmp_path, fall(rf.Reduced(), friction=0.4)))
+    make = partial(fall, rf.Reduced(), friction=0.4)
+    more = gone_on(make, 1e-4, 6e-3, rf.Checkpoint(tmp_path, steps=1), 4)
     assert more[0].unknowns == 6
     assert more[-1].unknowns == whole[-1].unknowns > 6
     assert more[-1].probes["tip"] == pytest.approx(whole[-1].probes["tip"], rel=EXACT)
@@ -343,12 +340,8 @@ def test_a_restart_knows_which_cells_leave_a_part(tmp_path):
     unknowns = [r.unknowns - r.bodies[0].shapes for r in whole]
     first = int(np.flatnonzero(np.diff(unknowns))[0])  # the last report before cells have left
     for count in (first, first + 1):
-        checkpoint = rf.Checkpoint(tmp_path / str(count), steps=1)
-        begun = rf.simulate(struck(rf.Reduced()), dt=1e-4, t_end=6e-3, checkpoint=checkpoint)
-        for _ in range(count + 2):
-            next(begun)
-        begun.close()
-        more = list(rf.resume(tmp_path / str(count), struck(rf.Reduced())))
+        left = rf.Checkpoint(tmp_path / str(count), steps=1)
+        more = gone_on(partial(struck, rf.Reduced()), 1e-4, 6e-3, left, count + 2)
         assert more[-1].unknowns == whole[-1].unknowns
         assert more[-1].probes["tip"] == pytest.approx(whole[-1].probes["tip"], rel=EXACT)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from common import boxes
 from four_bars import MOTOR, bricard, four_bars
-from histories import imbalance, tips
+from histories import gone_on, imbalance, tips
 from joints import apart
 from parallel import check_the_same, report
 
@@ -199,11 +199,7 @@ def test_a_beam_that_a_motor_spins_up_lags_as_its_twin(ratio, allowed):
 def test_a_restart_goes_on_with_the_same_digits(tmp_path):
     scene = partial(bars, HINGE, PUSH, rf.Motor("hinge", speed=2.0), *BOTH)
     whole = list(rf.simulate(scene(), DT, 8 * DT))
-    first = rf.simulate(scene(), DT, 8 * DT, checkpoint=rf.Checkpoint(tmp_path, steps=1))
-    for _ in range(5):
-        next(first)
-    first.close()
-    *_, last = rf.resume(tmp_path, scene())
+    *_, last = gone_on(scene, DT, 8 * DT, rf.Checkpoint(tmp_path, steps=1), 5)
     assert last.probes["tip"] == pytest.approx(whole[-1].probes["tip"], rel=1e-12)
     q = whole[-1].state.bodies.q
     assert last.state.bodies.q == pytest.approx(q, abs=1e-12 * np.abs(q).max())

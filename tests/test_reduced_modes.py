@@ -5,8 +5,8 @@ from functools import partial
 import numpy as np
 import pytest
 from parallel import check_the_same, report
+from test_reduced import SOFT
 from test_reduced_joints import bars
-from test_reduced_results import SOFT
 from test_reduced_statics import CASES, CLAMP, bar
 
 import rigidfx as rf

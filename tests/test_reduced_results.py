@@ -9,31 +9,19 @@ import pytest
 from histories import table
 from mpi4py import MPI
 from parallel import check_the_same, report
+from test_reduced import DT, PUSH, SOFT, T_END, bar
 
 import rigidfx as rf
 
-SOFT = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)
-DT, T_END = 2e-3, 0.06
 PROBES = {"inside": (0.25, 0.05, 0.1), "border": (0.5, 0.05, 0.1)}
 
 
-def pushed(t):
-    return np.sin(np.pi * t / 0.02) ** 2 if t < 0.02 else 0.0
-
-
-PUSH = rf.Traction("x1", (0, 0, 300.0), time=pushed)
 SPUN = rf.InitialVelocity(angular=(0, 0, 3.0))
 CASES = {
     "spun": ([PUSH, SPUN], {"n": (12, 2, 2)}),
     "clamped": ([PUSH, rf.Fixed("x0")], {"n": (12, 2, 2), "element": "enhanced"}),
     "second order": ([PUSH], {"n": (6, 1, 1), "order": 2}),
 }
-
-
-def bar(*effects, n=(12, 2, 2), **more):
-    domain = rf.box((0, 0, 0), (1.0, 0.1, 0.1), n)
-    domain = domain.with_cells("half", lambda x: x[0] < 0.5 + 1e-9)
-    return rf.Scene(domain, SOFT, effects, probes=PROBES, **more)
 
 
 def stresses(scene):
@@ -50,14 +38,16 @@ def stresses(scene):
 def test_stresses_and_strains_are_those_of_the_flexible_twin(case):
     """A body that has turned far has strains in its own axes, and stresses turned with it."""
     effects, how = CASES[case]
-    own, twin = (stresses(bar(*more, *effects, **how)) for more in ([rf.Reduced("half")], []))
+    own, twin = (
+        stresses(bar(*more, *effects, probes=PROBES, **how)) for more in ([rf.Reduced("half")], [])
+    )
     largest = np.abs(twin).max(axis=(0, 1, 3), keepdims=True)
     assert (np.abs(own - twin) < 5e-3 * largest).all()
 
 
 def recorded(folder, *effects):
     """The reports of a run whose files are in a folder."""
-    scene = bar(PUSH, SPUN, *effects, element="enhanced")
+    scene = bar(PUSH, SPUN, *effects, element="enhanced", probes=PROBES)
     with rf.Recorder(scene, folder, every=10, peaks=["half"]) as recorder:
         reports = []
         for r in rf.simulate(scene, dt=DT, t_end=T_END, progress=False):

@@ -5,8 +5,9 @@ from functools import partial
 import numpy as np
 import pytest
 from parallel import check_the_same, report
+from test_reduced import SOFT
+from test_reduced import bar as any_bar
 from test_reduced_joints import BOTH, HINGE, bars
-from test_reduced_results import SOFT
 
 import rigidfx as rf
 
@@ -16,13 +17,8 @@ DRIVEN = rf.Motor("hinge", torque=9.0)
 TURNED = rf.PrescribedRotation("x0", axis=(0, 0, 1), angle=lambda t: 0.5 * t)
 
 
-def bar(*effects):
-    domain = rf.box((0, 0, 0), (1.0, 0.1, 0.1), (12, 2, 2))
-    domain = domain.with_cells("half", lambda x: x[0] < 0.5 + 1e-9)
-    domain = domain.with_cells("end", lambda x: x[0] > 0.75 - 1e-9)
-    domain = domain.with_cells("rest", lambda x: x[0] < 0.75 + 1e-9)
-    probes = {"tip": (1.0, 0.05, 0.05), "inside": (0.25, 0.05, 0.1)}
-    return rf.Scene(domain, SOFT, effects, probes=probes, element="enhanced")
+PROBES = {"tip": (1.0, 0.05, 0.05), "inside": (0.25, 0.05, 0.1)}
+bar = partial(any_bar, probes=PROBES, element="enhanced")
 
 
 CASES = {

@@ -381,20 +381,13 @@ _material(lambda C: None) :: Scene: the stored energy of Hyperelastic cannot be 
 _material(lambda C: C) :: Scene: the stored energy of Hyperelastic must be a scalar.
 _material(lambda C: C[0, 0] * ufl.SpatialCoordinate(_overlapping().mesh)[0]) :: is of another mesh
 Hyperelastic(rho=1.0, W=lambda C, mu: C[0, 0] * mu, values=[("mu", 3)]) :: values must be a dict of
-StVenantKirchhoff(rho=0.0, E=1.0, nu=0.3) :: StVenantKirchhoff: rho must be a finite number > 0
-NeoHooke(rho=-1.0, E=1.0, nu=0.3) :: NeoHooke: rho must be a finite number > 0
-MooneyRivlin(rho=0.0, c10=1.0, c01=0.0, kappa=1.0) :: MooneyRivlin: rho must be a finite number > 0
 Hyperelastic(rho=0.0, W=lambda C: ufl.tr(C)) :: Hyperelastic: rho must be a finite number > 0
 StVenantKirchhoff(rho=1.0, E=0.0, nu=0.3) :: E must be
-NeoHooke(rho=1.0, E=-1.0, nu=0.3) :: E must be
 StVenantKirchhoff(rho=1.0, E=1.0, nu=0.5) :: nu
 StVenantKirchhoff(rho=1.0, E=1.0, nu=-1.0) :: nu
-NeoHooke(rho=1.0, E=1.0, nu=0.7) :: nu
-MooneyRivlin(rho=1.0, c10=0, c01=0, kappa=1) :: MooneyRivlin
 MooneyRivlin(rho=1.0, c10=1, c01=-0.5, kappa=1) :: MooneyRivlin
 MooneyRivlin(rho=1.0, c10=1, c01=1, kappa=0) :: MooneyRivlin
   # Loads
-_run(Traction("top", (1, 0, 0))) :: no facets named 'top'
 _scene(Traction("a", (1, 0, 0))) :: Traction: there are no facets named 'a'. Known names: '
 Traction("x1", (1, 0, 0), total=50.0) :: must be True or False, the force being its value, got
 _faces(lambda x: np.abs(x[0] - 1) < 1e-9) :: inside the mesh and for none of its boundary, which wit
@@ -429,8 +422,6 @@ _preloaded(_arrays(L_POINTS, HINGED)) :: of the part of 1 × 1 × 1 m around (1.
 _preloaded(_box(), Gravity(since=0.2)) :: Gravity on 'all cells' does not act at t = 0
 _preloaded(_box(), Gravity(time=np.sin)) :: its loads are zero at t = 0
   # Supports and what moves them
-_scene(Fixed("")) :: Fixed: there are no facets or cells or edges or vertices named
-_scene(Fixed(None)) :: Fixed: where must be the name of a set, got None.
 Fixed("x0", "xx") :: Fixed on 'x0': components must be some of 'xyz', each once, got
 _run(Fixed("x0"), _moved(_path)) :: different motions of the same nodes
 _run(_turned(), _turned(angle=lambda t: 2 * t)) :: prescribe different motions of the same nodes
@@ -475,7 +466,6 @@ Rigid(inertia=np.diag([1.0, 1.0, 3.0])) :: no body has the principal moments of 
 _scene(Rigid(), Rigid()) :: Rigid on 'all cells' and Rigid on 'all cells' hold the same ones.
 _run(Rigid("a"), Rigid("b")) :: Rigid 'b' shares nodes with another body, Rigid 'a', which
 _run(Fixed("x0", "x"), Rigid()) :: Rigid 'all cells' has nodes held by the support on 'x0'. A body
-_scene(Rigid("nowhere")) :: nowhere
 Rigid("a", inertia=[[1e-9, 1e-10, 0], [0, 1e-9, 0], [0, 0, 1e-9]]) :: symmetric
 Rigid("a", inertia=np.diag([1, 1, -1])) :: positive
 _run(Rigid("a"), Fixed("edge", since=3.0)) :: leave a layer of flexible cells
@@ -490,7 +480,6 @@ Reduced("half", shapes=0) :: whole number ≥ 1
 Reduced("half", shapes=2.5) :: whole number ≥ 1
 Reduced("half", mass=3.0) :: another rho
 _beam(Reduced("half", shapes=9999)) :: shapes=9999
-_beam(Reduced("nowhere")) :: no cells named 'nowhere'
 _beam(Reduced("half"), Rigid("half")) :: hold the same
 _beam(Reduced(), Reduced("half")) :: hold the same
 _beam(Reduced("half"), Rigid("next", mass=1.0)) :: Merge the two sets
@@ -537,8 +526,6 @@ Universal("ground", "a", (0, 0, 0), (1, 0, 0), (1, 1, 0)) :: are at 45°
 Revolute("a", "a", (0, 0, 0), (0, 0, 1)) :: both sides are the same
 Revolute("a", "ground", (0, 0, 0), (0, 0, 0)) :: axis must have a direction
 Spherical(1.0, "ground", (0, 0, 0)) :: a must be 'ground', the name of a Rigid part
-Spherical("a", "ground", (0, 0)) :: at must be three finite numbers
-MeanFace("") :: where must be the name of a set of facets
 SpringDamper("a", "a", 1.0) :: both sides are the same
 SpringDamper("a", 3, 1.0) :: b must be 'ground', the name of a Rigid part or
 SpringDamper("a", "b") :: give a stiffness, a damping or both
@@ -592,7 +579,6 @@ _rate(tolerances={"a": Relative(0.1)}) :: of 'a' must be a finite number, got Re
 _rate(wake="local", load_change=0.2) :: with wake='local' none does. Take wake='all', or leave it
 _run(rigidify=_rate(never=["x0"])) :: StrainRate (never): there are no cells named 'x0'
 _run(rigidify=_watched(_fails(False, -1.0))) :: Release: its condition failed with KeyError
-StrainRate((0.02,), 1.0) :: tol
 _run(rigidify=_rate(), scheme=Trapezoidal()) :: simulate: Trapezoidal does not couple to rigid bodie
 Relative(0) :: Relative: part must be
 Relative(1.0) :: Relative: part must be
@@ -617,17 +603,12 @@ StepControl(0.05) :: StepControl: needs largest, the longest step in s
 StepControl(0.05, "tip", largest=None) :: StepControl: needs largest, the longest step in s
 static(None) :: static: scene must be a Scene
 _static(0) :: static: steps must be a whole number
-_static("2") :: static: steps must be a whole number
-_static([]) :: static: steps must be a whole number
 _static([2.0, 1.0]) :: static: steps must be a whole number
-_static([np.nan]) :: static: steps must be a whole number
-_static(True) :: static: steps must be a whole number
 _static(1, t_end=0.0) :: t_end must be
 static(_scene(Fixed("x0", "xy"), Gravity())) :: leave a rigid motion free, of the whole
 static(_scene(Fixed("x0"), InitialVelocity())) :: static: InitialVelocity has no meaning
 simulate(_scene(), 0.1, 0.1, start=3) :: simulate: a Report is expected
 periods(_scene(), 0) :: periods: count must be a whole number ≥ 1
-periods(_scene(), "3") :: periods: count must be a whole number ≥ 1
 periods(None) :: periods: scene must be a Scene, got NoneType
 modes(_scene(), 2, about=0.5) :: modes: a Report is expected, got float
 _scene().describe(periods=-1) :: describe: periods must be a whole number ≥ 0

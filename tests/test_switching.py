@@ -98,6 +98,16 @@ def last_cells(scene, criterion, t_end=0.25):
     return cells.of(last.state), cells.flexible(last.state)
 
 
+def rigid_cells(scene, criterion, t_end=0.8):
+    """Cells of each body by the ends of steps; no switch loses anything."""
+    found, cells = {}, Cells(scene)
+    for r in rf.simulate(scene, DT, t_end, rigidify=criterion):
+        found[round(r.t, 9)] = cells.of(r.state)
+        for event in r.events:
+            assert_balanced(event, r)
+    return found
+
+
 # What is given back ----------------------------------------------------------------------------
 
 
@@ -330,18 +340,14 @@ def test_release_of_a_set(where, left, mass):
     """What is left of the body stays rigid, as one body or as two, and nothing is lost."""
     scene = bar(mass=mass)
     release = rf.Release(at=0.5, where=where)
-    found, cells = {}, Cells(scene)
-    for r in rf.simulate(scene, DT, 0.8, rigidify=eager(ANY, 0.2, release=release)):
-        found[round(r.t, 9)] = cells.of(r.state)
-        for event in r.events:
-            assert_balanced(event, r)
-        if r.t == 0.5:
-            (event,) = r.events
-            changes = {c.name: (c.cells_before, c.cells_after) for c in event.changes}
-            assert changes["part 1"] == (8, len(left["part 1"]))
-            assert 0 < event.energy_released < r.energy
-            assert r.stored == pytest.approx(sum(c.stored_after for c in event.changes))
-    every = [k + 0.5 for k in range(8)]
+    criterion, every = eager(ANY, 0.2, release=release), [k + 0.5 for k in range(8)]
+    found = rigid_cells(scene, criterion)
+    (r,) = (r for r in run(scene, criterion, 0.5) if r.t == 0.5)
+    (event,) = r.events
+    changes = {c.name: (c.cells_before, c.cells_after) for c in event.changes}
+    assert changes["part 1"] == (8, len(left["part 1"]))
+    assert 0 < event.energy_released < r.energy
+    assert r.stored == pytest.approx(sum(c.stored_after for c in event.changes))
     assert found[0.4] == {"part 1": every}
     assert found[0.5] == found[0.6] == left
     assert found[0.7] == {"part 1": every}  # a window later it is as before
@@ -504,12 +510,7 @@ def test_cells_that_are_rigid_always(mass):
     """They grow together with what is found, and stay rigid when the rest is released."""
     every = [*LEFT, *MIDDLE, *RIGHT]
     scene = bar(SPIN, rf.Rigid("left"), rf.Rigid("right"), mass=mass)
-    found, cells = {}, Cells(scene)
-    criterion = eager(ANY, 0.2, release=rf.Release(at=[0.5]), until=0.6)
-    for r in rf.simulate(scene, DT, 0.8, rigidify=criterion):
-        found[round(r.t, 9)] = cells.of(r.state)
-        for event in r.events:
-            assert_balanced(event, r)
+    found = rigid_cells(scene, eager(ANY, 0.2, release=rf.Release(at=[0.5]), until=0.6))
     assert found[0.1] == {"left": LEFT, "right": RIGHT}
     assert found[0.2] == found[0.4] == {"left": every}
     assert found[0.5] == found[0.8] == {"left": LEFT, "right": RIGHT}
@@ -572,13 +573,11 @@ def test_set_in_two_pieces_that_is_rigid_always():
     """It is one body, also when what was found between the pieces is released."""
     ends = domain().with_cells("ends", lambda x: np.abs(x[0] - 4) >= 2 - 1e-9)
     scene = rf.Scene(ends, MATERIAL, [SPIN, rf.Rigid("ends", each=False)])
-    found, cells = {}, Cells(scene)
-    criterion = eager(ANY, 0.2, release=rf.Release(at=0.5, where="middle"), until=0.6)
-    for r in rf.simulate(scene, DT, 0.8, rigidify=criterion):
-        found[round(r.t, 9)] = cells.of(r.state), [body.number for body in r.bodies]
-    assert found[0.1] == ({"ends": [0.5, 1.5, 6.5, 7.5]}, [1])
-    assert found[0.5] == found[0.8] == ({"ends": [*LEFT, *RIGHT]}, [1])
-    assert found[0.2] == found[0.4] == ({"ends": [*LEFT, *MIDDLE, *RIGHT]}, [1])
+    release = rf.Release(at=0.5, where="middle")
+    found = rigid_cells(scene, eager(ANY, 0.2, release=release, until=0.6))
+    assert found[0.1] == {"ends": [0.5, 1.5, 6.5, 7.5]}
+    assert found[0.5] == found[0.8] == {"ends": [*LEFT, *RIGHT]}
+    assert found[0.2] == found[0.4] == {"ends": [*LEFT, *MIDDLE, *RIGHT]}
 
 
 @short_windows
@@ -594,13 +593,8 @@ def test_set_in_two_pieces_that_is_rigid_always():
 @MASSES
 def test_body_with_data_of_its_own(effects, mass):
     """It neither grows nor merges nor goes; no other body shares its nodes, and nothing is lost."""
-    scene = bar(SPIN, *effects, mass=mass)
-    found, cells = {}, Cells(scene)
     criterion = eager(ANY, 0.2, release=rf.Release(at=0.5), until=0.6)
-    for r in rf.simulate(scene, DT, 0.8, rigidify=criterion):
-        found[round(r.t, 9)] = cells.of(r.state)
-        for event in r.events:
-            assert_balanced(event, r)
+    found = rigid_cells(bar(SPIN, *effects, mass=mass), criterion)
     assert found[0.1] == found[0.5] == found[0.8] == {"left": LEFT}
     assert found[0.2] == found[0.4] == {"left": LEFT, "part 2": [4.5, *RIGHT]}
 

@@ -23,9 +23,10 @@ from typing import Any
 
 import numpy as np
 from bench import RAMP, Parser, chosen, conclude, pushed_l, timed
-from bench.waking_scenes import BASE, scene, sine
+from bench.waking_scenes import BASE, push, scene
+from bench.waking_scenes import CASES as WAKING
 from bench.waking_scenes import bar as stalk_and_block
-from common.machines import block_thrown, frame_shocked, pulse
+from common.machines import block_thrown, frame_shocked
 from scipy.interpolate import CubicHermiteSpline
 
 import rigidfx as rf
@@ -36,7 +37,7 @@ BUDGETS = 0.05, 0.01, 0.002
 
 @dataclass(frozen=True)
 class Case:
-    """A scene with a probe "end"."""
+    """A scene with a probe "tip"."""
 
     scene: Callable[[], rf.Scene]  # the problem
     largest: float  # largest Δt [s]
@@ -58,29 +59,24 @@ def body() -> rf.Scene:
 
 def frame() -> rf.Scene:
     """The plate on four columns, under a shock."""
-    return frame_shocked(3, "end", viscous(0.00125), until=0.05)
+    return frame_shocked(3, viscous(0.00125), until=0.05)
 
 
 def tumbling(refine: int = 1) -> rf.Scene:
     """The L, pushed and let go."""
-    probes = {"end": (0.0, 10.0, 1.5)}
+    probes = {"tip": (0.0, 10.0, 1.5)}
     return pushed_l(tumbling_l(refine), time=RAMP, until=5.0, probes=probes)
 
 
 def bar(*effects: rf.effects.Effect, drag: float = 1.0) -> rf.Scene:
     """A soft stalk with a stiff block on it."""
     damped = [*effects, rf.MassDamping(drag)] if drag else effects
-    return scene(stalk_and_block(2, 4.0), *damped, probe="end")
+    return scene(stalk_and_block(2, 4.0), *damped)
 
 
 def arch(t: float) -> float:
     """Half a sine until 2 s."""
     return float(np.sin(np.pi * t / 2))
-
-
-def moved(t: float) -> tuple[float, float, float]:
-    """How a base moves [m]."""
-    return 0.0, 0.0, 0.05 * sine(3.0)(t)
 
 
 def quake() -> rf.Table:
@@ -96,17 +92,21 @@ def on_bar(scene: Callable[[], rf.Scene], budgets: tuple[float, ...] = BUDGETS) 
     return Case(scene, 0.2, 16.0, 8, budgets)
 
 
+def of_waking(name: str) -> Case:
+    """One of the cases of `waking.py`."""
+    return on_bar(lambda: WAKING[name].build(2))
+
+
 def resonance() -> rf.Scene:
     """A sine with the period of the first bending, which grows for five of them."""
-    pull = rf.Traction("x1", (0, 0, 5.0), time=lambda t: float(np.sin(2 * np.pi * t / 11.46)))
-    return bar(BASE, pull, drag=0.1)
+    return bar(BASE, push(5.0, lambda t: float(np.sin(2 * np.pi * t / 11.46))), drag=0.1)
 
 
 CASES = {
     "frame": Case(frame, 0.02, 1.25),
     "tumbling L": Case(tumbling, 0.4, 20.0),
     "free-flying body": Case(body, 0.4, 30.0),
-    "sine": on_bar(lambda: bar(BASE, rf.Traction("x1", (0, 0, 200.0), time=sine(4.0)))),
+    "sine": of_waking("sine on a block"),
     "push": on_bar(lambda: bar(BASE, rf.Traction("x1", (0, 0, 200.0), time=arch, until=2.0))),
     "free bar": on_bar(
         lambda: bar(rf.InitialVelocity(angular=(0.3, 1.0, 0.5)), viscous(0.005), drag=0.0),
@@ -115,18 +115,9 @@ CASES = {
     "shock at rest": on_bar(
         lambda: bar(BASE, rf.Traction("x1", (0, 0, 2000.0), since=4.0, until=4.1)), BUDGETS[:2]
     ),
-    "spin-up": on_bar(
-        lambda: bar(
-            *(
-                rf.Traction(face, (sign * 30.0, 0, 0), time=pulse(2.0, 6.0))
-                for face, sign in (("y1", -1.0), ("y0", 1.0))
-            ),
-            rf.KelvinVoigt(2e4),
-            drag=0.0,
-        )
-    ),
+    "spin-up": of_waking("spin-up"),
     "resonance": Case(resonance, 0.5, 60.0, 8, BUDGETS[:2]),
-    "moving base": on_bar(lambda: bar(rf.PrescribedMotion("x0", displacement=moved))),
+    "moving base": of_waking("shaken base"),
     "pressure": on_bar(lambda: bar(BASE, rf.Pressure("z0", 30.0, since=1.0))),
     "accelerogram": on_bar(lambda: bar(BASE, rf.Gravity((0, 0, 1.0), time=quake()))),
 }
@@ -168,7 +159,7 @@ def run(case: Case, dt: float | rf.StepControl, **more: object) -> Path:
     """A run of a scene."""
     rows = []
     for report in rf.simulate(case.scene(), dt, case.t_end, progress=False, **more):
-        rows.append((report.t, report.probes["end"], report.unknowns))
+        rows.append((report.t, report.probes["tip"], report.unknowns))
     t, u, unknowns = map(np.array, zip(*rows, strict=True))
     return Path(t, u, unknowns, report)
 
@@ -179,19 +170,19 @@ def measure(name: str, budgets: tuple[float, ...], finer: int = FINER) -> list[d
     brief = replace(case, t_end=case.t_end / 20)
 
     def asked(case: Case, budget: float) -> Path:
-        accuracy = rf.Accuracy(budget, "end", min_cells=case.min_cells)
+        accuracy = rf.Accuracy(budget, "tip", min_cells=case.min_cells)
         return run(case, case.largest, accuracy=accuracy)
 
     def fine(factor: float) -> rf.StepControl:
         tol, largest = min(budgets) / factor**2, case.largest / factor
-        return rf.StepControl(tol, "end", largest=largest, smallest=1e-4 * largest)
+        return rf.StepControl(tol, "tip", largest=largest, smallest=1e-4 * largest)
 
     asked(brief, max(budgets))  # forms are read
     reference, coarser = run(case, fine(finer)), run(case, fine(finer / 2))
     own = coarser.error(reference) / 3
     rows = []
     for budget in budgets:
-        control = rf.StepControl(budget, "end", largest=case.largest)
+        control = rf.StepControl(budget, "tip", largest=case.largest)
         wall, found = timed(lambda b=budget: asked(case, b))
         wall_flexible, flexible = timed(lambda c=control: run(case, c))
         ledger, fewer = found.last.ledger, len(flexible.t) - 1

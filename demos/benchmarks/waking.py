@@ -311,12 +311,12 @@ def followed(scene: rf.Scene, case: Built, rule: rf.StrainRate, twin: Record | N
 def measured(name: str, case: Built, seed: int | None, across: int) -> dict[str, Any]:
     """The entry of a case."""
     case = case.at(across)
-    twin = followed(case.scene(across), case, rf.StrainRate(0.0, 1e9, wake="none"), None)
+    twin = followed(case.build(across), case, rf.StrainRate(0.0, 1e9, wake="none"), None)
     tol = case.tol * float(twin.rates.max())
     entry = dict.fromkeys(KEYS) | {"scene": name, "seed": seed, "promise": PROMISED * case.tol}
     entry["unknowns"] = twin.unknowns
     try:
-        ours = followed(case.scene(across), case, rf.StrainRate(tol, WINDOW * case.dt), twin)
+        ours = followed(case.build(across), case, rf.StrainRate(tol, WINDOW * case.dt), twin)
     except (rf.SceneError, rf.StepError) as why:
         return entry | {"refused": str(why).splitlines()[0]}
     entry |= judged(twin, ours, tol) | {"error": error(twin, ours)}

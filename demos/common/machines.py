@@ -124,7 +124,7 @@ def crank_scene(
 
 
 def block_thrown(*more: rf.effects.Effect) -> rf.Scene:
-    """The block with a cantilever of `free_flying_body.py`, by loads on faces; probe "end"."""
+    """The block with a cantilever of `free_flying_body.py`, by loads on faces; probe "tip"."""
     domain = block_with_cantilever()
     domain = domain.with_facets("block", lambda x: (x[0] < 9.01) & (np.abs(x[2] - 3.0) > 2.99))
     domain = domain.with_facets("end", lambda x: (x[0] > 14.99) & (x[2] > 3.99))
@@ -133,10 +133,10 @@ def block_thrown(*more: rf.effects.Effect) -> rf.Scene:
         rf.Traction("end", (0.0, 0.0, 1e4), total=True, until=2.0),
     ]
     material = rf.StVenantKirchhoff(E=5e5, nu=0.3, rho=100.0)
-    return rf.Scene(domain, material, [*loads, *more], probes={"end": (23.0, 2.7, 3.0)})
+    return rf.Scene(domain, material, [*loads, *more], probes={"tip": (23.0, 2.7, 3.0)})
 
 
-def frame_shocked(coarse: int, probe: str, *more: rf.effects.Effect, **load: Any) -> rf.Scene:
+def frame_shocked(coarse: int, *more: rf.effects.Effect, **load: Any) -> rf.Scene:
     """The frame of `spatial_frame.py`, pushed at its side."""
     effects = [
         rf.Fixed("feet"),
@@ -145,6 +145,5 @@ def frame_shocked(coarse: int, probe: str, *more: rf.effects.Effect, **load: Any
         *more,
     ]
     material = rf.StVenantKirchhoff(E=7e10, nu=0.2, rho=2700.0)
-    return rf.Scene(
-        spatial_frame(coarse=coarse), material, effects, probes={probe: (6.0, 3.0, 4.5)}
-    )
+    probes = {"tip": (6.0, 3.0, 4.5)}
+    return rf.Scene(spatial_frame(coarse=coarse), material, effects, probes=probes)

@@ -38,13 +38,16 @@ RAMP = rf.Table([0.0, 2.5, 5.0], [0.0, 2.5, 0.0])  # s; ... where these are push
 def pushed_l(
     domain: rf.Domain,
     *more: rf.effects.Effect,
+    material: rf.Material = MATERIAL,
+    load: float = 1.0,
     time: rf.Table | None = None,
     until: float = np.inf,
     **how: Any,
 ) -> rf.Scene:
-    """The L under tractions on its ends, which have no resultant."""
-    loads = [rf.Traction(end, tuple(t), time=time, until=until) for end, t in ENDS.items()]
-    return rf.Scene(domain, MATERIAL, [*loads, *more], **how)
+    """The L under so many times the tractions on its ends, which have no resultant."""
+    window = {"time": time, "until": until}
+    loads = [rf.Traction(end, tuple(load * t), **window) for end, t in ENDS.items()]
+    return rf.Scene(domain, material, [*loads, *more], **how)
 
 
 def cells_of_bar(unknowns: int) -> tuple[int, int]:

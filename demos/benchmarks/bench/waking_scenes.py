@@ -65,10 +65,6 @@ class Built:
         """The case on a mesh of so many cells across."""
         return self
 
-    def scene(self, across: int) -> rf.Scene:
-        """The problem on a mesh of so many cells across."""
-        return self.build(across)
-
 
 @dataclass(frozen=True)
 class AtOnesOwn(Built):
@@ -94,11 +90,10 @@ def scene(
     *effects: rf.effects.Effect,
     stalk: rf.Material = SOFT,
     block: rf.Material = STIFF,
-    probe: str = "tip",
 ) -> rf.Scene:
     """The bar with a probe at its tip."""
     materials = {"stalk": stalk, "block": block}
-    return rf.Scene(mesh, materials, effects, probes={probe: (8, 0.5, 0.5)})
+    return rf.Scene(mesh, materials, effects, probes={"tip": (8, 0.5, 0.5)})
 
 
 def halves(
@@ -152,7 +147,7 @@ def frame(across: int) -> rf.Scene:
     """The frame of demos/spatial_frame.py under two shocks on its side."""
     both = lambda t: pulse(0.0, 0.05)(t) + pulse(1.6, 0.05)(t)  # noqa: E731
     coarse = 3 if across <= COARSE else 1
-    return machines.frame_shocked(coarse, "tip", rf.NumericalDamping(0.35), time=both)
+    return machines.frame_shocked(coarse, rf.NumericalDamping(0.35), time=both)
 
 
 def rotor(across: int) -> rf.Scene:

@@ -14,7 +14,8 @@
   1940, north-south (A. K. Chopra, Dynamics of Structures, figure 6.4.1: 5.97 in).
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -129,21 +130,24 @@ def by_support(t: Array, a: Array) -> list[rf.effects.Effect]:
     ]
 
 
+def shaken(period: float, dt: float, until: float, way: Callable[..., Any]) -> tuple[float, int]:
+    """Largest displacement of a storey's roof against the ground [m], and unknowns."""
+    t, a = el_centro()
+    path = make_interp_spline(t, a, k=1).antiderivative(2)
+    most = 0.0
+    for report in rf.simulate(storey(period, way(t, a)), dt, until, progress=False):
+        ground = float(path(report.t)) if way is by_support else 0.0
+        most = max(most, abs(report.probes["roof"][0] - ground))
+    return most, report.unknowns
+
+
 @problem("El Centro", "A. K. Chopra, Dynamics of Structures, figure 6.4.1")
 def earthquake(short: bool) -> Iterator[list[Found]]:
     """The largest displacement of the roof against the ground."""
-    t, a = el_centro()
-    path = make_interp_spline(t, a, k=1).antiderivative(2)
-    period, dt, until = 1.0, 0.02 if short else 0.01, 5.2
     for way in (by_gravity, by_support):
-        most = 0.0
-        for report in rf.simulate(storey(period, way(t, a)), dt, until, progress=False):
-            ground = float(path(report.t)) if way is by_support else 0.0
-            most = max(most, abs(report.probes["roof"][0] - ground))
+        most, unknowns = shaken(1.0, 0.02 if short else 0.01, 5.2, way)
         title = f"largest displacement, {way.__name__.replace('_', ' ')} [in]"
-        yield [
-            Found(title, DEFORMATION[period], float(most / INCH), 0.01, unknowns=report.unknowns)
-        ]
+        yield [Found(title, DEFORMATION[1.0], most / INCH, 0.01, unknowns=unknowns)]
 
 
 # A beam that is spun up ---------------------------------------------------------------------------
