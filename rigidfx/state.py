@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import together
 from rigidfx.base.remembered import FIELD, ON_DOFS, ByObject, Remembered, same
-from rigidfx.base.taken import read_only
+from rigidfx.base.sealed import read_only
 from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.effects import InitialVelocity, Preload
 from rigidfx.effects.initial import agree_with_support, given_velocity

@@ -120,7 +120,6 @@ class Compliance:
         }
 
     def __str__(self) -> str:
-        """In words."""
         changed = self.parts + " parts change its displacement by {:.2%}"
         taken = {k: changed.format(v) if v == v else "at rest" for k, v in self.taken.items()}
         return "\n".join(f"{name}: {part}" for name, part in taken.items())

@@ -40,7 +40,6 @@ class StepError(RigidfxError, RuntimeError):
     """
 
     def __init__(self, found: str, advice: str = "", halvings: int = 1) -> None:
-        """Keep both parts of the message."""
         super().__init__(f"{found} {advice}".rstrip())
         self.found, self.advice, self.halvings = found, advice, halvings
 

@@ -148,7 +148,6 @@ class _Numbered(MultiFunction):
     expr = MultiFunction.reuse_if_untouched
 
     def __init__(self) -> None:
-        """Know none."""
         super().__init__()
         self._labels: dict[Label, Label] = {}
 

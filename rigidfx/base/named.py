@@ -15,12 +15,10 @@ class Named(dict[str, V]):
     """
 
     def __init__(self, owner: str, values: Mapping[str, V], later: Iterable[str] = ()) -> None:
-        """Copy the values by name."""
         super().__init__(values)
         self.owner, self.later = owner, tuple(later)
 
     def __missing__(self, name: object) -> V:
-        """Raise the error of a wrong name."""
         raise no_such(self.owner, name, self, self.later)
 
 

@@ -11,17 +11,16 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import fields, is_dataclass
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import is_function, numbers
+from rigidfx.base.sealed import read_only
 
 Checks = dict[str, Callable[[str, str, Any], object]]  # by names of fields
-Entry = TypeVar("Entry", bound=np.generic)
 
 PLAIN = (type(None), bool, int, float, complex, str, bytes)  # what cannot change
 ARRAY = ("__array__", "__array_interface__", "__array_struct__")  # what NumPy makes an array of
@@ -95,20 +94,6 @@ def check_fields(record: Any, checks: Checks) -> None:
         value = getattr(record, field.name)
         if field.name in checks and (value is not None or field.default is not None):
             checks[field.name](type(record).__name__, field.name, value)
-
-
-def seal(record: Any) -> None:
-    """Make the arrays of an object read-only, without a copy: nobody changes them any more."""
-    for name, value in list(vars(record).items()):
-        if isinstance(value, np.ndarray):
-            object.__setattr__(record, name, read_only(value))
-
-
-def read_only(array: npt.NDArray[Entry]) -> npt.NDArray[Entry]:
-    """The same numbers, not a copy, through an array that cannot be written to."""
-    view = array.view()
-    view.flags.writeable = False
-    return view
 
 
 def check_same(comm: MPI.Intracomm, owner: str, given: Mapping[str, Any]) -> None:

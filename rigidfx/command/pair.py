@@ -123,7 +123,6 @@ class KeptRun(Iterator[Report]):
             self._write(self._path, bytes, "wb")
 
     def __next__(self) -> Report:
-        """The report of the next step."""
         report = next(self._steps) if self._first is None else self._first
         self._first = None
         self.reports.append(report)
@@ -241,11 +240,9 @@ class Pair:
         self.flexible, self.notes_beside = (twin.reports, twin.notes) if twin else none
 
     def __enter__(self) -> Pair:
-        """The two runs."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Free both."""
         self._ahead.close()
         if self._beside is not None:
             self._beside.close()

@@ -83,7 +83,6 @@ class Dealing:
     """
 
     def __init__(self) -> None:
-        """Begin with nothing dealt."""
         self._cells: DealtCells | None = None
 
     def rows(self, layout: DofLayout, loaded: Indices) -> DealtRows | None:

@@ -32,7 +32,6 @@ class MovedNodes:
     coordinates: Array
 
     def __getitem__(self, chosen: Ints) -> MovedNodes:
-        """Some of them."""
         return MovedNodes(self.unknowns[chosen], self.body[chosen], self.coordinates[chosen])
 
 

@@ -41,7 +41,6 @@ class AttachedRows:
     """
 
     def __init__(self, layout: DofLayout) -> None:
-        """Find them."""
         rows, self._shape = layout.rows, layout.ensemble.frozen.shape
         height, count = 3 * self._shape[1], layout.ensemble.frozen.size
         displacement = np.zeros(rows.dofs.size)
@@ -73,7 +72,6 @@ class AttachedRows:
         self._N = distributed(own, own.shape, PETSc.COMM_SELF)
 
     def __len__(self) -> int:
-        """How many there are."""
         return self._at_rows.size
 
     def moved(self, numbers: Array) -> Array:

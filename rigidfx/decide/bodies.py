@@ -188,7 +188,6 @@ class Planner:
     """Makes decisions of cells; it remembers nothing."""
 
     def __init__(self, graph: CellGraph, named: NamedParts, least: int) -> None:
-        """Keep the cells, the parts named rigid, and the least number of cells of a body."""
         self._graph, self._named, self._least = graph, named, least
 
     def numbers(self, seen: Observation) -> Ints:

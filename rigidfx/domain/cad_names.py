@@ -109,7 +109,6 @@ class Cad:
         return "\n".join(lines)
 
     def __str__(self) -> str:
-        """The whole table."""
         return self.table()
 
 

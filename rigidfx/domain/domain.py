@@ -90,7 +90,6 @@ class EntitySet:
     entities: Indices
 
     def __post_init__(self) -> None:
-        """Keep the numbers."""
         take_fields(self)
 
 

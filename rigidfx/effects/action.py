@@ -81,7 +81,6 @@ class Touch:
     nodes: int = 0
 
     def __add__(self, other: Touch) -> Touch:
-        """Both together."""
         sums = {key: value + getattr(other, key) for key, value in vars(self).items()}
         deeper = max(self.penetration, other.penetration)
         return Touch(**(sums | {"name": self.name, "penetration": deeper}))

@@ -182,7 +182,6 @@ class Nodes:
         self._At: Matrix = self._A.T if isinstance(self._A, np.ndarray) else A.T.tocsr()
 
     def __len__(self) -> int:
-        """How many there are."""
         return self.rows.size + len(self._of)
 
     def coordinates(self, held: Ints | None = None) -> Matrix:

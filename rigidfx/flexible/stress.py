@@ -42,7 +42,6 @@ class Enhancements:
     """The enhancement of a displacement as a function that expressions can read."""
 
     def __init__(self, u: fem.Function) -> None:
-        """Keep the displacement."""
         self._u = u
         self._eta: fem.Function | None = None
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rigidfx.base.remembered import Kind, MeshOrder, Record
-from rigidfx.base.taken import read_only, seal
+from rigidfx.base.sealed import read_only, seal
 from rigidfx.base.types import Array, Indices
 from rigidfx.mechanics.rigid_body import Body, BodyMotion, Frozen, RigidBody
 from rigidfx.mechanics.rotation import UNIT_SKEWS, skew
@@ -49,7 +49,6 @@ class Ensemble:
     """
 
     def __init__(self, records: Sequence[RigidBody]) -> None:
-        """Stack the bodies' data."""
         self.records = tuple(records)
         self.mass = np.array([body.mass for body in records], dtype=np.float64)
         self.inertia = np.reshape([body.inertia for body in records], (-1, 3, 3))
@@ -80,7 +79,6 @@ class Ensemble:
         seal(self)
 
     def __len__(self) -> int:
-        """Number of bodies."""
         return len(self.records)
 
     def holding(self, count: int) -> tuple[Indices, Array, Array]:
@@ -169,15 +167,12 @@ class Bodies:
         return self.moving(rates[:, :3], W, rates[:, 6:])
 
     def __len__(self) -> int:
-        """Number of bodies."""
         return len(self.of)
 
     def __iter__(self) -> Iterator[Body]:
-        """The bodies one by one."""
         return (self[k] for k in range(len(self)))
 
     def __getitem__(self, k: int) -> Body:
-        """One of the bodies."""
         data, frame = self.of.records[k], (self.r[k], self.R[k])
         deforming = (values[k, : data.deforms_by] for values in (self.q, self.q_rate))
         motion = BodyMotion(*frame, self.velocity[k], self.angular_velocity_body[k], *deforming)

@@ -185,7 +185,6 @@ class StaticStep(Step):
     share = 1.0
 
     def __init__(self, start: Bodies, given: Array | None = None) -> None:
-        """Prepare data of every trial."""
         super().__init__(start, 1.0, None, given)
 
     def trial(self, six: Array) -> Array:
@@ -226,7 +225,6 @@ class Increments:
         self._told = step.trial(unknowns[:, :6])
 
     def __len__(self) -> int:
-        """Number of bodies."""
         return len(self.unknowns)
 
     @property

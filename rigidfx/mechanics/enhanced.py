@@ -38,7 +38,6 @@ class Enhancement(ufl.Coefficient):
     """
 
     def __init__(self, law: Any, end: int, start: int | None = None) -> None:
-        """Make a coefficient of the space of a law."""
         super().__init__(law.ufl_function_space())
         self.law, self.end, self.start = law, end, start
 
@@ -61,7 +60,6 @@ class ProjectedWork(Note):
     """
 
     def __init__(self, stress: Any, by: int, middle: tuple[int, ...]) -> None:
-        """Make a constant of the enhancements' mesh."""
         of = [w for w in extract_coefficients(stress) if isinstance(w, Enhancement) and w.end == by]
         super().__init__(of[0].ufl_function_space().ufl_domain())
         self.stress, self.enhancements, self.middle, self.by = stress, of, middle, by
@@ -104,7 +102,6 @@ class Elimination(Note):
     def __init__(
         self, enhancement: Enhancement, left: tuple[int, ...], factor: float, more: Any
     ) -> None:
-        """Make a constant of the enhancement's mesh."""
         super().__init__(enhancement.ufl_function_space().ufl_domain())
         self.enhancement, self.left, self.right = enhancement, left, enhancement.end
         self.factor, self.more = factor, more
@@ -197,7 +194,6 @@ class AssumedStrains:
     thickness: str
 
     def __post_init__(self) -> None:
-        """Check that the name is a text."""
         if not isinstance(self.thickness, str):
             raise SceneError(
                 "AssumedStrains: thickness must be the name of a surface that the thickness goes "
@@ -219,7 +215,6 @@ class AssumedWork(Note):
         middle: tuple[int, ...],
         by: int,
     ) -> None:
-        """Make a constant of a mesh."""
         super().__init__(domain)
         self.portions, self.middle, self.by = tuple(portions), middle, by
 

@@ -13,13 +13,13 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.base.taken import seal
+from rigidfx.base.sealed import Sealed
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.mechanics.shapes import Shapes
 
 
 @dataclass(frozen=True)
-class Frozen:
+class Frozen(Sealed):
     """Energy and velocities that a body keeps for its release; its offsets keep the shape."""
 
     nodes: Indices  # owned nodes on this rank whose velocity the freeze changed
@@ -28,10 +28,6 @@ class Frozen:
     # Kinetic energy that the freeze took out of the motion; beside a support that moves it may be
     # less than zero, with a consistent mass [J]
     vibration: float
-
-    def __post_init__(self) -> None:
-        """Let nobody change the arrays: reports show them."""
-        seal(self)
 
     @property
     def energy(self) -> float:
@@ -43,7 +39,7 @@ NOTHING = Frozen(np.empty(0, np.int32), np.empty((0, 3)), 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class RigidBody:
+class RigidBody(Sealed):
     """The constant data of a body."""
 
     name: str  # its name in reports, that of a set of cells where a `Rigid` effect named it
@@ -65,10 +61,6 @@ class RigidBody:
     # is next to nothing [m]; None where the body's own mass tells ℓ
     extent: float | None = None
     shapes: Shapes | None = None  # by which it deforms; None if it is rigid
-
-    def __post_init__(self) -> None:
-        """Let nobody change the arrays: reports show them."""
-        seal(self)
 
     @cached_property
     def length(self) -> float:

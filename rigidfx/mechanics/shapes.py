@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rigidfx.base.taken import seal
+from rigidfx.base.sealed import Sealed, seal
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.mechanics.rotation import IDENTITY, axial, skew
 
@@ -28,7 +28,7 @@ EPS = float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True)
-class Shapes:
+class Shapes(Sealed):
     """The constant data of the m shapes of a body."""
 
     nodes: Indices  # owned nodes of the body on this rank, sorted
@@ -51,13 +51,11 @@ class Shapes:
     given: int = 0  # number of the first shapes whose coordinates supports give
 
     def __post_init__(self) -> None:
-        """Let nobody change the arrays: reports show them."""
         if self.images.ndim < self.modes.ndim:  # of a body that gets no more
             object.__setattr__(self, "images", np.zeros((len(self.nodes), 0, 3)))
-        seal(self)
+        super().__post_init__()
 
     def __len__(self) -> int:
-        """m."""
         return len(self.force)
 
     @property

@@ -70,7 +70,6 @@ class JointFields:
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Keep their places."""
         self._titles = [joint.title for joint in scene.named(Joint)]
         at = np.array([joint.at for joint in scene.named(Joint)], dtype=np.float64)
         self.body = Cloud(at, np.arange(len(at), dtype=np.int32)[:, None])

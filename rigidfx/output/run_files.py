@@ -158,7 +158,6 @@ class LogFile(logging.FileHandler):
     """
 
     def __init__(self, path: Path) -> None:
-        """Open it."""
         super().__init__(path, mode="a", encoding="utf-8")
         self.setFormatter(logging.Formatter("%(asctime)s %(message)s"))
         self._path, self._former = path, path.stat().st_size

@@ -25,7 +25,6 @@ class Whereabouts:
     """Follows a run, and says on rank 0 how far it is and how long it may still take."""
 
     def __init__(self, comm: MPI.Intracomm, t_end: float) -> None:
-        """Begin."""
         self._comm, self._t_end = comm, t_end
         self._began = self._told = perf_counter()  # of the run; when something was said
         self._first: float | None = None  # time of the first report [s]
@@ -61,7 +60,6 @@ class Pay:
     )
 
     def __init__(self) -> None:
-        """Nothing has happened."""
         self._most = 0  # unknowns
         self._flexible: list[float] = []  # wall time of steps without bodies [s] ...
         self._rigid: list[float] = []  # ... with bodies ...
@@ -131,7 +129,6 @@ class Account:
     remembered: ClassVar[Remembered] = same("_steps", "_iterations", "_switches") | {"_pay": PART}
 
     def __init__(self, comm: MPI.Intracomm, t_end: float) -> None:
-        """Begin."""
         self._comm, self._t_end = comm, t_end
         self._whereabouts = Whereabouts(comm, t_end)
         self._steps = self._iterations = self._switches = 0
@@ -156,7 +153,6 @@ class Account:
             tell(self._comm, f"t = {report.t:.6g} s: the step was cut {report.cuts} times")
 
     def __enter__(self) -> Account:
-        """Nothing to do."""
         return self
 
     def __exit__(self, kind: object, *of_error: object) -> None:

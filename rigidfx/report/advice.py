@@ -165,7 +165,6 @@ class Adviser(Look):
     remembered: ClassVar[Remembered] = same("said")
 
     def __init__(self, scene: Scene) -> None:
-        """Begin before the first report."""
         self._scene, self._comm = scene, scene.comm
         self.said: set[str] = set()
 

@@ -158,7 +158,6 @@ class BriefStops(Adviser):
     )
 
     def __init__(self, scene: Scene) -> None:
-        """Begin before the first report."""
         super().__init__(scene)
         cables = (spring for spring in scene.named(SpringDamper) if spring.pulls_only)
         self._cables = {cable.title: cable for cable in cables}

@@ -155,7 +155,6 @@ class Entry:
         return self.allowed / max(self.scale, TINY)
 
     def __str__(self) -> str:
-        """In words."""
         if isnan(self.spent):
             return "not estimated"
         allowed = "" if isnan(self.allowed) else f" of {self.allowed:.3g} {self.unit} allowed"

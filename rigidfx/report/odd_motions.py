@@ -119,7 +119,6 @@ class LumpedInertia(Adviser):
     remembered: ClassVar[Remembered] = Adviser.remembered
 
     def __init__(self, scene: Scene) -> None:
-        """Begin before the first report."""
         super().__init__(scene)
         self._lumped = scene.mass == "lumped"
         self._seen: object = None  # the bodies that were looked at last

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from rigidfx.base.taken import seal
+from rigidfx.base.sealed import Sealed
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.flexible.nodal_stress import NodalStress, material_groups, summed
 from rigidfx.flexible.stress import tensors, von_mises
@@ -20,7 +20,7 @@ from rigidfx.scene.scene import Scene
 
 
 @dataclass(frozen=True)
-class Peak:
+class Peak(Sealed):
     """Where the stress over a set is largest.
 
     Attributes:
@@ -30,10 +30,6 @@ class Peak:
 
     von_mises: float
     place: Array
-
-    def __post_init__(self) -> None:
-        """Make arrays read-only."""
-        seal(self)
 
 
 class Peaks:

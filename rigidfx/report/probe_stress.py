@@ -13,7 +13,7 @@ import numpy as np
 from dolfinx import fem, la
 from scipy.linalg import block_diag
 
-from rigidfx.base.taken import seal
+from rigidfx.base.sealed import Sealed
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.flexible.nodal_stress import extrapolation, material_groups
 from rigidfx.flexible.stress import Added, PointStress, Recovered, tensors, von_mises
@@ -35,7 +35,7 @@ class Holder:
 
 
 @dataclass(frozen=True)
-class StressAt:
+class StressAt(Sealed):
     """Stress and strain at a point, from nodal values of the material of its cell.
 
     Attributes:
@@ -48,10 +48,6 @@ class StressAt:
     stress: Array
     strain: Array
     recovered: bool = False
-
-    def __post_init__(self) -> None:
-        """Make arrays read-only."""
-        seal(self)
 
     @property
     def von_mises(self) -> float:

@@ -13,7 +13,7 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.in_notebook import as_table, in_short
 from rigidfx.base.inputs import shown
 from rigidfx.base.named import Named
-from rigidfx.base.taken import read_only
+from rigidfx.base.sealed import read_only
 from rigidfx.base.types import Array, Bools
 from rigidfx.base.warning import warn
 from rigidfx.flexible.strain_rate import Indicator

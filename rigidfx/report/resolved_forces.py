@@ -55,7 +55,6 @@ class ResolvedForces:
     remembered: ClassVar[Remembered] = same("_steps")
 
     def __init__(self, scene: Scene) -> None:
-        """Begin before the first report."""
         self._scene = scene
         self._times: dict[str, float] = {}  # that the mesh resolves, once a contact has closed [s]
         self._steps: dict[str, Steps] = {}  # of contacts that press, or have just pressed

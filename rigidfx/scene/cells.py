@@ -17,7 +17,7 @@ from mpi4py import MPI
 from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.inputs import shown
-from rigidfx.base.taken import read_only
+from rigidfx.base.sealed import read_only
 from rigidfx.base.types import Array, Indices
 from rigidfx.base.warning import warn
 from rigidfx.domain.domain import Domain

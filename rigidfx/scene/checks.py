@@ -15,7 +15,7 @@ from rigidfx import effects as fx
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.inputs import numbers, shown
-from rigidfx.base.taken import read_only
+from rigidfx.base.sealed import read_only
 from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.domain.domain import Domain, box_of

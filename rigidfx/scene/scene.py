@@ -20,7 +20,8 @@ from rigidfx.base import compat
 from rigidfx.base.errors import SceneError
 from rigidfx.base.in_notebook import as_text
 from rigidfx.base.inputs import positive, whole
-from rigidfx.base.taken import check_same, read_only
+from rigidfx.base.sealed import read_only
+from rigidfx.base.taken import check_same
 from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.domain.domain import Domain, box_of

@@ -115,7 +115,6 @@ class Looks:
     remembered: ClassVar[Remembered] = same("_next", "_largest")
 
     def __init__(self) -> None:
-        """Nothing has been looked at."""
         # ½ q·Ωq and q·Dq of each body, by number, above which ν is looked at again [J, kg m²], and
         # the size of forces that shapes lack [N/√kg].
         self._next: dict[int, tuple[float, float, float]] = {}

@@ -32,7 +32,6 @@ class Basis:
         self._total, self._anew = total, anew
 
     def __len__(self) -> int:
-        """Number of vectors."""
         return int(self.vectors.shape[2])
 
     def grow(self, vectors: Array, images: Array, sizes: Array, most: int) -> None:

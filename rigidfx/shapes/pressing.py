@@ -32,7 +32,6 @@ class Pressing:
     remembered: ClassVar[Remembered] = {"pressed": ON_NODES}
 
     def __init__(self, scene: Scene) -> None:
-        """Nothing has been pressed."""
         self._scene, self._any = scene, bool(scene.named(Contact))
         self.pressed = np.zeros(scene.owned_nodes, dtype=bool)
 

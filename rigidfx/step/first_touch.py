@@ -27,7 +27,6 @@ class FirstTouch:
     remembered: ClassVar[Remembered] = same("_open", "_told")
 
     def __init__(self, stepper: Stepper) -> None:
-        """Keep the stepper."""
         self._stepper = stepper
         self._any = bool(stepper.scene.named(Contact))
         self._open: dict[str, int] = {}  # steps that each contact has been open

@@ -59,7 +59,6 @@ class Exchange:
     """
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
-        """Keep the problem."""
         self._scene, self._forces = scene, forces
         self.shape: Callable[[Body], Body] | None = None
         self.leave: Callable[[Sequence[Body]], Shift | None] | None = None

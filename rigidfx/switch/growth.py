@@ -92,7 +92,6 @@ class Resonance:
     }
 
     def __init__(self, scene: Scene) -> None:
-        """Nothing has built up."""
         self._scene = scene
         self._of: dict[int, Tuned] = {}  # by number
 

@@ -33,7 +33,6 @@ class Loosening:
     """Takes cells out of bodies, about a structure's responses."""
 
     def __init__(self, scene: Scene, forces: InternalForces, responses: Responses) -> None:
-        """Keep the problem."""
         self._scene, self._forces, self._responses = scene, forces, responses
 
     def without(self, state: State, body: Body, cells: Indices) -> tuple[Body, Part]:

@@ -93,7 +93,6 @@ class WholeMass:
     """Assembles M once for the same bodies of given mass: masses do not change with the motion."""
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
-        """Nothing is assembled."""
         self._scene, self._forces = scene, forces
         self._without: set[int] | None = None  # numbers of the bodies whose mass is given
         self._matrix: PETSc.Mat | None = None  # one row per owned dof

@@ -15,7 +15,8 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError, on_rank_0
 from rigidfx.base.inputs import path_of, whole
-from rigidfx.base.taken import check_same, seal
+from rigidfx.base.sealed import Sealed
+from rigidfx.base.taken import check_same
 from rigidfx.base.types import TINY, Array, Ints
 from rigidfx.base.warning import warn
 from rigidfx.output.field_reader import grid_of
@@ -37,7 +38,7 @@ SAME = 1e-6  # relative distance of two ω² below which any combination of both
 
 
 @dataclass(frozen=True)
-class Modes:
+class Modes(Sealed):
     """Modes in the order of their frequencies; numbers are equal on all ranks.
 
     Attributes:
@@ -58,12 +59,7 @@ class Modes:
     rigid: int
     mass: float
 
-    def __post_init__(self) -> None:
-        """Let nobody change the arrays."""
-        seal(self)
-
     def __len__(self) -> int:
-        """Number of modes."""
         return self.squares.size
 
     @property

@@ -37,16 +37,13 @@ class Force:
     products: Array  # h, shape (fields, 3)
 
     def __add__(self, other: Force) -> Force:
-        """Their sum."""
         known, beside = self.known + other.known, self.beside + other.beside
         return Force(self.nodes, known, beside, self.products + other.products)
 
     def __sub__(self, other: Force) -> Force:
-        """Their difference."""
         return self + -1.0 * other
 
     def __rmul__(self, factor: float) -> Force:
-        """A multiple."""
         parts = self.known, self.beside, self.products
         return Force(self.nodes, *(factor * part for part in parts))
 

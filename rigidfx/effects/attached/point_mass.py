@@ -94,7 +94,6 @@ class PointInertia(Action):
     kind = PointMass.__name__
 
     def __init__(self, mass: PointMass, structure: Structure) -> None:
-        """Store the mass and its point."""
         self._mass, self.nodes = float(mass.mass), RemoteNodes(structure, (mass.remote.place,))
 
     def stiffen(self, motion: Any, tangent: Any) -> None:

@@ -136,7 +136,6 @@ class Tension(Action):
     kind = SpringDamper.__name__
 
     def __init__(self, spring: SpringDamper, structure: Structure) -> None:
-        """Store the law and the ends."""
         self._spring, self._static = spring, structure.static
         self.title, self.nodes = spring.title, RemoteNodes(structure, spring.averages)
         self.rounding = float(spring.stiffness * spring.ends_at[1])

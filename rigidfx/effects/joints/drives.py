@@ -101,7 +101,6 @@ class Drives:
         self._gained: Array = np.zeros(len(elements))  # q₁ - q₀ likewise
 
     def __len__(self) -> int:
-        """How many there are."""
         return len(self.each)
 
     def _all(self, number: Callable[[Drive], float]) -> Array:

@@ -94,7 +94,6 @@ class JointReports(Mapping[str, JointReport]):
     _made: dict[str, JointReport] = field(default_factory=dict, init=False)
 
     def __getitem__(self, title: str) -> JointReport:
-        """The report of a joint."""
         if title not in self._made:
             if self.of is None or title not in self.titles:
                 raise no_such("report.joints", title, self, self.later)
@@ -102,11 +101,9 @@ class JointReports(Mapping[str, JointReport]):
         return self._made[title]
 
     def __iter__(self) -> Iterator[str]:
-        """Their titles."""
         return iter(self.titles)
 
     def __len__(self) -> int:
-        """How many there are."""
         return len(self.titles)
 
 

@@ -94,7 +94,6 @@ class PressureTerm(FormTerm):
     dissipates = False
 
     def __init__(self, effect: Pressure, mesh: Any) -> None:
-        """Store the pressure."""
         self._effect, self._mesh = effect, mesh
         self._p = fem.Constant(mesh, 0.0)
 

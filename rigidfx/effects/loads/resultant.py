@@ -121,7 +121,6 @@ class ForceAndTorque(Action):
     kind = Resultant.__name__
 
     def __init__(self, load: Resultant, structure: Structure) -> None:
-        """Begin with none."""
         self._load, self._over = load, structure.over
         self._both: Array = np.zeros((2, 3))
 
@@ -134,7 +133,6 @@ class BodyLoad(ForceAndTorque):
     """A resultant on one of the bodies."""
 
     def __init__(self, load: Resultant, structure: Structure, place: int) -> None:
-        """Store which of the bodies it acts on."""
         super().__init__(load, structure)
         self._place, self._once = place, structure.once
 
@@ -154,7 +152,6 @@ class FaceCouple(ForceAndTorque):
     dissipates = False
 
     def __init__(self, load: Resultant, structure: Structure) -> None:
-        """Store the directions of its face."""
         super().__init__(load, structure)
         self.nodes = RemoteNodes(structure, load.remote.directions)
         self._arm = load.remote.arm[:, None]

@@ -67,7 +67,6 @@ class Inertia:
     """
 
     def __init__(self, mass: Mass, rows: Rows) -> None:
-        """Make room for the momenta."""
         self._mass = mass
         self._v, self.before, self.gained = (rows.vector() for _ in range(3))
 

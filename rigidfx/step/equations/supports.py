@@ -51,7 +51,6 @@ class Impact:
     following: float
 
     def __add__(self, other: Impact) -> Impact:
-        """Both of one instant."""
         return Impact(
             self.t,
             (*self.supports, *other.supports),
@@ -206,7 +205,6 @@ class ReducedMass:
     """
 
     def __init__(self, p: Prolongation, mass: Mass, bodies: Bodies) -> None:
-        """Keep its parts."""
         self.p, self.mass, self._bodies = p, mass, bodies
         self._matrix: PETSc.Mat | None = None
         self._factors: PETSc.KSP | None = None

@@ -95,7 +95,6 @@ class Border:
     """
 
     def __init__(self, equations: Equations) -> None:
-        """Keep the equations."""
         self._equations, self._rows = equations, equations.constraints
         self.ports = 0
         if self._rows is None:

@@ -39,7 +39,6 @@ class StoppingTest:
     """
 
     def __init__(self, rtol: float = RELATIVE_TOLERANCE, max_it: int = MAX_ITERATIONS) -> None:
-        """Begin with no iterate and no rounding."""
         self.history: list[float] = []
         self.rounding = self._noise = 0.0
         self.rtol, self.max_it = rtol, max_it
@@ -122,7 +121,6 @@ class ChordTest(StoppingTest):
     """
 
     def __init__(self, rtol: float = RELATIVE_TOLERANCE, max_it: int = MAX_ITERATIONS) -> None:
-        """Begin with no tangent."""
         super().__init__(HIDDEN * rtol, max_it)
         self._floor = 0.0  # ‖R‖ at which a new tangent did no better, as a part of what R is of
         self._renewed_at = -1  # iterate of the tangent; -1 if that is of an earlier solve

@@ -95,7 +95,6 @@ class HeldBodies:
         self._every = [*filter(None, self._frames.values()), *guides]
 
     def __len__(self) -> int:
-        """How many there are."""
         return len(self._frames)
 
     def _frame(self, k: int, support: Support, data: RigidBody) -> _Points:

@@ -100,7 +100,6 @@ class Cuts:
     remembered: ClassVar[Remembered] = same("_trial", "_whole")
 
     def __init__(self) -> None:
-        """Begin without a cut."""
         self._trial = np.inf  # length of the next attempt after a cut ...
         self._whole = np.inf  # ... of a step of this length
 
@@ -166,7 +165,6 @@ class WarnsOnce(Watch):
     remembered: ClassVar[Remembered] = same("waits")
 
     def __init__(self, comm: MPI.Intracomm) -> None:
-        """Begin before the first step."""
         self._comm = comm
         self.waits = True
 
