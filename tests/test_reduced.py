@@ -210,6 +210,20 @@ def test_it_moves_as_its_flexible_twin(case):
         assert own[-1].dissipated[kind] == pytest.approx(energy, rel=0.05)
 
 
+@pytest.mark.parametrize("damping", [rf.StiffnessDamping(0.1, 30e6), rf.KelvinVoigt(0.1)])
+def test_damping_does_not_depend_on_the_units(damping):
+    """Micrometres and microseconds: 3 and 11 % of what damping takes were rounding."""
+    size, taken = 1e-6, []
+    domain = rf.box((0, 0, 0), (size, 0.05 * size, 0.02 * size), (12, 2, 1))
+    push = rf.Traction("x1", (0, 0, 100.0), time=lambda t: np.sin(np.pi * t / 2e-6) ** 2)
+    effects = [rf.Fixed("x0"), push, damping]
+    for parts in ([], [rf.Reduced()]):
+        scene = rf.Scene(domain, SOFT, [*effects, *parts], element="enhanced")
+        _, *reports = rf.simulate(scene, 5e-8, 2e-6)
+        taken.append(sum(report.dissipated[damping.kind] for report in reports))
+    assert taken[1] == pytest.approx(taken[0], rel=1e-3)
+
+
 SWINGING = rf.InitialVelocity(function=lambda x: np.stack([0 * x[0], 0 * x[0], 0.1 * x[0] ** 2]))
 STARTS = {
     "swings": ([SWINGING], {}),

@@ -287,29 +287,30 @@ class InternalForces:
         return bool(self._acting[0]) or self.viscous
 
     @contextmanager
-    def undamped(self) -> Iterator[list[tuple[str, bool, Callable[[bool], None]]]]:
+    def undamped(self) -> Iterator[list[tuple[str, bool, Callable[[float], None]]]]:
         """Switch damping off in the forms, but for those that are switched on.
 
         Yields:
-            Of each that acts its kind, whether it grows with 1/Δt, and a function that switches it
-            on or off; a viscous one is on at Δt = 1 s.
+            Of each that acts its kind, whether it grows with 1/Δt, and a function that multiplies
+            it, a viscous one at Δt = 1 s.
         """
+        xi = float(self._xi.value)
 
-        def numerical(on: bool, xi: float = float(self._xi.value)) -> None:
-            self._xi.value = xi if on else 0.0
+        def numerical(factor: float) -> None:
+            self._xi.value = factor * xi
 
-        parts: list[tuple[str, bool, Callable[[bool], None]]] = []
+        parts: list[tuple[str, bool, Callable[[float], None]]] = []
         if self._acting[0]:
             parts.append((self._acting[0], False, numerical))
         for _, term in self.viscous_terms:
-            parts.append((term.kind, True, partial(_switch, term)))
-        for _, _, switch in parts:
-            switch(False)
+            parts.append((term.kind, True, term.set_rate))
+        for _, _, multiply in parts:
+            multiply(0.0)
         try:
             yield parts
         finally:
             if self._acting[0]:
-                numerical(True)
+                numerical(1.0)
 
     def loaded(self, *groups: Cells) -> Indices:
         """Those of some cells at whose facets loads act now, sorted."""
@@ -369,8 +370,3 @@ class InternalForces:
             },
             [] if against is None else [against.bind({}, facets)],
         )
-
-
-def _switch(term: FormTerm, on: bool) -> None:
-    """Set a viscous stress to that at Δt = 1 s, or to nothing."""
-    term.set_rate(float(on))

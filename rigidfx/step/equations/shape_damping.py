@@ -6,7 +6,7 @@ is
 
     ½ K + ξ K + C/Δt,
 
-so that each kind of damping is one of them less half of the shapes' own stiffness.
+so that each kind of damping is one of them where it is so large that ½ K counts for nothing.
 """
 
 import numpy as np
@@ -20,6 +20,8 @@ from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.mechanics.shapes import times
 from rigidfx.scene.scene import Scene
+
+LARGE = float(np.finfo(np.float64).eps ** -2)  # a scene's times in its unit, over rounding
 
 
 class ShapeDamping:
@@ -55,14 +57,13 @@ class ShapeDamping:
 
         with self._forces.undamped() as parts:
             steady, viscous = dict[str, Array](), dict[str, Array]()
-            half = 0.5 * body.shapes.stiffness
-            for kind, is_viscous, switch in parts:
-                switch(True)
+            for kind, is_viscous, multiply in parts:
+                multiply(LARGE)
                 A = rows.assembled(form)
                 C = fields @ product(A.matMult, fields.T, rows.comm)
                 A.destroy()
-                C = np.asarray(self._scene.sum(C)) - half
-                switch(False)
+                C = np.asarray(self._scene.sum(C)) / LARGE
+                multiply(0.0)
                 found = viscous if is_viscous else steady
                 found[kind] = found.get(kind, 0.0) + 0.5 * (C + C.T)
         return steady, viscous
