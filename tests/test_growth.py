@@ -214,7 +214,7 @@ def on_stalk(period):
 
 
 def test_a_resonance_of_a_stiff_part_is_found():
-    """Its modes are beyond those of the whole; soft parts, which have too many, wake."""
+    """Its modes are beyond those of the whole; soft parts, which have too many, grow."""
     period = float(rf.periods(on_a_stalk(1.0)[1], 1)[0])
     scene = on_a_stalk(period)[0]
     twin, own = (
@@ -222,9 +222,8 @@ def test_a_resonance_of_a_stiff_part_is_found():
         for rigidify in (None, on_stalk(period))
     )
     assert np.abs(tips(own) - tips(twin)).max() < 0.01 * np.abs(tips(twin)).max()
-    released = [event for r in own for event in r.events if event.kind == "release"]
-    assert released
-    assert min(unknowns(own)) < 0.5 * twin[0].unknowns
+    grown = unknowns(own)[-100:]
+    assert grown[0] < grown[-1] < 0.5 * twin[0].unknowns
 
 
 def test_a_restart_goes_on_as_the_run(tmp_path):

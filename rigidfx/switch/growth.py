@@ -7,6 +7,7 @@ the motion to come.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import isclose
 from typing import Any, ClassVar
 
@@ -19,6 +20,7 @@ from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.decide.limits import Limits, part_of
 from rigidfx.flexible.strain_rate import CellStrains, Indicator
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.bends import SHARE, at_cells
 from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz
@@ -30,6 +32,7 @@ from rigidfx.withheld.fields import Fields, Force, dots
 from rigidfx.withheld.fields import size as size_of
 
 OUTGROWN = "forces strain them otherwise than their shapes can"
+RESONANT = "motions that their shapes lack may be in resonance"
 
 # Numbers of the loop, from runs of demos/benchmarks/waking.py beside flexible twins.
 GATE = 0.5  # part of the tolerance up to which no response is solved for, by the last ratio
@@ -210,32 +213,45 @@ class Growth(Watch):
         quiet = known and size * self._ratio * grown < GATE
         if limits is None or not size > 0:
             return Looked()
-        if (woken := self._resonant(limits)) is not None:
-            return Looked(woken=woken, reason="motions that their shapes lack may be in resonance")
+        if (resonant := self._resonant(limits)) is not None:
+            return resonant
         if quiet:
             return Looked()
         return self._judged(attempt.dt, self.found.at_start(self._withheld), size, limits())
 
-    def _resonant(self, limits: Callable[[], Limits]) -> Bools | None:
-        """Cells of bodies that lack a mode which may be in resonance. Collective."""
+    def _resonant(self, limits: Callable[[], Limits]) -> Looked | None:
+        """What modes call for that bodies lack and that may be in resonance. Collective."""
         known = [(fields, self._resonance.lasting(fields)) for fields, _ in self._lacks_modes()]
         lasting = [(fields, *own) for fields, own in known if own is not None]
         size = size_of(self._scene, [(fields, force) for fields, _, force in lasting])
-        if not size * min(self._ratio, self._swing) > GATE * WAKES:
+        if not size * min(self._ratio, self._swing) > GATE:
             return None
-        swings, frequency = np.zeros((self._scene.owned_nodes, 3)), np.zeros(self._cells)
+        swings: list[Array] = [np.zeros((self._scene.owned_nodes, 3, 0))]
+        frequency = np.zeros(self._cells)
         for fields, omega, force in lasting:
             F = self.found.at_start([(fields, fields.outside(force))])
-            swings += self.found.linear().swing(F[:, :, None], omega)[:, :, 0]
+            swings.append(self.found.linear().swing(F[:, :, None], omega))
             frequency[fields.data.cells] = omega
+        each, now = np.concatenate(swings, axis=2), limits()
         cells = np.concatenate([fields.data.cells for fields, *_ in lasting])
-        rates = self._part(swings, frequency, cells, limits())
-        most = self._scene.comm.allreduce(float(rates.max(initial=0.0)), op=MPI.MAX)
+        rates = self._part(each.sum(axis=2), frequency, cells, now)
+        wanted = self._largest([fields.data for fields, *_ in lasting], rates)
+        most = max(wanted.values())
         self._swing = most / size
-        if not most > WAKES:
+        if not most > 1:
+            return None
+        grown, ended = self._grown(wanted, lambda: each, each.shape[2], now)
+        if grown is None and not (ended and most > WAKES):
             return None
         tell(self._scene.comm, f"modes that bodies lack may be in resonance: {most:.3g} tol")
-        return np.asarray(rates > WOKEN)
+        woken: Bools = rates > WOKEN
+        return Looked(None, woken, RESONANT) if grown is None else Looked(grown)
+
+    def _largest(self, of: Sequence[RigidBody], rates: Array) -> dict[int, float]:
+        """The largest rate of each body, by its number. Collective."""
+        above = np.array([rates[data.cells].max(initial=0.0) for data in of])
+        self._scene.comm.Allreduce(MPI.IN_PLACE, above, op=MPI.MAX)
+        return {data.number: float(own) for data, own in zip(of, above, strict=True)}
 
     def _lacks_modes(self) -> list[tuple[Fields, Force]]:
         """ρ⊥ of the bodies that lack modes which Δt resolves."""
@@ -244,7 +260,7 @@ class Growth(Watch):
 
     def _judged(self, dt: float, F: Array, size: float, limits: Limits) -> Looked:
         """Compare responses with limits. Collective."""
-        comm, bodies = self._scene.comm, list(self._stepper.state.bodies)
+        comm, bodies = self._scene.comm, self._stepper.state.bodies
         growing = {b.data.number: b.data for b in bodies if self.found.grows(b.data)}
         cells = np.concatenate([data.cells for data in growing.values()])
         e = self.found.responses.solve(F[:, :, None])
@@ -252,15 +268,31 @@ class Growth(Watch):
         for data in growing.values() if limits.rates is not None else ():
             omega[data.cells] = min(self.found.frequency(data, e), 2 / dt)
         rates = self._part(e[:, :, 0], omega, cells, limits)
-        most = comm.allreduce(float(rates.max(initial=0.0)), op=MPI.MAX)
+        wanted = self._largest(list(growing.values()), rates)
+        most = max(wanted.values(), default=0.0)
         self._ratio, self._asked, self._swing, self._since = most / size, size, np.inf, 0
         if not most > 1:
             return self._left(most, limits)
-        above = np.array([rates[data.cells].max(initial=0.0) for data in growing.values()])
-        comm.Allreduce(MPI.IN_PLACE, above, op=MPI.MAX)
-        wanted = dict(zip(growing, above, strict=True))
-        new: Array | None = None  # found where a body has room for it
-        out, ended, grown = bodies, [], False
+        grown, ended = self._grown(wanted, partial(self._followed, F, dt, limits), 1, limits)
+        if ended:
+            cells = np.concatenate([data.cells for data in ended])
+            return Looked(None, self._strained_most(e[:, :, 0], rates, cells, limits), OUTGROWN)
+        if grown is None:
+            return self._left(most, limits)
+        size = float(np.linalg.norm(e, axis=1).max(initial=0.0))
+        self._foreseen = max(self._foreseen, comm.allreduce(size, op=MPI.MAX))
+        return Looked(grown)
+
+    def _grown(
+        self, wanted: Mapping[int, float], found: Callable[[], Array], loads: int, limits: Limits
+    ) -> tuple[Bodies | None, list[RigidBody]]:
+        """Bodies with further shapes, None if there are none, and those that need other ones.
+
+        They are wanted by the parts of what is allowed that they lack, by number; vectors that are
+        found, where a body has room, are those of loads and their followers. Collective.
+        """
+        out, ended, grown = list(self._stepper.state.bodies), list[RigidBody](), False
+        new: Array | None = None
         for k, body in enumerate(out):
             want = wanted.get(body.data.number, 0.0)
             if not want > 1:
@@ -271,24 +303,18 @@ class Growth(Watch):
                 continue
             stalls, more = len(before) > 1 and want > max(WAKES, 0.5 * before[-2]), None
             if not (stalls or count >= GROWN):
-                new = self._followed(F, dt, limits) if new is None else new
-                more = self.found.more(body, new)
+                new = found() if new is None else new
+                more = self.found.more(body, new, loads)
             if more is None or new is None:
                 if not limits.begins and (want > WAKES or count >= GROWN):
                     ended.append(body.data)
                 continue
             out[k], grown = more, True
-            self._added[body.data.number] = (*before, float(want))
-            self.found.keep(new[:, :, :1])
-            tell(comm, f"{body.data.name} has {more.data.deforms_by} shapes: {want:.3g} tol")
-        if ended:
-            cells = np.concatenate([data.cells for data in ended])
-            return Looked(None, self._strained_most(e[:, :, 0], rates, cells, limits), OUTGROWN)
-        if not grown:
-            return self._left(most, limits)
-        size = float(np.linalg.norm(e, axis=1).max(initial=0.0))
-        self._foreseen = max(self._foreseen, comm.allreduce(size, op=MPI.MAX))
-        return Looked(Bodies.of_each(out))
+            self._added[body.data.number] = (*before, want)
+            self.found.keep(new[:, :, :loads])
+            text = f"{more.data.name} has {more.data.deforms_by} shapes: {want:.3g} tol"
+            tell(self._scene.comm, text)
+        return Bodies.of_each(out) if grown else None, ended
 
     def _left(self, most: float, limits: Limits) -> Looked:
         """Keep what bodies lack in a step that calls for nothing, over that allowed."""
