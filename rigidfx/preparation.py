@@ -13,6 +13,7 @@ from rigidfx.decide.settings import Criterion
 from rigidfx.effects import Contact, Rigid
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.strain_rate import Indicator
+from rigidfx.growth.growth import Growth
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.probe_stress import Probes
@@ -28,7 +29,6 @@ from rigidfx.step.equations.supports import Impact
 from rigidfx.step.first_touch import FirstTouch
 from rigidfx.step.length.time_control import TimeControl
 from rigidfx.step.stepper import Stepper
-from rigidfx.switch.growth import Growth
 from rigidfx.switch.switch import Switch
 from rigidfx.withheld.body_forces import BodyForces
 from rigidfx.withheld.held_parts import HeldParts

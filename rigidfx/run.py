@@ -15,6 +15,8 @@ from rigidfx.decide.bodies import Decision
 from rigidfx.decide.limits import Limits
 from rigidfx.decide.policy import Policy
 from rigidfx.decide.rules import Observation
+from rigidfx.growth.found_bodies import Looked
+from rigidfx.growth.growth import Growth
 from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.of_step import report_of
@@ -27,8 +29,6 @@ from rigidfx.step.first_touch import FirstTouch
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.system import StepResult
 from rigidfx.step.watches.judge import Attempt
-from rigidfx.switch.found_bodies import Looked
-from rigidfx.switch.growth import Growth
 from rigidfx.switch.switch import Switch
 from rigidfx.withheld.recovery import Recovery
 

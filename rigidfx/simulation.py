@@ -30,6 +30,7 @@ from rigidfx.base.warning import warn
 from rigidfx.checkpoint.keeper import Checkpoint, Keeper, Kept, read
 from rigidfx.decide.accuracy import Accuracy, controlled
 from rigidfx.decide.settings import Criterion, without_effect
+from rigidfx.linear.petsc_options import SolverOptions
 from rigidfx.preparation import prepare
 from rigidfx.report.account import Account, beginning
 from rigidfx.report.blows import BriefContacts, BriefStops
@@ -45,7 +46,6 @@ from rigidfx.scene.doubts import warn_of_idle, warn_of_short_steps
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import StepControl, Timeline
 from rigidfx.step.equations.supports import Impact
-from rigidfx.step.linear.petsc_options import SolverOptions
 from rigidfx.step.stepper import Stepper
 
 
@@ -84,7 +84,7 @@ def simulate(
             the progress once a minute. The logger "rigidfx" gets all, at the level INFO.
         petsc_options: Options of PETSc's solvers for this run, by name without a prefix:
             {"ksp_type": "bcgs", "pc_type": "asm"}. Those of the command line and of the
-            environment win; see `rigidfx.step.linear.petsc_options`.
+            environment win; see `rigidfx.linear.petsc_options`.
         monitor: Called with the number of each Newton iterate and ‖R‖ [N] there, on every rank that
             gives one; an exception ends the run on all ranks.
         checkpoint: When and where the run leaves checkpoints for `resume`; none if None.

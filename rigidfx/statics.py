@@ -19,6 +19,9 @@ from rigidfx.base.taken import check_same
 from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.growth.shaping import Shaping
+from rigidfx.inventory.inventory import check_clamps, divide
+from rigidfx.linear.petsc_options import SolverOptions
 from rigidfx.report.account import Whereabouts
 from rigidfx.report.odd_motions import Stillness
 from rigidfx.report.of_step import report_of
@@ -31,12 +34,9 @@ from rigidfx.scene.timeline import Timeline
 from rigidfx.shapes.shortening import Shortening
 from rigidfx.state import State
 from rigidfx.step.equations.supports import PrescribedDofs, supports_of
-from rigidfx.step.linear.petsc_options import SolverOptions
 from rigidfx.step.load_path import LoadPath
 from rigidfx.step.system.rigid_motion import free_to_move
 from rigidfx.step.system.system import StepResult
-from rigidfx.switch.inventory import check_clamps, divide
-from rigidfx.switch.shaping import Shaping
 
 
 def static(

@@ -9,6 +9,7 @@ import rigidfx
 
 FLOW = [
     "base",
+    "linear",
     "domain",
     "mechanics",
     "effects",
@@ -21,6 +22,8 @@ FLOW = [
     "shapes",
     "report",
     "decide",
+    "inventory",
+    "growth",
     "switch",
     "run",
     "preparation",
@@ -199,6 +202,9 @@ CEILINGS = {
     "effects/joints": 17,
     "effects/loads": 6,
     "flexible": 39,
+    "growth": 10,
+    "inventory": 1,
+    "linear": 20,
     "mechanics": 79,
     "output": 6,
     "plot": 41,
@@ -209,11 +215,10 @@ CEILINGS = {
     "step": 12,
     "step/equations": 4,
     "step/length": 32,
-    "step/linear": 20,
     "step/newton": 41,
     "step/system": 1,
     "step/watches": 23,
-    "switch": 13,
+    "switch": 2,
     "vibration": 11,
 }
 

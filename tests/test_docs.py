@@ -114,7 +114,7 @@ WARNINGS = {
     "effects/contact.py": ["a contact overlaps at the start"],
     "effects/loads/dead_load.py": ["a force per volume"],
     "scene/checks.py": ["first-order cells lock"],
-    "switch/shaping.py": 2 * ["a reduced part bends far"],
+    "growth/shaping.py": 2 * ["a reduced part bends far"],
     "shapes/bends.py": ["a reduced part bends far"],
     "scene/doubts.py": [
         *6 * ["an unlikely mass"],
@@ -138,7 +138,7 @@ WARNINGS = {
     "scene/pieces.py": ["a `Rigid` part has several pieces"],
     "statics.py": ["contacts leave a rigid motion free"],
     "step/length/time_control.py": ["supports hold all probes", "the shortest steps err"],
-    "step/linear/petsc_options.py": ["PETSc options"],
+    "linear/petsc_options.py": ["PETSc options"],
     "step/watches/cells.py": ["a cell is strongly compressed", "a body rotates by more than 1 rad"],
     "step/watches/jumps.py": ["a path of a support or an obstacle", "a path of a support or"],
     "switch/switch.py": [

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 from test_reduced import SOFT, bar
 
 import rigidfx as rf
-import rigidfx.switch.growth
+import rigidfx.growth.growth
 from meshes.gong import MALLET, SIDE, gong
 from rigidfx.withheld.fields import Fields, size
 

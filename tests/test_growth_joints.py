@@ -16,9 +16,9 @@ from test_reduced_joints import FAR, HINGE, bars
 
 import rigidfx as rf
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.growth.closed_joints import ClosedJoints
+from rigidfx.inventory.inventory import about_start
 from rigidfx.state import State
-from rigidfx.switch.closed_joints import ClosedJoints
-from rigidfx.switch.inventory import about_start
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
 

@@ -8,7 +8,7 @@ from test_kept_tangent import DT, NEWTON, SPIN, STEEL, STEPS, by_two_levels, fol
 from tumbling_l import tumbling_l
 
 import rigidfx as rf
-from rigidfx.step.linear.linear_solver import FORMER, OF_DEFINITE, has_cholmod, solver_of
+from rigidfx.linear.linear_solver import FORMER, OF_DEFINITE, has_cholmod, solver_of
 from rigidfx.step.newton import chord
 from rigidfx.step.newton.kept_tangent import LowRank
 

@@ -12,7 +12,7 @@ from parallel import run as mpirun
 from scipy.linalg import eigh
 
 import rigidfx as rf
-from rigidfx.step.linear.eigenpairs import EigenControl, lowest
+from rigidfx.linear.eigenpairs import EigenControl, lowest
 from rigidfx.vibration import modes as module
 from rigidfx.vibration.problem import Problem
 

@@ -133,7 +133,7 @@ def _final(*options, cells=(16, 4, 4)):
 
 def test_krylov_falls_back_to_a_factorisation(monkeypatch, petsc_options):
     """Where GMRES gives up, steps are solved directly and the answer is the same."""
-    monkeypatch.setattr("rigidfx.step.linear.linear_solver.DIRECT_BELOW", 0)
+    monkeypatch.setattr("rigidfx.linear.linear_solver.DIRECT_BELOW", 0)
     petsc_options["snes_lag_jacobian"] = 1  # no kept factors
     u, usual = _final()
     assert usual.solver.startswith("gmres")
@@ -145,7 +145,7 @@ def test_krylov_falls_back_to_a_factorisation(monkeypatch, petsc_options):
 
 def test_first_fall_back_is_reported(monkeypatch, petsc_options):
     """In the very step in which it happens."""
-    monkeypatch.setattr("rigidfx.step.linear.linear_solver.DIRECT_BELOW", 0)
+    monkeypatch.setattr("rigidfx.linear.linear_solver.DIRECT_BELOW", 0)
     petsc_options["ksp_max_it"] = 1
     kick = rf.InitialVelocity(function=lambda X: 0.3 * np.outer([0, 1, 0.5], X[0].round(9)))
     reports = rf.simulate(_bar(rf.Fixed("x0"), kick, cells=(16, 4, 4)), 0.5, 2.0)

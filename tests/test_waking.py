@@ -13,7 +13,7 @@ from histories import between
 
 import rigidfx as rf
 from rigidfx.flexible.nodal_stress import NodalStress
-from rigidfx.switch.growth import OUTGROWN
+from rigidfx.growth.growth import OUTGROWN
 
 DT, WINDOW = 0.02, 20  # s, steps
 NOTHING = rf.StrainRate(0.0, 1e9)  # nothing qualifies; rates are measured

@@ -1,6 +1,6 @@
 """The rule of `Accuracy`: the displacement that bodies lack stays within a budget.
 
-docs/theory/waking.md#by-a-budget says how much shapes may lack (`rigidfx.switch.growth`), and m,
+docs/theory/waking.md#by-a-budget says how much shapes may lack (`rigidfx.growth.growth`), and m,
 (5), the displacement that a freeze of woken cells would lose, by their largest strains so far, S,
 and strains s that are withheld.
 """

@@ -13,7 +13,7 @@ from petsc4py import PETSc
 
 from rigidfx.base.types import Array
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.step.linear.linear_solver import default_options
+from rigidfx.linear.linear_solver import default_options
 from rigidfx.step.newton.two_levels import CoarseGrid
 
 PREFIX = "rigidfx_shapes_"

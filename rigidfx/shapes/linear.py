@@ -10,10 +10,10 @@ from petsc4py import PETSc
 
 from rigidfx.base.types import Array
 from rigidfx.coupling.mass import Mass
+from rigidfx.linear.eigenpairs import EigenControl, clusters, lowest
+from rigidfx.linear.linear_solver import solver_of
 from rigidfx.shapes.responses import LACKING, Responses
 from rigidfx.shapes.stiffness import by_columns
-from rigidfx.step.linear.eigenpairs import EigenControl, clusters, lowest
-from rigidfx.step.linear.linear_solver import solver_of
 
 # Modes that a body begins with, at most: set-up and steps take longer with each.
 MODES = 20

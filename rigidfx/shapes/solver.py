@@ -7,11 +7,11 @@ from petsc4py import PETSc
 from rigidfx.base.errors import SceneError
 from rigidfx.base.types import Array
 from rigidfx.coupling.rows import product
+from rigidfx.linear.linear_solver import solver_of
 from rigidfx.mechanics.rigid_motions import determining
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.iterative import conjugate_gradients
 from rigidfx.shapes.stiffness import Stiffness, times
-from rigidfx.step.linear.linear_solver import solver_of
 
 # Part of forces that a solve may leave. More is left where K is singular, or slender parts make
 # rounding of K u large; then a correction by the rest is below √SOLVED where K is not singular.

@@ -26,12 +26,12 @@ from rigidfx.effects import Contact, Effect, Motor, Preload, Structure, Windowed
 from rigidfx.effects.damping import StaticForces, StepDrag
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.inversion import Inversion
+from rigidfx.linear.linear_solver import PREFIX, default_options
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.division import Division
 from rigidfx.step.equations.energies import Measures
 from rigidfx.step.equations.supports import PrescribedDofs, supports_of
-from rigidfx.step.linear.linear_solver import PREFIX, default_options
 from rigidfx.step.newton.first_guess import Guess
 from rigidfx.step.newton.newton import Newton, Solution
 from rigidfx.step.system.rigid_motion import free_to_move

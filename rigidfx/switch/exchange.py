@@ -20,15 +20,15 @@ from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.decide.bodies import PlannedBody
 from rigidfx.effects import Joint, Motor, PointMass, rigid_faces
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.growth.found_bodies import Shift
+from rigidfx.inventory.inventory import with_faces
+from rigidfx.inventory.mass_properties import freeze
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, Frozen
 from rigidfx.mechanics.rigid_motions import fitted_motion, rigid_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.division import Division
-from rigidfx.switch.found_bodies import Shift
-from rigidfx.switch.inventory import with_faces
-from rigidfx.switch.mass_properties import freeze
 from rigidfx.switch.projected_velocities import Field, Present, RigidFields, WholeMass
 
 NEGLIGIBLE = 1e-15  # of the largest: difference velocities that need not be kept

@@ -25,10 +25,10 @@ from rigidfx.effects import Joint, Motor, Structure
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.remote import Points
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.linear.linear_solver import conjugate_gradients, solver_of
 from rigidfx.mechanics.rigid_body import outside
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.step.linear.linear_solver import conjugate_gradients, solver_of
 from rigidfx.step.newton.border import parted
 
 

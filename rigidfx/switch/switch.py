@@ -17,6 +17,10 @@ from rigidfx.base.warning import warn
 from rigidfx.decide.bodies import Decision
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.remote import body_of
+from rigidfx.growth.found_bodies import FoundBodies
+from rigidfx.growth.shaping import Shaping
+from rigidfx.inventory.inventory import check_clamps, divide
+from rigidfx.inventory.mass_properties import at_nodes, mass_properties
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.report.events import BodyChange, Event
@@ -30,10 +34,6 @@ from rigidfx.step.load_path import apply_preload
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import INVERTED, remedy
 from rigidfx.switch.exchange import Exchange, Works
-from rigidfx.switch.found_bodies import FoundBodies
-from rigidfx.switch.inventory import check_clamps, divide
-from rigidfx.switch.mass_properties import at_nodes, mass_properties
-from rigidfx.switch.shaping import Shaping
 
 
 class Switch:

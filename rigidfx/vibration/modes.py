@@ -19,6 +19,7 @@ from rigidfx.base.sealed import Sealed
 from rigidfx.base.taken import check_same
 from rigidfx.base.types import TINY, Array, Ints
 from rigidfx.base.warning import warn
+from rigidfx.linear.eigenpairs import clusters, lowest
 from rigidfx.output.field_reader import grid_of
 from rigidfx.output.paraview import Body, Series
 from rigidfx.plot.curves import on_first_rank
@@ -30,7 +31,6 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.summary import FURTHER
 from rigidfx.scene.weights import inertial_masses
 from rigidfx.shapes.responses import LACKING
-from rigidfx.step.linear.eigenpairs import clusters, lowest
 from rigidfx.vibration.problem import NEGLECTED, Problem
 
 CHEAP = 12_000  # unknowns up to which a description has periods unasked

@@ -31,6 +31,9 @@ from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Joint, PointMass, Reduced, Rigid, Spring, SpringDamper, Windowed
 from rigidfx.effects.damping import Centrifugal, StaticForces
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.growth.shaping import Shaping
+from rigidfx.inventory.inventory import divide
+from rigidfx.inventory.mass_properties import MassProperties, mass_properties
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.report.report import Report
@@ -44,9 +47,6 @@ from rigidfx.step.equations.division import Division
 from rigidfx.step.equations.equations import Equations
 from rigidfx.step.equations.supports import supports_of
 from rigidfx.step.system.rigid_motion import free_to_move
-from rigidfx.switch.inventory import divide
-from rigidfx.switch.mass_properties import MassProperties, mass_properties
-from rigidfx.switch.shaping import Shaping
 
 # Part of an energy: of the kinetic one, by which a motion that turns may differ from a rigid one;
 # of a mode's, by a spin that changes no frequency by more than half of it.

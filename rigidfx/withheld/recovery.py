@@ -15,10 +15,10 @@ from petsc4py import PETSc
 from rigidfx.base.matrices import free
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.flexible.linear_forms import LinearForms
+from rigidfx.linear.linear_solver import solver_of
 from rigidfx.mechanics.rigid_body import RigidBody, outside
 from rigidfx.mechanics.rigid_motions import determining, fitted_motion, free_motions, rigid_motions
 from rigidfx.step.equations.supports import PrescribedDofs
-from rigidfx.step.linear.linear_solver import solver_of
 from rigidfx.step.stepper import Stepper
 from rigidfx.withheld.body_forces import BodyForces
 from rigidfx.withheld.held_parts import HeldParts

@@ -21,11 +21,11 @@ from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Support, Windowed
+from rigidfx.linear.linear_solver import BRIEF, conjugate_gradients, solver_of
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rotation import axial
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.step.linear.linear_solver import BRIEF, conjugate_gradients, solver_of
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from rigidfx.linear.linear_solver import PREFIX
 from rigidfx.step.equations.equations import Equations
-from rigidfx.step.linear.linear_solver import PREFIX
 from rigidfx.step.newton.factors import Factors, IncompleteFactors, entries_of, price
 from rigidfx.step.newton.kept_tangent import KeptTangent
 from rigidfx.step.newton.stopping_test import ChordTest

@@ -12,9 +12,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.matrices import free
+from rigidfx.linear import linear_solver
+from rigidfx.linear.linear_solver import PREFIX, configure, default_options
 from rigidfx.step.equations.equations import Equations
-from rigidfx.step.linear import linear_solver
-from rigidfx.step.linear.linear_solver import PREFIX, configure, default_options
 
 OF_CHOLESKY, OF_INCOMPLETE = PREFIX + "cholesky_", PREFIX + "incomplete_"  # of their options
 REDUCTION = 1e-2  # of the residual in a solve with incomplete factors

@@ -15,9 +15,9 @@ from petsc4py import PETSc
 
 from rigidfx.base.matrices import free
 from rigidfx.base.types import Array
+from rigidfx.linear import linear_solver
+from rigidfx.linear.petsc_options import monitor_solves
 from rigidfx.step.equations.equations import Equations
-from rigidfx.step.linear import linear_solver
-from rigidfx.step.linear.petsc_options import monitor_solves
 from rigidfx.step.newton import stopping_test as stopping
 from rigidfx.step.newton.border import BorderedFactors
 from rigidfx.step.newton.chord import Chord, pays

@@ -14,9 +14,9 @@ from scipy.spatial import cKDTree
 from rigidfx.base.matrices import distributed, free
 from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.linear.linear_solver import configure
 from rigidfx.mechanics.rigid_motions import rigid_motions
 from rigidfx.step.equations.equations import Equations
-from rigidfx.step.linear.linear_solver import configure
 from rigidfx.step.newton.factors import OF_INCOMPLETE, IncompleteFactors
 
 COARSE = OF_INCOMPLETE + "coarse_"  # prefix of the coarse solver's options

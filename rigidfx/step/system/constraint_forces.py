@@ -23,13 +23,13 @@ from rigidfx.base.types import Array
 from rigidfx.effects.joints.elements import end_rates
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.nodes import Forces
+from rigidfx.linear.linear_solver import configure
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.rotation import orthonormalized
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.equations import Equations
 from rigidfx.step.equations.supports import ReducedMass
-from rigidfx.step.linear.linear_solver import configure
 from rigidfx.step.newton.border import BorderedFactors, parted
 
 # Finds additions to multipliers of joints [N], and forces of these on vectors, shape (vectors, 3).

@@ -19,6 +19,7 @@ from rigidfx.base.remembered import PART, Each, Record, Remembered, same
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.decide.limits import Limits, part_of
 from rigidfx.flexible.strain_rate import CellStrains, Indicator
+from rigidfx.growth.found_bodies import FoundBodies, Looked
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.scene.scene import Scene
@@ -26,7 +27,6 @@ from rigidfx.shapes.bends import SHARE, at_cells
 from rigidfx.shapes.ritz import DEPTH, RESOLVED, ritz
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt, Watch
-from rigidfx.switch.found_bodies import FoundBodies, Looked
 from rigidfx.withheld.body_forces import BodyForces
 from rigidfx.withheld.fields import Fields, Force, dots
 from rigidfx.withheld.fields import size as size_of

@@ -18,6 +18,7 @@ from rigidfx.base.types import Array, Indices
 from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.decide.bodies import PlannedBody
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.inventory.mass_properties import data_of, excess_of_lumping, mass_properties
 from rigidfx.mechanics.rigid_body import NOTHING, Body, BodyMotion, RigidBody
 from rigidfx.mechanics.shapes import Shapes, ShapesOfBodies
 from rigidfx.scene.scene import Scene
@@ -26,7 +27,6 @@ from rigidfx.shapes.orthonormal import INDEPENDENT
 from rigidfx.shapes.part import Part
 from rigidfx.shapes.responses import Responses
 from rigidfx.state import State
-from rigidfx.switch.mass_properties import data_of, excess_of_lumping, mass_properties
 
 
 class Loosening:

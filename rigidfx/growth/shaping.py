@@ -20,6 +20,8 @@ from rigidfx.base.warning import warn
 from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.effects import Contact, Reduced, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.growth.loosening import Loosening
+from rigidfx.inventory.inventory import about_start
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body, RigidBody
 from rigidfx.mechanics.shapes import Shapes
@@ -38,8 +40,6 @@ from rigidfx.shapes.samples import interleaved
 from rigidfx.state import State
 from rigidfx.step.equations.division import Hold
 from rigidfx.step.system.held_bodies import guided
-from rigidfx.switch.inventory import about_start
-from rigidfx.switch.loosening import Loosening
 
 # Square of a spin over that of the lowest frequency, above which spin stiffens: frequencies are
 # off by half of it without.

@@ -19,7 +19,7 @@ from scipy.linalg import eigh
 from rigidfx.base.errors import SceneError
 from rigidfx.base.matrices import free
 from rigidfx.base.types import Array, Bools, Ints
-from rigidfx.step.linear.linear_solver import CHOLMOD, PREFIX, default_options, has_cholmod
+from rigidfx.linear.linear_solver import CHOLMOD, PREFIX, default_options, has_cholmod
 
 MOST = 1000  # restarts of the iteration
 OWN = PREFIX + "modes_"  # prefix of the options of the solver with K + σM

@@ -19,6 +19,8 @@ from rigidfx.coupling.rows import Rows
 from rigidfx.effects import rigid_faces
 from rigidfx.effects.nodes import Instant
 from rigidfx.flexible.kernels import integral
+from rigidfx.growth.closed_joints import ClosedJoints, Moved
+from rigidfx.inventory.inventory import about_start
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.mechanics.rigid_motions import best_motion
@@ -32,8 +34,6 @@ from rigidfx.shapes.pressing import Pressing
 from rigidfx.shapes.responses import Responses
 from rigidfx.step.equations.actions import Actions, apart
 from rigidfx.step.stepper import Stepper
-from rigidfx.switch.closed_joints import ClosedJoints, Moved
-from rigidfx.switch.inventory import about_start
 from rigidfx.withheld.body_forces import BodyForces
 from rigidfx.withheld.fields import Fields, Force
 

@@ -19,6 +19,7 @@ from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.decide.bodies import PlannedBody
 from rigidfx.effects.joints.remote import body_of
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.inventory.mass_properties import at_nodes, data_of, freeze, mass_properties
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body, BodyMotion, outside
 from rigidfx.mechanics.rigid_motions import free_motions
@@ -28,7 +29,6 @@ from rigidfx.shapes.responses import Responses
 from rigidfx.state import State
 from rigidfx.step.equations.division import Division, Hold
 from rigidfx.step.equations.supports import dofs_of, supports_of
-from rigidfx.switch.mass_properties import at_nodes, data_of, freeze, mass_properties
 
 CHAIN = (
     "{} has nodes held by the support on '{}'. A body on a support would be a kinematic chain: "

@@ -24,7 +24,7 @@ from petsc4py import PETSc
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.inputs import shown
 from rigidfx.base.warning import warn
-from rigidfx.step.linear.linear_solver import PREFIX, default_options
+from rigidfx.linear.linear_solver import PREFIX, default_options
 
 Monitor = Callable[[int, float], None]
 

@@ -1,0 +1,1 @@
+"""Which cells are flexible and which form bodies, and what bodies of cells weigh."""
