@@ -257,6 +257,30 @@ def test_reactions_of_a_frame_that_is_held_are_those_of_the_twin():
     assert np.abs(moments[0] - moments[1]).max() < 0.01 * weight
 
 
+OVER = (0.9, 0.025, 0.0702)
+PRESSES = {0.06: partial(rf.Sphere, OVER, 0.05), 0.1: partial(rf.Cylinder, OVER, 0.05, (0, 1, 0))}
+
+
+@pytest.mark.parametrize("way", PRESSES)
+def test_what_presses_may_bend_a_part_far(way):
+    """Cells that left had 126 J by the bend, and no step converged; warnings began at 1.2 %."""
+    domain = rf.box((0, 0, 0), (1, 0.05, 0.02), (12, 2, 1))
+    plastic = rf.StVenantKirchhoff(E=2e9, nu=0.3, rho=2000.0)
+    obstacle = PRESSES[way](path=lambda t: (0, 0, -way * (t / 0.2) ** 2))
+    contact = rf.Contact("z1", against=obstacle, stiffness=1e8)
+    effects, probes = [rf.Fixed("x0"), contact, rf.StiffnessDamping(0.05, 5.0)], {"tip": (1, 0, 0)}
+    x = []
+    for parts in ([], [rf.Reduced()]):
+        scene = rf.Scene(domain, plastic, [*effects, *parts], element="enhanced", probes=probes)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            *_, last = rf.simulate(scene, 2e-3, 0.2)
+        x.append(last.probes["tip"])
+    told = next(str(w.message) for w in caught if "too far for its shapes" in str(w.message))
+    assert float(told.split("ν = ")[1].split("%")[0]) < 1.0
+    assert np.abs(x[1] - x[0]).max() < 0.02 * np.abs(x[0]).max()
+
+
 def fall(*effects, fast=0.5, path=None, friction=None):
     """A block that falls on a corner, or rests; with friction it slides."""
     block = rf.box((0, 0, 0), (0.1, 0.1, 0.1), (3, 3, 3))

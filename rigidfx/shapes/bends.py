@@ -258,7 +258,9 @@ class Spent:
     def _look(self, t: float, body: Body, found: Excess) -> None:
         """Warn where ν of a part is not small, and again as it has grown by `AGAIN`. Collective."""
         name = body.data.name
-        self._looks.looked(body, max(NEAR, BOUND / max(found.nu, BOUND / FAR)))
+        # Parts of ν have signs: one look may find little where they change.
+        largest = max(found.nu, self.nu.get(name, 0.0), BOUND / FAR)
+        self._looks.looked(body, max(NEAR, BOUND / largest))
         if found.nu <= max(BOUND, AGAIN * self._told.get(name, 0.0)):
             return
         self._told[name] = found.nu

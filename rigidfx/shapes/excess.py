@@ -134,10 +134,14 @@ class Excess:
         return np.flatnonzero(self._lacking > share * largest).astype(np.int32)
 
     def within(self, cells: Indices) -> float:
-        """The part of all misses that some owned cells have. Collective."""
-        missed = self._lacking * self._about.responses.stiffness.linear.strains.weights
-        here, every = self._scene.sum([missed[cells].sum(), missed.sum()])
-        return float(here / every)
+        """The part of all misses that some owned cells would not have if they left. Collective.
+
+        Where bends turn them, places that are linear in these stretch them: they would miss more.
+        """
+        weights = self._about.responses.stiffness.linear.strains.weights
+        missed = weights * np.array([self._lacking, self._about.part.lacking(self._e, self.d)])
+        here, there = self._scene.sum(missed[:, cells].sum(axis=1))
+        return float(here / self._scene.sum(missed[0].sum())) if there < here else 0.0
 
     def spent(self, share: float) -> tuple[int, Array, Array]:
         """How many cells miss more than a share of the largest miss, and the box that they are in.
