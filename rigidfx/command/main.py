@@ -25,7 +25,7 @@ from tqdm import tqdm
 
 from rigidfx import effects
 from rigidfx.base.errors import RigidfxError, RigidfxWarning, SceneError
-from rigidfx.base.text_files import write_text
+from rigidfx.base.files import write_text
 from rigidfx.base.types import TINY
 from rigidfx.base.warning import worded
 from rigidfx.command.largest import Largest

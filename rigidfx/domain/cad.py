@@ -17,8 +17,8 @@ import numpy as np
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, together
+from rigidfx.base.files import decoded
 from rigidfx.base.inputs import number, path_of, positive, shown
-from rigidfx.base.text_files import decoded
 from rigidfx.base.types import Array
 from rigidfx.base.warning import warn
 from rigidfx.domain.cad_names import (

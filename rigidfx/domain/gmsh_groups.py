@@ -13,7 +13,7 @@ import numpy as np
 
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError
-from rigidfx.base.text_files import decoded
+from rigidfx.base.files import decoded
 from rigidfx.domain.arrays import FileMesh
 from rigidfx.domain.domain import KINDS
 

@@ -18,8 +18,8 @@ import numpy as np
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.files import decoded
 from rigidfx.base.inputs import positive
-from rigidfx.base.text_files import decoded
 from rigidfx.domain.arrays import FileMesh, read_domain
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_groups import Header, mesh_of_model, names_in_header

@@ -23,8 +23,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.files import decoded
 from rigidfx.base.inputs import number, positive, shown
-from rigidfx.base.text_files import decoded
 from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.domain.cell_quality import check_points
 from rigidfx.domain.domain import Domain

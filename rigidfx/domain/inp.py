@@ -5,8 +5,8 @@ from pathlib import Path
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.files import Decoder
 from rigidfx.base.inputs import path_of, positive, shown, truth
-from rigidfx.base.text_files import Decoder
 from rigidfx.domain.arrays import FileMesh, read_domain
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_model import find_file

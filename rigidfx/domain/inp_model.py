@@ -16,8 +16,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.files import Decoder
 from rigidfx.base.inputs import shown
-from rigidfx.base.text_files import Decoder
 from rigidfx.base.types import Array, Ints
 
 BEFORE = "**"  # which begins a comment, and no card

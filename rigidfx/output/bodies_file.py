@@ -19,8 +19,8 @@ from mpi4py import MPI
 
 from rigidfx import effects as fx
 from rigidfx.base.errors import SceneError, together
+from rigidfx.base.files import write_text
 from rigidfx.base.inputs import numbers, path_of
-from rigidfx.base.text_files import write_text
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.domain.domain import Domain, box_of

@@ -23,7 +23,7 @@ from typing import Any
 from scipy.spatial.transform import Rotation
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.file_lock import lock
+from rigidfx.base.files import lock
 from rigidfx.base.inputs import shown
 from rigidfx.base.log import hearing
 from rigidfx.output.history import components

@@ -3,13 +3,13 @@
 docs/theory/time_steps.md has the error of a run, (6) and (7), and the next Δt, (8).
 """
 
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from math import exp, inf, isnan, log2, sqrt
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from rigidfx.base.course import Course
 from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.base.types import Array
 from rigidfx.effects import Contact
@@ -21,6 +21,40 @@ OF_CUT = 0.5  # of ω_b: the frequency that is damped at δ_b, and above which A
 PERIODS = 12.0  # over ½ω_b, the time in which an amplitude fades: two periods
 STEPS = 14  # in which the mean part p_b of each account is found
 LEAST = 1e-3  # of d, that the mean part of any account is at least
+
+APART = 1.02  # factor between largest values that are remembered
+
+
+class Course:
+    """The largest value so far, and its past values."""
+
+    remembered: ClassVar[Remembered] = same("largest", "_times", "_sizes")
+
+    def __init__(self) -> None:
+        """It is zero at the time 0."""
+        self.largest = 0.0
+        # Until when it was no more than that; the last one may still be.
+        self._times, self._sizes = [0.0], [0.0]
+
+    def add(self, value: float, start: float, t: float) -> None:
+        """Record a value, reached between two times [s]."""
+        if self.largest == value == 0:
+            self._times[0] = t
+        if value <= self.largest:
+            return
+        self.largest = value
+        if value > APART * self._sizes[-1]:
+            self._times[-1] = start
+            self._times.append(t)
+            self._sizes.append(value)
+
+    def at(self, t: float) -> float:
+        """The largest value up to t [s]."""
+        return self._sizes[min(bisect_left(self._times, t), len(self._sizes) - 1)]
+
+    def until(self, value: float) -> float:
+        """Time up to which it was no more than a value [s]."""
+        return self._times[max(bisect_right(self._sizes, value) - 1, 0)]
 
 
 class RunError:

@@ -1,12 +1,26 @@
-"""Small text files, written by rank 0; and the letters of files that others have written."""
+"""Small text files, written by rank 0; letters of files that others have written; locks."""
 
 import codecs
+import fcntl
 from dataclasses import dataclass
 from pathlib import Path
 
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, on_rank_0
+
+
+def lock(file: int, how: int = fcntl.LOCK_EX | fcntl.LOCK_NB) -> None:
+    """Lock an open file until it is closed; raise `BlockingIOError` if it is locked already.
+
+    One process at a time has the lock, which ends with the process.
+    """
+    try:
+        fcntl.flock(file, how)
+    except BlockingIOError:
+        raise
+    except OSError:  # a file system without locks: better no lock than no run
+        pass
 
 
 def decoded(data: bytes) -> str:
