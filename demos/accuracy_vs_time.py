@@ -7,17 +7,13 @@
 #     python3 demos/accuracy_vs_time.py
 #     python3 demos/accuracy_vs_time.py --only body
 #
-# A finished run is a file in out/accuracy_vs_time/runs, and is not repeated while its scene and its
-# setting stay; delete these files after changes of rigidfx itself. The demo leaves
-# `accuracy_vs_time.png` and, with all numbers, `accuracy_vs_time.csv` and `summary.json`.
+# It leaves in out/accuracy_vs_time `accuracy_vs_time.png` and, with all numbers,
+# `accuracy_vs_time.csv` and `summary.json`.
 
 # +
-import inspect
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -140,8 +136,7 @@ STRUCTURES = [s for s in STRUCTURES if s.name in chosen(options, [s.name for s i
 
 # ## The runs
 #
-# A run is taken from its file, if there is one of the same scene and setting. Forms are compiled
-# before its time is measured.
+# Forms are compiled before the time of a run is measured.
 
 
 # +
@@ -161,26 +156,8 @@ class Run:
         return float(np.linalg.norm(self.path - exact, axis=1).max() / of)
 
 
-def measured(structure: Structure, setting: Setting, folder: Path) -> Run:
-    """A run, out of its file in a folder if there is one for the same scene and setting.
-
-    Collective.
-    """
-    source = inspect.getsource(structure.scene) + inspect.getsource(machines)
-    text = f"{source} {structure.t_end} {structure.parts} {setting} {comm.size}"
-    path = folder / f"{structure.name} {sha256(text.encode()).hexdigest()[:12]}.json"
-    found = None
-    if comm.rank == 0 and path.exists():
-        found = json.loads(path.read_text(encoding="utf-8"))["run"]
-    found = comm.bcast(found)
-    if found is not None:
-        return Run(**found)
-    run = _carried_out(structure, setting)
-    write_json(path, {"setting": asdict(setting), "run": asdict(run)}, indent=None)
-    return run
-
-
-def _carried_out(structure: Structure, setting: Setting) -> Run:
+def measured(structure: Structure, setting: Setting) -> Run:
+    """A run of a structure. Collective."""
     parts, rule = structure.parts if setting.reduced else (), {}
     dt: float | dict[float, float] = setting.dt
     if setting.budget:
@@ -212,10 +189,10 @@ write_json(options.out / "plan.json", {s.name: asdict(s.reference) for s in STRU
 rows, panels = [], {}
 for s in STRUCTURES:
     settings = [(way, setting) for way, along in s.ways.items() for setting in along]
-    reference = measured(s, s.reference, options.out / "runs")
+    reference = measured(s, s.reference)
     found = []
     for way, setting in settings:
-        run = measured(s, setting, options.out / "runs")
+        run = measured(s, setting)
         error = run.error(reference, s.of)
         found.append(
             {"structure": s.name, "way": way, "dt": setting.dt}

@@ -127,6 +127,7 @@ RECORDS = {
         "at": ["tip", "top"],
         "of": np.array(3.0),
         "smallest": np.array(0.1),
+        "min_cells": 3,
         "never": ["x0"],
     },
     rf.StVenantKirchhoff: lambda: {"rho": np.array(2.0), "E": np.array(5.0), "nu": np.array(0.3)},

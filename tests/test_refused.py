@@ -381,12 +381,8 @@ _material(lambda C: None) :: Scene: the stored energy of Hyperelastic cannot be 
 _material(lambda C: C) :: Scene: the stored energy of Hyperelastic must be a scalar.
 _material(lambda C: C[0, 0] * ufl.SpatialCoordinate(_overlapping().mesh)[0]) :: is of another mesh
 Hyperelastic(rho=1.0, W=lambda C, mu: C[0, 0] * mu, values=[("mu", 3)]) :: values must be a dict of
-Hyperelastic(rho=0.0, W=lambda C: ufl.tr(C)) :: Hyperelastic: rho must be a finite number > 0
-StVenantKirchhoff(rho=1.0, E=0.0, nu=0.3) :: E must be
 StVenantKirchhoff(rho=1.0, E=1.0, nu=0.5) :: nu
-StVenantKirchhoff(rho=1.0, E=1.0, nu=-1.0) :: nu
 MooneyRivlin(rho=1.0, c10=1, c01=-0.5, kappa=1) :: MooneyRivlin
-MooneyRivlin(rho=1.0, c10=1, c01=1, kappa=0) :: MooneyRivlin
   # Loads
 _scene(Traction("a", (1, 0, 0))) :: Traction: there are no facets named 'a'. Known names: '
 Traction("x1", (1, 0, 0), total=50.0) :: must be True or False, the force being its value, got
@@ -450,18 +446,13 @@ _scene(InitialDisplacement(lambda x: 0.01 * x.T)) :: InitialDisplacement: functi
 _scene(InitialDisplacement(lambda x: _fails(x, -1.0)(x))) :: it failed with KeyError: 'lost'
 _scene(Rigid("a"), InitialDisplacement(lambda x: 0 * x)) :: an InitialDisplacement goes neither with
   # Masses, springs and damping
-PointMass("x1", 0.0) :: PointMass: mass must be a finite number > 0, got 0.0.
 _run(PointMass("x1", 1e308)) :: masses of the nodes add up to
-Spring("x1", -1.0) :: Spring: stiffness must be a number ≥ 0, three of them,
 Spring("x1", [[0, 1, 0], [1, 0, 0], [0, 0, 0]]) :: stiffness must be a number ≥ 0, three of them,
-Spring("x1", 1.0, damping=-1.0) :: Spring: damping must be a number ≥ 0, three of them, or
-MassDamping(0.0) :: MassDamping: alpha must be a finite number > 0, got 0.0.
 KelvinVoigt(-1.0) :: KelvinVoigt: eta must be a finite number > 0, got -1.0.
 NumericalDamping(1.0) :: NumericalDamping: xi must lie in [0, 1/2], got 1.0.
 _scene(NumericalDamping(0.1), NumericalDamping(0.2)) :: two NumericalDamping effects overlap in time
 _scene(NumericalDamping(0.1), scheme=Midpoint()) :: numerical damping (22) goes with EnergyMomentum,
   # Bodies
-Rigid(mass=0.0) :: Rigid: mass must be a finite number > 0, got 0.0.
 Rigid(inertia=np.diag([1.0, 1.0, 3.0])) :: no body has the principal moments of inertia 1, 1, 3:
 _scene(Rigid(), Rigid()) :: Rigid on 'all cells' and Rigid on 'all cells' hold the same ones.
 _run(Rigid("a"), Rigid("b")) :: Rigid 'b' shares nodes with another body, Rigid 'a', which
@@ -476,7 +467,6 @@ _run(Rigid("a"), Fixed("x0", since=3.0), Resultant("a", force=(1, 0, 0))) :: at 
 _scene(Rigid(), scheme=Trapezoidal()) :: Scene: Trapezoidal does not couple to rigid bodies; take
 _scene(Rigid(), Resultant("b", force=(1, 0, 0))) :: Resultant: 'b' is not the name of a Rigid body;
   # Parts that shapes deform
-Reduced("half", shapes=0) :: whole number ≥ 1
 Reduced("half", shapes=2.5) :: whole number ≥ 1
 Reduced("half", mass=3.0) :: another rho
 _beam(Reduced("half", shapes=9999)) :: shapes=9999
@@ -518,10 +508,8 @@ _scene(Spring(MeanFace("x1"), 1.0, at=(99, 0, 0))) :: it is at (99, 0, 0)
 Traction(MeanFace("x1"), (1, 0, 0)) :: Traction: where must be the name
 Motor("joint") :: give exactly one of torque, angle
 Motor("joint", torque=1.0, angle=0.0) :: got torque, angle
-JointSpring("joint", -1.0) :: stiffness must be ≥ 0
 Stop("joint", 1.0, 0.5, stiffness=1.0) :: low must be below high
 Stop("joint", stiffness=1.0) :: give low, high or both
-Stop("joint", 1.0, stiffness=0.0) :: stiffness must be a finite number > 0
 Universal("ground", "a", (0, 0, 0), (1, 0, 0), (1, 1, 0)) :: are at 45°
 Revolute("a", "a", (0, 0, 0), (0, 0, 1)) :: both sides are the same
 Revolute("a", "ground", (0, 0, 0), (0, 0, 0)) :: axis must have a direction
@@ -530,7 +518,6 @@ SpringDamper("a", "a", 1.0) :: both sides are the same
 SpringDamper("a", 3, 1.0) :: b must be 'ground', the name of a Rigid part or
 SpringDamper("a", "b") :: give a stiffness, a damping or both
 SpringDamper("a", "b", -1.0) :: stiffness must be ≥ 0, got -1.0
-SpringDamper("a", "b", 1.0, length=-1.0) :: length must be ≥ 0, got -1.0
 SpringDamper("a", "b", 1.0, pulls_only=2) :: pulls_only must be True or False
 SpringDamper("ground", "b", 1.0) :: give at_a, the place of its end on the gr
 SpringDamper("a", "b", 1.0, at_b=(0, 0)) :: at_b must be three finite numbers
@@ -544,11 +531,8 @@ _scene(_contact(), _contact()) :: two contacts are called 'z0_plane'; give one a
 _scene(_contact("skin", against="skin"), domain=_overlapping()) :: the mesh overlaps itself at (
 _run(_contact(), InitialDisplacement(lambda x: (0, 0, -1.9))) :: at the start it is 0.9 m inside the
 _contact(against=None) :: against must be a Plane or another obstacle
-_contact(friction=-0.1) :: friction must be ≥ 0
 _contact(friction=0.1) :: friction needs creep
-_contact(stiffness=0) :: stiffness must be a
 Plane((0, 0, 0), (0, 0, 0)) :: must have a direction
-Sphere((0, 0, 0), 0.0) :: radius must be a finite number > 0
 Cylinder((0, 0, 0), 1.0, axis=(0, 0, 0)) :: axis must have a direction
 Sphere((0, 0, 0), 1, inside=1) :: inside must be True or False
 _scene(_moving(lambda x, t: x)) :: its function of time failed
@@ -580,15 +564,10 @@ _rate(wake="local", load_change=0.2) :: with wake='local' none does. Take wake='
 _run(rigidify=_rate(never=["x0"])) :: StrainRate (never): there are no cells named 'x0'
 _run(rigidify=_watched(_fails(False, -1.0))) :: Release: its condition failed with KeyError
 _run(rigidify=_rate(), scheme=Trapezoidal()) :: simulate: Trapezoidal does not couple to rigid bodie
-Relative(0) :: Relative: part must be
 Relative(1.0) :: Relative: part must be
-Accuracy(0.0) :: Accuracy: budget
 Accuracy(1.0) :: Accuracy: budget
 Accuracy(0.01, at=()) :: Accuracy: at
-Accuracy(0.01, of=0.0) :: Accuracy: of
-Accuracy(0.01, smallest=-1.0) :: Accuracy: smallest
 Accuracy(0.01, never=3) :: Accuracy: never
-Accuracy(0.01, min_cells=0) :: Accuracy: min_cells
 Accuracy(0.01, check="yes") :: Accuracy: check
 _budgeted(0.01) :: must be an Accuracy
 _budgeted(Accuracy(0.01, "top")) :: the probe 'top'

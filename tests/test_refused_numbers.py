@@ -53,6 +53,8 @@ BAD = {
     "one of NumPy": np.True_,
     "not a number": math.nan,
     "infinity": math.inf,
+    "zero": 0.0,
+    "a number below zero": -1.0,
     "complex": np.complex128(2 + 5j),
     "beyond all numbers": 10**400,
     "more digits than Python writes": 10**5000,
@@ -74,7 +76,11 @@ BAD = {
     "what fails as a number": Shy(),
     "what fails item by item": Ragged(),
 }
-WHOLE = "increments", "shapes"  # numbers, however large
+WHOLE = "increments", "shapes", "min_cells"  # numbers, however large
+SIGNED = "since", "value", "high", "torque", "rest"
+MAY_BE_ZERO = *SIGNED, "xi", "damping", "length", "friction", "nu", "c10", "c01"
+SOFT = {(kind, "stiffness") for kind in (rf.Spring, rf.SpringDamper, rf.JointSpring)}
+NONE_OF_IT = SOFT | {(rf.StrainRate, "tol")}  # may be zero, and not in other records
 LISTS = {(rf.Table, "times"), (rf.Table, "values"), (rf.Release, "at")}
 
 
@@ -103,6 +109,8 @@ def _is_right(record, name, kind):
     return (
         (kind == "nothing" and _default(record, name) is None)
         or (kind in ("beyond all numbers", "more digits than Python writes") and name in WHOLE)
+        or (kind == "a number below zero" and name in SIGNED)
+        or (kind == "zero" and (name in MAY_BE_ZERO or (record, name) in NONE_OF_IT))
         or (kind == "infinity" and name in ("until", "load_change"))
         or (kind == "a function" and name in ("value", "torque"))
         or (kind == "two numbers" and (record, name) in LISTS)

@@ -41,7 +41,6 @@ class History:
         self.J: list[np.ndarray] = []
         self.iterations: list[int] = []
         self.tangents: list[int] = []
-        self.linear_iterations: list[int] = []
         self.unknowns: list[int] = []
         self.cells: list[int] = []  # cells in bodies
         self.bodies: list[int] = []
@@ -67,7 +66,6 @@ class History:
         if r.step:
             self.iterations.append(r.iterations)
             self.tangents.append(r.tangents)
-            self.linear_iterations.append(r.linear_iterations)
         self.pressing.append(sum(touch.pressing for touch in r.touches.values()))
         if self._stress_at:
             self.stress.append(r.stresses[self._stress_at].von_mises)
