@@ -18,14 +18,13 @@ from rigidfx.base.matrices import free
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.decide.bodies import PlannedBody
-from rigidfx.effects import Joint, Motor, PointMass, rigid_faces
+from rigidfx.effects import Joint, Motor, PointMass
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.growth.found_bodies import Shift
 from rigidfx.inventory.inventory import with_faces
 from rigidfx.inventory.mass_properties import freeze
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, Frozen
-from rigidfx.mechanics.rigid_motions import fitted_motion, rigid_motions
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.division import Division
@@ -64,9 +63,7 @@ class Exchange:
         self.leave: Callable[[Sequence[Body]], Shift | None] | None = None
         carried = any(effect.is_carried for effect in scene.named(PointMass))
         self.joined = carried or bool(scene.named(Joint))
-        coupled = self.joined or scene.mass != "lumped" or bool(rigid_faces(scene.effects))
-        # None where each node has its own mass, so that nodes outside a body are not concerned.
-        self._mass = WholeMass(scene, forces) if coupled else None
+        self._mass = WholeMass(scene, forces)
         self.motors: tuple[Motor, ...] = ()
         self.dt = 0.0
         # Energy that the velocities of bodies released last lack, and numbers of those with shapes.
@@ -78,21 +75,7 @@ class Exchange:
         if not numbers:
             return Works(0.0, 0.0)
         self._collapse(state, numbers)
-        if self._mass is not None:
-            return self._release(self._mass, state, numbers, prescribed)
-        velocity = state.v.x.array.copy()
-        v = velocity.reshape(-1, 3)
-        for body in state.take_out(numbers):
-            v[body.data.nodes] = body.velocities
-            v[body.data.frozen.nodes] += _kept(body)
-        state.move(velocity)
-        return Works(0.0, 0.0)
-
-    def _release(
-        self, mass: WholeMass, state: State, numbers: Set[int], prescribed: Bools
-    ) -> Works:
-        """Make bodies flexible where the mass or joints couple velocities. Collective."""
-        present = mass.present(state)
+        present = self._mass.present(state)
         before = self._fields(state, prescribed, present)
         of_given = before.given_momenta(present.bodies)
         row = {body.number: k for k, body in enumerate(state.bodies.of.records)}
@@ -168,12 +151,8 @@ class Exchange:
             moving = velocity.copy()
             moving.reshape(-1, 3)[body.data.nodes] = body.velocities
             state.move(moving)
-            rigid = self._rigid(state, body, energy, turned)
+            left[body.data.number] = self._rigid(state, body, energy, turned)
             energy, turned = 0.0, np.zeros(3)
-            if self._mass is None:
-                wanted, rigid = rigid.data.frozen.vibration, _with_energy(self._scene, rigid)
-                self._owed += wanted - rigid.data.frozen.vibration
-            left[body.data.number] = rigid
         state.move(velocity)
         state.group(Bodies.of_each(left[number] for number in order))
 
@@ -216,10 +195,7 @@ class Exchange:
             frozen = replace(body.data.frozen, strain=body.data.frozen.strain + self._owed)
             body, self._owed = replace(body, data=replace(body.data, frozen=frozen)), 0.0
         body = body if self.shape is None else self.shape(body)
-        if self._mass is not None:
-            return self._include(self._mass, state, body, prescribed)
-        state.group(Bodies.of_each([*state.bodies, body]))
-        return Works(0.0, 0.0)
+        return self._include(state, body, prescribed)
 
     def settle(self, state: State, division: Division, prescribed: Bools) -> None:
         """Settle the bodies of a division in a state, momenta and energy kept. Collective.
@@ -228,8 +204,8 @@ class Exchange:
         """
         there = {body.data.number for body in state.bodies}
         new = [body for body in division.bodies if body.data.number not in there]
-        lumped, mass = self._scene.mass == "lumped", self._mass
-        if lumped or mass is None or not new or self._continuous(state, division, new):
+        lumped = self._scene.mass == "lumped"
+        if lumped or not new or self._continuous(state, division, new):
             state.group(division.bodies)
             return
         # Those of given mass all at once: their momenta are known, and not those of their cells.
@@ -238,10 +214,10 @@ class Exchange:
         first = [b for b in division.bodies if b.data.number in there | given]
         state.group(Bodies.of_each(first))
         if given:
-            self._projected(mass.present(state), state, prescribed)
+            self._projected(self._mass.present(state), state, prescribed)
         for body in new:
             if not body.data.given:
-                self._include(mass, state, body, prescribed, named=True)
+                self._include(state, body, prescribed, named=True)
         settled = {body.data.number: body for body in state.bodies}
         state.group(Bodies.of_each(settled[b.number] for b in division.bodies.of.records))
 
@@ -253,11 +229,9 @@ class Exchange:
         gap, largest = np.max(self._scene.comm.allgather((gap, largest)), axis=0)
         return bool(gap <= ROUNDING * largest)
 
-    def _include(
-        self, mass: WholeMass, state: State, body: Body, prescribed: Bools, named: bool = False
-    ) -> Works:
+    def _include(self, state: State, body: Body, prescribed: Bools, named: bool = False) -> Works:
         """Add a body with the momenta of its nodes; a named one keeps all work. Collective."""
-        present = mass.present(state)
+        present = self._mass.present(state)
         faces = set() if named else _faces_within(self._scene, state, body.data.nodes)
         taken = [own for own in state.bodies if own.data.number in faces]
         state.group(Bodies.of_each(own for own in state.bodies if own.data.number not in faces))
@@ -290,7 +264,6 @@ class Exchange:
 
     def close(self, state: State, prescribed: Bools) -> float:
         """Impulses that close joints; the energy gained, zero if rounding [J]. Collective."""
-        assert self._mass is not None
         present = self._mass.present(state)
         gained = self._projected(present, state, prescribed) - present.energy
         return gained if abs(gained) > ROUNDING * present.energy else 0.0
@@ -341,21 +314,3 @@ def _scale(square: float, mixed: float, missing: float) -> float:
     root = np.sqrt(discriminant)
     found = [float(s) for s in ((root - mixed) / square, (-root - mixed) / square) if s > 0.0]
     return min(found, key=lambda s: abs(s - 1.0), default=0.0)
-
-
-def _with_energy(scene: Scene, body: Body) -> Body:
-    """A body that keeps velocities of the energy that it keeps, for lumped masses. Collective."""
-    frozen, data = body.data.frozen, body.data
-    everywhere = np.zeros((scene.owned_nodes, 3))
-    everywhere[frozen.nodes] = frozen.velocities
-    v: Array = everywhere[data.nodes]
-    m = scene.nodal_mass[data.nodes, None]
-    rows = rigid_motions(data.offsets, data.length).reshape(-1, 6)
-    # Without angular momentum about the body as it is now.
-    motion = fitted_motion(rows, v.reshape(-1, 1), scene.sum, np.repeat(m, 3, axis=0))
-    v = v - (rows @ motion).reshape(v.shape)
-    kinetic = 0.5 * float(scene.sum((m * v * v).sum()))
-    vibration = max(frozen.vibration, 0.0) if kinetic > 0 else 0.0
-    part = vibration / kinetic if kinetic > 0 else 1.0
-    kept = Frozen(data.nodes, np.sqrt(part) * v, frozen.strain, vibration)
-    return replace(body, data=replace(data, frozen=kept))
