@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.base.text_files import write_text
+from rigidfx.base.files import write_text
 from rigidfx.command.options import RankParser, say
 from rigidfx.command.pair import Pair
 from rigidfx.plot import Shapes
