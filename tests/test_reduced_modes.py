@@ -17,12 +17,14 @@ pytestmark = pytest.mark.filterwarnings("ignore:Reduced 'half'. at t:rigidfx.Rig
 ALONG = rf.Traction("x1", (1e5, 200.0, 300.0))
 PULSE = rf.Traction("x1", (100.0, 200.0, 300.0), time=lambda t: 1.0 if 0.3 < t < 0.301 else 0.0)
 ACROSS = rf.Traction("x1", (0, 300.0, -200.0), time=PULSE.time)
+CARRIED = rf.PointMass(rf.MeanFace("x1"), 3.0, at=(1.2, 0.2, 0))
 CASES = {
     "free end": (bar, [CLAMP, PULSE, ACROSS], ["end"], False),
     "held half": (bar, [CLAMP, PULSE, ACROSS], ["half"], False),
     "all of it": (bar, [CLAMP, PULSE, ACROSS], [None], False),
     "nothing acts": (bar, [CLAMP], ["half"], False),
     "pulled": (bar, [CLAMP, ALONG], ["half"], True),
+    "carried mass": (bar, [CLAMP, PULSE, CARRIED], ["half"], False),
     "hinged": (partial(bars, thrown=False), CASES["hinged"][1], ["A", "B"], False),
 }
 
@@ -57,13 +59,17 @@ def test_modes_about_a_bent_part_are_those_of_its_twin(force):
     assert first[0] == pytest.approx(first[1], rel=1e-3)
 
 
-def test_modes_that_shapes_do_not_span_are_told():
-    """The estimate is the error, up to the inertia of the response."""
-    with pytest.warns(rf.RigidfxWarning, match="do not span modes 4, ") as caught:
-        own = rf.modes(bar(PULSE, rf.Reduced("half")), 4)
-    assert own.rigid == 6
-    twin = rf.modes(bar(PULSE), 4)
-    np.testing.assert_allclose(own.frequencies[:3], twin.frequencies[:3], rtol=1e-3)
+@pytest.mark.parametrize(
+    ("effects", "off"), [([PULSE], "4, "), ([CLAMP, rf.Spring("x1", 4e4)], "3, 4, ")]
+)
+def test_modes_that_shapes_do_not_span_are_told(effects, off):
+    """The estimate is the error, up to the inertia of the response; springs were left out."""
+    with pytest.warns(rf.RigidfxWarning, match=f"do not span modes {off}") as caught:
+        own = rf.modes(bar(*effects, rf.Reduced("half")), 4)
+    twin = rf.modes(bar(*effects), 4)
+    assert own.rigid == twin.rigid
+    k = int(off[0]) - 1
+    np.testing.assert_allclose(own.frequencies[:k], twin.frequencies[:k], rtol=1e-3)
     error = 100 * (own.frequencies[3] / twin.frequencies[3] - 1)
     (text,) = (str(w.message) for w in caught if "do not span" in str(w.message))
     assert float(text.split("some ")[1].split("%")[0]) == pytest.approx(error, rel=0.3)

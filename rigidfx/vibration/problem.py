@@ -380,8 +380,9 @@ class Problem:
 
     def look(self, squares: Array, shapes: Array) -> None:
         """See which modes, ω² [1/s²] and φ at local nodes, shapes of parts lack. Collective."""
-        attached = (SpringDamper, Joint, Spring, Rigid)
-        others = (e for kind in attached for e in self._scene.named(kind))
+        named = self._scene.named
+        others = [e for kind in (SpringDamper, Joint, Rigid) for e in named(kind)]
+        others += [e for kind in (Spring, PointMass) for e in named(kind) if e.face is not None]
         unknown = any(not getattr(e, "deforms", False) for e in others)
         if self.shaping is not None and not unknown and squares.size and squares.min() > 0:
             fields = shapes[:, : self._scene.owned_nodes].transpose(1, 2, 0)
