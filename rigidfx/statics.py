@@ -158,11 +158,13 @@ def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float =
     def displacements(effects: Iterable[fx.Effect]) -> Mapping[str, Array]:
         loaded = copy(scene)
         loaded.effects = tuple(effects)
+        known = {id(effect) for effect in scene.effects}
+        loaded.effects = tuple(e if id(e) in known else e.placed(loaded) for e in loaded.effects)
         *_, last = static(loaded, steps, t_end=t_end, verbose=False)
         return last.probes
 
     acting = [e for e in scene.effects if not e.in_runs]
-    soft = (_with_mean_faces(e, scene) for e in acting if not e.is_body)
+    soft = (_with_mean_faces(e) for e in acting if not e.is_body)
     kinds = {"reduced" if e.deforms else "rigid" for e in scene.named(fx.Rigid)}
     parts = " and ".join(sorted(kinds, reverse=True)) or "rigid"
     found = Compliance(displacements(soft), displacements(acting), parts)
@@ -174,13 +176,11 @@ def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float =
     return found
 
 
-def _with_mean_faces(effect: fx.Effect, scene: Scene) -> fx.Effect:
-    """An effect with mean faces in place of its rigid ones. Collective."""
+def _with_mean_faces(effect: fx.Effect) -> fx.Effect:
+    """An effect with mean faces in place of its rigid ones, which has no places then."""
     given = {own.name: getattr(effect, own.name) for own in fields(effect)}
     mean = {name: fx.MeanFace(v.where) for name, v in given.items() if isinstance(v, fx.RigidFace)}
-    if not mean:
-        return effect
-    return replace(effect, **mean).placed(scene)
+    return replace(effect, **mean) if mean else effect
 
 
 def _reports(

@@ -319,14 +319,18 @@ def test_a_rigid_part_takes_what_a_beam_lacks_by_it():
     np.testing.assert_allclose(found.flexible["tip"], last(alone, 1).probes["tip"], rtol=1e-9)
 
 
-def test_a_rigid_face_takes_what_a_beam_lacks_by_it():
+@pytest.mark.parametrize("masses", [[], [(1.2, 0, 0), (1.0, 0.3, 0)]])
+def test_a_rigid_face_takes_what_a_beam_lacks_by_it(masses):
     """Nodes of the last tenth of a beam that is pushed at their mean: rigid, or free to bend."""
     beam = rf.box((0, 0, 0), (1, 0.1, 0.1), (10, 1, 1)).with_facets("end", lambda x: x[0] > 0.8999)
-    push = rf.Resultant(rf.RigidFace("end"), force=(0, 0, 1.0))
-    scene = rf.Scene(beam, SOFT, [rf.Fixed("x0"), push], order=2, probes={"tip": TIP})
+
+    def scene_with(face):
+        loads = [rf.Resultant(face, force=(0, 0, 1.0)), rf.Gravity((0, 0, 1e-2))]
+        loads += [rf.PointMass(face, 1.0, at=at) for at in masses]
+        return rf.Scene(beam, SOFT, [rf.Fixed("x0"), *loads], order=2, probes={"tip": TIP})
+
+    scene, soft = scene_with(rf.RigidFace("end")), scene_with(rf.MeanFace("end"))
     found = rf.compliance(scene)
-    mean = rf.Resultant(rf.MeanFace("end"), force=(0, 0, 1.0))
-    soft = rf.Scene(beam, SOFT, [rf.Fixed("x0"), mean], order=2, probes={"tip": TIP})
     for displacements, of in ((found.rigid, scene), (found.flexible, soft)):
         np.testing.assert_allclose(displacements["tip"], last(of, 1).probes["tip"], rtol=1e-9)
     assert 1e-4 < found.taken["tip"] < 0.05
