@@ -89,16 +89,6 @@ class ShapedIncrements(Increments):
         return self._all[some * first : some * end].reshape(some, -1)
 
     @property
-    def _q(self) -> tuple[Array, Array]:
-        """q at the start and at the end of the step, shape (some, m)."""
-        return self.start.q[self._some], self._of_shapes("q1")
-
-    @cached_property
-    def _R(self) -> tuple[Array, Array]:
-        """R₀ and R₁, shape (some, 3, 3)."""
-        return self.start.R[self._some], self.R1[self._some]
-
-    @property
     def S(self) -> Array:
         """S, with which nodes follow Δq; R₁ in statics, shape (some, 3, 3)."""
         return self._of_shapes("S").reshape(-1, 3, 3)
@@ -109,14 +99,6 @@ class ShapedIncrements(Increments):
         out = np.zeros(self.dq.shape)
         out[self._some] = self._of_shapes("de")
         return out
-
-    @cached_property
-    def _drift(self) -> Array:
-        return self._shapes.drift[self._some]
-
-    def _drifts(self, R: Array) -> Array:
-        """How centres of mass follow shapes in frames that are held, shape (some, m, 3)."""
-        return self._drift @ R.swapaxes(1, 2)
 
     @property
     def pi1(self) -> Array:
@@ -165,7 +147,8 @@ class ShapedIncrements(Increments):
         if not self._held.size:
             return self.unknowns
         out, some = self.unknowns.copy(), self._some
-        out[some, :3] -= times(self._drifts(self.S).swapaxes(1, 2), self.dq[some])
+        follows = self.S @ self._shapes.drift[some].swapaxes(1, 2)  # of centres of mass
+        out[some, :3] -= times(follows, self.dq[some])
         return out
 
     def work(self, forces: Array) -> float:
