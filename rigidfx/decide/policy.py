@@ -147,7 +147,7 @@ class Policy:
             SceneError: If a name is unknown or in a `Reduced` part, or the mesh was distributed
                 without ghost cells.
         """
-        self._scene, self._criterion, self._timeline = scene, criterion, timeline
+        self._criterion, self._timeline = criterion, timeline
         planned = {t for release in criterion.releases for t in release.times}
         timeline.stop_at(tuple(sorted(planned)))
         self._graph = CellGraph(scene)

@@ -340,10 +340,6 @@ class InternalForces:
         terms = ((k, self._terms[k][1]) for k in self._acting[1])
         return [(k, term) for k, term in terms if term.viscous]
 
-    def meets(self, term: int, subdomain: int) -> bool:
-        """Whether a term of this number acts on the cells of a subdomain id."""
-        return term in self._of_class[subdomain - 1]
-
     @property
     def viscous(self) -> bool:
         """Whether a viscous stress acts: one that grows with 1/Δt."""

@@ -68,7 +68,7 @@ class ClosedJoints:
         Responses are those about the start.
         """
         self._scene, self._bodies = scene, state.bodies
-        self._held = held = PrescribedDofs(scene, supports_of(acting)).mask.reshape(-1, 3)
+        held = PrescribedDofs(scene, supports_of(acting)).mask.reshape(-1, 3)
         self._responses = responses
         self._stay = [k for k, b in enumerate(state.bodies.of.records) if b.number not in leaving]
         bodies = self._staying(state.bodies)

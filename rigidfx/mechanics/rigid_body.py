@@ -127,20 +127,6 @@ class BodyMotion:
         """ω = R W in space [rad/s]."""
         return np.asarray(self.R @ self.angular_velocity_body)
 
-    def angular_momentum(self, body: RigidBody) -> Array:
-        """π = R J W about the centre of mass [kg m²/s]."""
-        return np.asarray(self.R @ (body.inertia @ self.angular_velocity_body))
-
-    def kinetic(self, body: RigidBody) -> float:
-        """½ m ṙ·ṙ + ½ W·J W [J]."""
-        translation = body.mass * self.velocity @ self.velocity
-        W = self.angular_velocity_body
-        return float(0.5 * (translation + W @ body.inertia @ W))
-
-    def positions(self, offsets: Array) -> Array:
-        """Positions r + R V for offsets of shape (n, 3) [m]."""
-        return np.asarray(self.r + offsets @ self.R.T)
-
     def velocities(self, offsets: Array) -> Array:
         """Velocities ṙ + ω × R V for offsets of shape (n, 3) [m/s]; equation (2)."""
         return np.asarray(self.velocity + np.cross(self.angular_velocity, offsets @ self.R.T))
@@ -158,11 +144,6 @@ class Body:
         """V + Φ q of its owned nodes in its frame, shape (nodes, 3) [m]."""
         offsets, shapes = self.data.offsets, self.data.shapes
         return offsets if shapes is None else offsets + shapes.bent(self.motion.q)
-
-    @property
-    def positions(self) -> Array:
-        """Positions of its owned nodes, shape (nodes, 3) [m]."""
-        return self.motion.positions(self.offsets)
 
     @property
     def displacement(self) -> Array:
@@ -195,12 +176,6 @@ class Body:
             shapes = shapes.begun(q, self.data.shapes, self.motion.q)
         data = replace(self.data, shapes=shapes)
         return Body(data, replace(self.motion, q=q, q_rate=rate))
-
-
-def at_rest(body: RigidBody) -> BodyMotion:
-    """The motion of a body at the freeze, without velocity."""
-    none = np.zeros(body.deforms_by)
-    return BodyMotion(body.origin.copy(), np.eye(3), np.zeros(3), np.zeros(3), none, none)
 
 
 def outside(nodes: int, bodies: Iterable[RigidBody]) -> Bools:

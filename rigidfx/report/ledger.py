@@ -256,11 +256,6 @@ class Ledgers:
         self._damped = 0.0
         self._struck = False
 
-    @property
-    def energies(self) -> tuple[float, float]:
-        """Kinetic and strain energy of deformation at the last measure [J]."""
-        return self._deformation.kinetic, self._deformation.strain
-
     def follow(self, report: Any, periods: float, rigidity: Rigidity | None) -> Ledger:
         """The ledger after a step, with periods so far and the error by rigid parts. Collective."""
         stepper = self._stepper

@@ -211,12 +211,6 @@ class Scene:
         """The effects with a time window that act at t [s]."""
         return tuple(e for e in self.named(fx.Windowed) if e.acts(t))
 
-    def damping(self, t: float) -> tuple[float, float]:
-        """α of the drag at t [1/s], and ξ of the numerical damping, of all effects together."""
-        acting = self.acting(t)
-        drag = sum(effect.mass_damping for effect in acting)
-        return drag, sum(effect.numerical_damping or 0.0 for effect in acting)
-
     def nodes(self, name: str | None, by: str, dims: Sequence[int] = ANY_SET) -> Indices:
         """Local nodes in the closure of a named set, or all; ghosts included. Collective."""
         if name is None:

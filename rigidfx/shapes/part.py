@@ -49,7 +49,7 @@ class Part(Expanded):
         self, responses: Responses, cells: Cells, nodes: Indices, name: str = "the part"
     ) -> None:
         """Assemble stiffness, mass and internal forces; `SceneError` if it cannot deform."""
-        self._responses, self._name = responses, name
+        self._name = name
         stiffness = responses.stiffness
         held, state = stiffness.held.reshape(-1, 3)[nodes], stiffness.linear.shape.x.array
         free = self._checked(responses.scene, cells, held)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from rigidfx.base.errors import together
-from rigidfx.base.types import Array, Ints
+from rigidfx.base.types import Array
 from rigidfx.effects import DeadLoad, Effect, Resultant
 from rigidfx.effects.base import vector_at
 from rigidfx.effects.joints.remote import RemoteMotion
@@ -38,19 +38,6 @@ def patterns(responses: Responses, state: State, until: float, hold: Hold | None
     each += of_supports(responses, span, hold)
     each += of_state(responses, state)
     return interleaved(responses, each)
-
-
-def unit_loads(responses: Responses, nodes: Ints) -> Array:
-    """Unit forces along x, y and z on some nodes, by global numbers alike on all ranks. Collective.
-
-    In balance with inertia they have the shape (owned nodes, 3, 3 · nodes) [N].
-    """
-    scene = responses.scene
-    first, end = scene.space.dofmap.index_map.local_range
-    F = np.zeros((scene.owned_nodes, 3, len(nodes), 3))
-    at = np.flatnonzero((nodes >= first) & (nodes < end))
-    F[nodes[at] - first, :, at] = np.eye(3)
-    return responses.balanced(F.reshape(scene.owned_nodes, 3, -1))
 
 
 def _of_loads(responses: Responses, span: tuple[float, float]) -> Iterator[Array]:

@@ -161,11 +161,6 @@ class RemoteMotion:
     moved: Array  # their increments, likewise
     dt: float  # length of the step [s]; of no meaning in statics
 
-    @property
-    def start(self) -> RemoteMotion:
-        """The start of the step."""
-        return self
-
     def after(self, share: float) -> Array:
         """Where averages are after a part of the step [m]."""
         return self.places + share * self.moved
