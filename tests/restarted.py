@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from bench.waking_scenes import SOFT, scene, stalk_and_block
 from common import boxes
 from joints import PIN, bars
 from mpi4py import MPI
@@ -16,10 +17,7 @@ from parallel import report
 
 import rigidfx as rf
 
-SOFT, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8))
-BOX = rf.box((0, 0, 0), (8, 1, 1), (16, 1, 1))
-BOX = BOX.with_cells("stalk", lambda x: x[0] <= 2 + 1e-9)
-BOX = BOX.with_cells("block", lambda x: x[0] >= 2 - 1e-9)
+bar = partial(scene, stalk_and_block((16, 1, 1)))
 HELD, DRAG = rf.Fixed("x0"), rf.MassDamping(1.0)
 SINE = rf.Traction("x1", (0, 0, 40.0), time=lambda t: np.sin(2 * np.pi * t / 3) * min(1, t / 3))
 BLOW = rf.Traction("y1", (0, 300.0, 0), time=lambda t: max(0.0, 1 - ((t - 2.6) / 0.2) ** 2))
@@ -28,11 +26,6 @@ FLOOR = rf.Contact("z0", against=rf.Plane((0, 0, -0.2), (0, 0, 1)), friction=0.3
 LOW = rf.Contact("z0", against=rf.Plane((0, 0, -1e-3), (0, 0, 1)), stiffness=1e4)
 QUIET = rf.StrainRate(0.003, 0.4)
 CALM = rf.StiffnessDamping(ratio=0.3, frequency=20.0)
-
-
-def bar(*effects, **more):
-    materials = {"stalk": SOFT, "block": STIFF}
-    return rf.Scene(BOX, materials, effects, probes={"tip": (8, 0.5, 0.5)}, **more)
 
 
 def block(*effects):

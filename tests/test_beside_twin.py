@@ -5,17 +5,15 @@ from functools import partial
 
 import numpy as np
 import pytest
+from bench import waking_scenes
+from bench.waking_scenes import SOFT, stalk_and_block
 from common import boxes
 from four_bars import MOTOR, driven, four_bars
 
 import rigidfx as rf
 
 DT = 0.04  # s
-SOFT, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8))
-BOX = rf.box((0, 0, 0), (8, 1, 1), (16, 1, 1))
-BOX = BOX.with_cells("stalk", lambda x: x[0] <= 2 + 1e-9)
-BOX = BOX.with_cells("block", lambda x: x[0] >= 2 - 1e-9)
-BOX = BOX.with_facets("end", lambda x: x[0] >= 7 - 1e-9)
+BOX = stalk_and_block((16, 1, 1)).with_facets("end", lambda x: x[0] >= 7 - 1e-9)
 
 
 def shaken(t):
@@ -33,8 +31,7 @@ SLOW = rf.MassDamping(0.5)
 
 
 def scene(*effects, domain=BOX, **options):
-    materials = {"stalk": SOFT, "block": options.pop("block", STIFF)}
-    return rf.Scene(domain, materials, effects, probes={"tip": (8, 0.5, 0.5)}, **options)
+    return waking_scenes.scene(domain, *effects, **options)
 
 
 def lifted():
@@ -249,7 +246,7 @@ def pressed():
     floor = rf.Contact("sole", against=rf.Plane((0, 0, -1e-4), (0, 0, 1.0)), stiffness=2e4)
     push = rf.Traction("x1", (0, 0, -40.0), time=lambda t: np.sin(2 * np.pi * t / 2) * min(1, t))
     effects = HELD, floor, push, rf.MassDamping(0.5), rf.KelvinVoigt(2e4)
-    return rf.Scene(box, {"stalk": SOFT, "block": STIFF}, effects, probes={"tip": (8, 0.5, 0)})
+    return scene(*effects, domain=box, probes={"tip": (8, 0.5, 0)})
 
 
 LOCK = rf.Spring(rf.MeanFace("root"), (0, 0, 2e3)), rf.Motor("rail", rate=0.0, since=1.2)

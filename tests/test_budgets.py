@@ -10,6 +10,8 @@ from functools import cache
 import numpy as np
 import parallel
 import pytest
+from bench.waking_scenes import SOFT, STIFF, stalk_and_block
+from bench.waking_scenes import scene as of_bar
 from histories import heard, imbalance
 from scipy.interpolate import CubicSpline
 
@@ -17,7 +19,6 @@ import rigidfx as rf
 from rigidfx.plot.pictures import spent
 from rigidfx.report.ledger import NOTHING, Entry
 
-SOFT, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8))
 LARGEST = 0.2  # s
 
 pytestmark = [
@@ -27,13 +28,9 @@ pytestmark = [
 ]
 
 
-def bar(*effects, probes=True, cells=(8, 1, 1)):
+def bar(*effects, cells=(8, 1, 1), **more):
     """A soft stalk, clamped, and a stiff block on it."""
-    box = rf.box((0, 0, 0), (8, 1, 1), cells)
-    box = box.with_cells("stalk", lambda x: x[0] <= 4 + 1e-9)
-    box = box.with_cells("block", lambda x: x[0] >= 4 - 1e-9)
-    found = {"tip": (8, 0.5, 0.5)} if probes else {}
-    return rf.Scene(box, {"stalk": SOFT, "block": STIFF}, effects, probes=found)
+    return of_bar(stalk_and_block(cells, 4.0), *effects, **more)
 
 
 def pulled(t):

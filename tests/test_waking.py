@@ -9,6 +9,8 @@ from functools import cache
 import numpy as np
 import parallel
 import pytest
+from bench.waking_scenes import SOFT, stalk_and_block
+from bench.waking_scenes import scene as of_bar
 from histories import between
 
 import rigidfx as rf
@@ -17,7 +19,6 @@ from rigidfx.growth.growth import OUTGROWN
 
 DT, WINDOW = 0.02, 20  # s, steps
 NOTHING = rf.StrainRate(0.0, 1e9)  # nothing qualifies; rates are measured
-SOFT, MIDDLING, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e7, 1e8))
 
 chatter = pytest.mark.filterwarnings("ignore:StrainRate. bodies are:rigidfx.RigidfxWarning")
 
@@ -30,21 +31,16 @@ def blow(t):
     return float(1.0 < t < 1.2) * np.sin(np.pi * (t - 1.0) / 0.2) ** 2
 
 
-def bar(*effects, block=STIFF, **options):
+def bar(*effects, **options):
     """A bar of 16 × 1 × 1 cells: a soft stalk, clamped, and what is on it."""
-    box = rf.box(
-        (0, 0, 0), (8, 1, 1), options.pop("cells", (16, 1, 1)), options.pop("cell", "hexahedron")
-    )
-    box = box.with_cells("stalk", lambda x: x[0] <= 4 + 1e-9)
-    box = box.with_cells("block", lambda x: x[0] >= 4 - 1e-9)
-    materials = {"stalk": SOFT, "block": block}
+    cell = options.pop("cell", "hexahedron")
+    box = stalk_and_block(options.pop("cells", (16, 1, 1)), 4.0, cell)
     if options.pop("pieces", False):
         box = box.with_cells("first", between(4, 5))
         box = box.with_cells("last", lambda x: x[0] >= 7 - 1e-9)
         ends = [box.find(name, (3,), "test").entities for name in ("first", "last")]
         box = box.with_cell_set("pieces", np.concatenate(ends))
-    probes = options.pop("probes", {"tip": (8, 0.5, 0.5)})
-    return rf.Scene(box, materials, effects, probes=probes, **options)
+    return of_bar(box, *effects, **options)
 
 
 def on_a_block(*effects, **options):

@@ -23,9 +23,8 @@ from typing import Any
 
 import numpy as np
 from bench import RAMP, Parser, chosen, conclude, pushed_l, timed
-from bench.waking_scenes import BASE, push, scene
+from bench.waking_scenes import BASE, push, scene, stalk_and_block
 from bench.waking_scenes import CASES as WAKING
-from bench.waking_scenes import bar as stalk_and_block
 from common.machines import block_thrown, frame_shocked
 from scipy.interpolate import CubicHermiteSpline
 
@@ -71,7 +70,7 @@ def tumbling(refine: int = 1) -> rf.Scene:
 def bar(*effects: rf.effects.Effect, drag: float = 1.0) -> rf.Scene:
     """A soft stalk with a stiff block on it."""
     damped = [*effects, rf.MassDamping(drag)] if drag else effects
-    return scene(stalk_and_block(2, 4.0), *damped)
+    return scene(stalk_and_block((16, 2, 2), 4.0), *damped)
 
 
 def arch(t: float) -> float:

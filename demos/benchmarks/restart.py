@@ -35,6 +35,8 @@ from typing import Any
 
 import numpy as np
 from bench import DT, MATERIAL, PUSH, Parser, bar, cells_of_bar, conclude, without_mpi
+from bench.waking_scenes import STIFF, stalk_and_block
+from bench.waking_scenes import scene as stalk_scene
 from common import boxes, comm
 from mpi4py import MPI
 
@@ -59,20 +61,16 @@ APART = "wall", "iterations", "tangents", "linear_iterations"  # of the machine,
 LONGEST = 3.0  # s from when a run moves to when it is killed; a short run's time if that is less
 WAIT = 300.0  # s, after which a run counts as hanging
 MINUTE = 60.0  # s
-SOFT, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8))
 EVERY = 25  # steps from one checkpoint to the next
 
 
 def bouncing() -> tuple[rf.Scene, dict[str, Any]]:
     """A bar that is pulled, rests, and strikes a wall beside it: bodies freeze and are released."""
-    box = rf.box((0, 0, 0), (8, 1, 1), (16, 1, 1))
-    box = box.with_cells("stalk", lambda x: x[0] <= 2 + 1e-9)
-    box = box.with_cells("block", lambda x: x[0] >= 2 - 1e-9)
     pulls = rf.Table([0, 1, 1.2, 1.6, 1.8, 4.4, 4.6, 5, 5.2], [0.0, 0, 60, 60, 0, 0, 60, 60, 0])
     wall = rf.Contact("z1", against=rf.Plane((0, 0, 1.004), (0, 0, -1)), stiffness=1e6)
     pull = rf.Traction("x1", (0, 0, 1.0), time=pulls)
-    effects = [rf.Fixed("x0"), pull, wall, rf.MassDamping(4.0)]
-    scene = rf.Scene(box, {"stalk": SOFT, "block": STIFF}, effects, probes={"tip": (8, 0.5, 0.5)})
+    effects = rf.Fixed("x0"), pull, wall, rf.MassDamping(4.0)
+    scene = stalk_scene(stalk_and_block((16, 1, 1)), *effects)
     return scene, {"dt": 0.02, "t_end": 8.0, "rigidify": rf.StrainRate(1e-4, 0.3)}
 
 

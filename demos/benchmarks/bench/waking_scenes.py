@@ -78,11 +78,18 @@ class AtOnesOwn(Built):
         return halves(BASE, push(400.0, time), dt=period / 20, t_end=40 * period, tol=tol)
 
 
-def bar(across: int, cut: float = 2.0) -> rf.Domain:
-    """A bar along x, a "stalk" up to the cut [m] and a "block" from there on."""
-    box = rf.box((0, 0, 0), (8, 1, 1), (8 * across, across, across))
+def stalk_and_block(
+    cells: tuple[int, int, int], cut: float = 2.0, cell: str = "hexahedron"
+) -> rf.Domain:
+    """A bar of 8 m along x, a "stalk" up to the cut [m] and a "block" from there on."""
+    box = rf.box((0, 0, 0), (8, 1, 1), cells, cell)
     box = box.with_cells("stalk", lambda x: x[0] <= cut + 1e-9)
     return box.with_cells("block", lambda x: x[0] >= cut - 1e-9)
+
+
+def bar(across: int, cut: float = 2.0) -> rf.Domain:
+    """The same of cubes."""
+    return stalk_and_block((8 * across, across, across), cut)
 
 
 def scene(
@@ -90,10 +97,11 @@ def scene(
     *effects: rf.effects.Effect,
     stalk: rf.Material = SOFT,
     block: rf.Material = STIFF,
+    **how: Any,
 ) -> rf.Scene:
-    """The bar with a probe at its tip."""
-    materials = {"stalk": stalk, "block": block}
-    return rf.Scene(mesh, materials, effects, probes={"tip": (8, 0.5, 0.5)})
+    """The bar with a probe at its tip, unless told otherwise."""
+    how = {"probes": {"tip": (8, 0.5, 0.5)}} | how
+    return rf.Scene(mesh, {"stalk": stalk, "block": block}, effects, **how)
 
 
 def halves(
