@@ -1,11 +1,11 @@
 """PETSc's options: from the environment, the command line and Python; honoured or refused."""
 
-import os
 import subprocess
 import sys
 
 import pytest
 from histories import heard
+from parallel import launch
 
 import rigidfx as rf
 
@@ -51,10 +51,7 @@ def test_options_from_outside(where):
     command = [sys.executable, "-c", code, "--steps", "1"]
     if where != "environment":
         command += ["--petsc", *inside.split()]
-    env = dict(os.environ) | ({} if where == "command line" else {"PETSC_OPTIONS": outside})
-    folder = os.path.dirname(__file__)
-    meshes = os.path.join(os.path.dirname(folder), "meshes")
-    env["PYTHONPATH"] = os.pathsep.join([folder, meshes, env.get("PYTHONPATH", "")])
+    env = launch(1)[1] | ({} if where == "command line" else {"PETSC_OPTIONS": outside})
     done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == ("fgmres+ilu" if where == "environment" else "bcgs+ilu")
