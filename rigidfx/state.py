@@ -141,24 +141,33 @@ class State:
             numbers[cells] = number
         return numbers
 
-    def bent(self) -> tuple[fem.Function, fem.Function, Bools]:
+    def bent(self) -> tuple[fem.Function, fem.Function, Bools, list[tuple[fem.Function, float]]]:
         """Strains of bodies with shapes: their shape at the freeze, and Φ e there. Collective.
 
-        Displacement of that shape and the motion in its frame, ghosts included [m], and which owned
-        cells are in these bodies, are returned.
+        Displacement of that shape and the motion in its frame, ghosts included [m], which owned
+        cells are in these bodies, and displacements whose strains of second order come on top, or
+        are taken away.
         """
-        shape, motion = (fem.Function(self.u.function_space) for _ in range(2))
+        V, curves = self.u.function_space, list[tuple[fem.Function, float]]()
+        shape, motion = fem.Function(V), fem.Function(V)
         cells = np.zeros(shape.function_space.mesh.topology.index_map(3).size_local, dtype=bool)
         for body in self.bodies:
             data = body.data
             if data.shapes is not None:
                 shape.x.array.reshape(-1, 3)[data.nodes] = data.displacement
                 stretched = data.shapes.bent(body.stretched[0])
+                if (own := data.shapes.selves) is not None:
+                    more, fields = own.strained(body.motion.q)
+                    stretched += more
+                    for field, sign in fields:
+                        curves.append((fem.Function(V), sign))
+                        bent = data.shapes.bent(np.pad(field, (0, len(data.shapes) - field.size)))
+                        curves[-1][0].x.array.reshape(-1, 3)[data.nodes] = bent
                 motion.x.array.reshape(-1, 3)[data.nodes] = stretched
                 cells[data.cells] = True
-        for made in (shape, motion):
+        for made in (shape, motion, *(curve for curve, _ in curves)):
             made.x.scatter_forward()
-        return shape, motion, cells
+        return shape, motion, cells, curves
 
     @property
     def levels(self) -> npt.NDArray[np.uint8]:

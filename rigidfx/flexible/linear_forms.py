@@ -66,7 +66,7 @@ class LinearForms:
         self._scene, self._forces = scene, forces
         self._test, self._trial = ufl.TestFunction(V), ufl.TrialFunction(V)
         self._stiffness: tuple[fem.Function, Kernel] | None = None
-        self._tension: tuple[fem.Function, fem.Function, Kernel] | None = None
+        self._tension: tuple[fem.Function, fem.Function, fem.Function, Kernel] | None = None
         self._tangent: Kernel | None = None
         self._force = Kernel(forces.integrate(self._strains), [V], scene.mesh)
 
@@ -92,31 +92,33 @@ class LinearForms:
         strained, kernel = self._stiffness
         return kernel.bind(cells, instead={strained: self.shape})
 
-    def tension(self, cells: Cells, along: Array) -> fem.Form:
+    def tension(self, cells: Cells, along: Array, bent: Array | None = None) -> fem.Form:
         """∫ S'[along] : ∇wᵀ∇v: what stresses add to the stiffness, of each component alike.
 
         They are those of a displacement at the owned dofs [m], at one point of each cell where
         strains are constant or parasitic, else as they vary in it. Arguments are in the space of
-        one component: see `Scene`.
+        one component: see `Scene`. Strains ½ ∇bᵀ∇b of another one may come on top.
         """
         if self._tension is None:
             V, Q, element = self._scene.space, self._scene.component[0], self._scene.element
-            ends = fem.Function(V), fem.Function(V)
+            ends, curve = (fem.Function(V), fem.Function(V)), fem.Function(V)
             test, trial = ufl.TestFunction(Q), ufl.TrialFunction(Q)
             slopes = ufl.outer(ufl.grad(test), ufl.grad(trial))
 
             def work(i: int, c: MaterialClass) -> Any:
                 C, s = element.right_cauchy_green(self.shape), ufl.variable(ufl.as_ufl(0.0))
-                C += 2 * s * element.strain_increment(*ends)
+                C += s * (2 * element.strain_increment(*ends) + ufl.grad(curve).T * ufl.grad(curve))
                 S = second_piola_kirchhoff(c.law.energy, C, c.law.parameters)
                 return ufl.inner(ufl.diff(S, s), slopes)
 
             degree = 2 * (self._scene.order - 1) if element.locks else None
             form = self._forces.integrate(work, degree)
-            self._tension = *ends, Kernel(form, [Q, Q], self._scene.mesh)
-        begin, end, kernel = self._tension
-        for f, sign in ((begin, -0.5), (end, 0.5)):
-            f.x.array[: along.size] = self.shape.x.array[: along.size] + sign * along
+            self._tension = *ends, curve, Kernel(form, [Q, Q], self._scene.mesh)
+        begin, end, curve, kernel = self._tension
+        own = self.shape.x.array[: along.size]
+        each = own - along / 2, own + along / 2, 0.0 if bent is None else bent
+        for f, values in zip((begin, end, curve), each, strict=True):
+            f.x.array[: along.size] = values
             f.x.scatter_forward()
         return kernel.bind(cells)
 

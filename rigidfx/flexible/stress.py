@@ -13,7 +13,7 @@ keep σ = R σ_frozen Rᵀ; the stress of the forces on them comes by a displace
 over a step by which the energy-momentum method balances forces.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import basix
@@ -79,6 +79,8 @@ class Added(NamedTuple):
     shape: fem.Function  # displacement that makes the shape [m]
     motion: fem.Function  # the motion in the frame of the shape, ghosts included [m]
     cells: Bools  # which owned cells have it; u only says how they are turned
+    # Displacements of the shape whose strains of second order come on top, or are taken away [m]
+    curves: Sequence[tuple[fem.Function, float]] = ()
 
 
 class Recovered(NamedTuple):
@@ -161,16 +163,18 @@ class PointStress:
         """
         nodes = np.unique(self._nodes[cells])
         u, shape, motion = (f.x.array.reshape(-1, 3) for f in (self.u, added.shape, added.motion))
-        kept, own, ends = u[nodes], self._nodes[cells], []
-        before = (self._X + shape)[own]
-        for side in (1.0, -1.0, 0.0):
-            u[nodes] = shape[nodes] + side * motion[nodes]
+        kept, own = u[nodes], self._nodes[cells]
+        before, out = (self._X + shape)[own], np.zeros((cells.size, self.weights.size, 12))
+        terms = [(motion, 1.0, 0.5), (motion, -1.0, -0.5)]
+        for curve, sign in added.curves:
+            terms += [(curve.x.array.reshape(-1, 3), side, sign / 2) for side in (1.0, -1.0)]
+        for field, side, weight in (*terms, (motion, 0.0, 1.0 - sum(w for *_, w in terms))):
+            u[nodes] = shape[nodes] + side * field[nodes]
             values = self._evaluated(cells)[:, :, :12]
             if side:
                 values = _turned(values, _rotations((self._X + u)[own], before))
-            ends.append(values)
+            out += weight * values
         u[nodes] = kept
-        out = np.subtract(*ends[:2]) / 2 + sum(ends[2:])
         return _turned(out, _rotations(before, (self._X + u)[own]))
 
     def _displaced(self, cells: Indices, side: float) -> Array:

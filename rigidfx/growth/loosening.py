@@ -63,6 +63,7 @@ class Loosening:
             tension=tension,
             shorter=None if before.shorter is None else back @ before.shorter,
             given=before.given,
+            selves=None if before.selves is None else before.selves.turned(T, back, inside),
         )
         drift = np.zeros(mean.shape) if before.drift is None else before.drift
         motion = _moved(body, made.origin - data.origin, np.asarray(mean - drift), back)

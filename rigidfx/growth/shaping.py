@@ -27,7 +27,7 @@ from rigidfx.mechanics.rigid_body import NOTHING, Body, RigidBody
 from rigidfx.mechanics.shapes import Shapes
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.bends import SOFTEST, Spent, stresses, tense
-from rigidfx.shapes.excess import About
+from rigidfx.shapes.excess import About, stacked, unrelieved
 from rigidfx.shapes.faces import of_faces
 from rigidfx.shapes.motion import pulled
 from rigidfx.shapes.orthonormal import Basis, to_one
@@ -211,7 +211,8 @@ class Shaping:
         moments, fields = own.moments(data.offsets, modes), modes.swapaxes(1, 2).copy()
         known = data.nodes, fields, moments, part.stiffness, part.force
         tension = None if data.shapes is None else data.shapes.tension
-        made = body.with_shapes(Shapes(*known, drift, tension, given=given))
+        selves = None if data.shapes is None else data.shapes.selves
+        made = body.with_shapes(Shapes(*known, drift, tension, given=given, selves=selves))
         kept = replace(NOTHING, strain=made.data.frozen.strain)
         return Body(replace(made.data, frozen=kept), made.motion)
 
@@ -311,11 +312,20 @@ class Shaping:
 
     def _pulled(self, body: Body, at: Body) -> Body:
         """A body with responses to forces by which stresses of it elsewhere pull. Collective."""
-        part, responses = self._part(body.data), self.about(body).responses
-        known = part.projected(_free(body.data))
+        part, about = self._part(body.data), self.about(body)
+        responses, known = about.responses, part.projected(_free(body.data))
         basis, m = part.begun(part.still(known.modes)), len(known.force)
         soft = np.argsort(np.diag(known.stiffness), kind="stable")[:SOFTEST]
         fields = known.modes[:, :, soft]
+        shapes = body.data.shapes
+        if shapes is not None and shapes.selves is None and self.spent.withholds(body):
+            forces, away = stacked(unrelieved(about, shapes))
+            more = np.zeros((self._scene.owned_nodes, *away.shape[1:]))
+            more[body.data.nodes] = away
+            if about.on_supports:  # by their forces at cells beside it
+                more[body.data.nodes] = forces + part.times_stiffness(away)
+                more = np.asarray(responses.solve(more))
+            part.extend(basis, more, more.shape[2])
         for _ in range(PULLS):
             if not fields.shape[2]:
                 break

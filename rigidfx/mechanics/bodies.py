@@ -18,7 +18,7 @@ from rigidfx.base.sealed import read_only, seal
 from rigidfx.base.types import Array, Indices
 from rigidfx.mechanics.rigid_body import Body, BodyMotion, Frozen, RigidBody
 from rigidfx.mechanics.rotation import UNIT_SKEWS, skew
-from rigidfx.mechanics.shapes import Shapes, ShapesOfBodies, times
+from rigidfx.mechanics.shapes import SelfStresses, Shapes, ShapesOfBodies, times
 
 # How a body's twelve numbers depend on its translation, see `Increments.L`.
 TRANSLATIONS = np.eye(12, 6)
@@ -376,7 +376,7 @@ class _Bodies(Kind):
     """The bodies of a run, as a checkpoint keeps them: data over cells and nodes, and motions."""
 
     _frozen = Record(Frozen, "velocities")
-    _shapes = Record(Shapes, "modes", "images")
+    _shapes = Record(Shapes, "modes", "images", selves=Record(SelfStresses, "fields"))
     _over = "offsets", "displacement"
     _data = Record(RigidBody, *_over, cells="cells", frozen=_frozen, shapes=_shapes)
 

@@ -31,10 +31,11 @@ ARRAYS_OF_SHAPES = (
     *("mass", "inertia", "length", "pose", "spin", "W0", "deformed"),
     *("q0", "rates0", "e0", "E0", "p0", "damping"),
     *("G", "couplings", "D", "stiffness", "force", "drift", "relieved", "shorter"),
+    *("selves", "before"),
 )
 STRUCT = f"""
 struct shaped {{
-    int bodies, some, m;
+    int bodies, some, m, self;
     double {", ".join(NUMBERS_OF_SHAPES)};
     const int *at, *counts, *held;
     const double {", ".join("*" + name for name in ARRAYS_OF_SHAPES)};
@@ -129,10 +130,11 @@ class Step:
             *(start.angular_velocity_body, start.inertia, start.q, start.q_rate, start.stretched),
             *(start.weighted, start.momenta_of_shapes[1], self.damping, shapes.moments),
             *(shapes.couplings, shapes.mass, shapes.stiffness, shapes.force, shapes.drift),
-            *(shapes.relieved, shapes.shorter),
+            *(shapes.relieved, shapes.shorter, shapes.selves, shapes.before),
         )
         code = _code()
-        told = code.ffi.new("struct shaped *", (len(of), shapes.some.size, shapes.most))
+        sizes = len(of), shapes.some.size, shapes.most, shapes.before.shape[1]
+        told = code.ffi.new("struct shaped *", sizes)
         told.dt, told.share, told.rate = self.dt, self.share, self.rate
         wholes = shapes.some, shapes.counts, shapes.held
         kept = [np.ascontiguousarray(numbers, dtype=np.intc) for numbers in wholes]

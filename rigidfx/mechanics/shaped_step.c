@@ -112,6 +112,22 @@ static void inertia_of(const struct shaped *s, int k, struct told t, double *tur
   }
 }
 
+/* Mean of a self-stress number a of one body from q0 to q1, ½ q·V q less what it was before, and V q
+   in the middle and at the end. */
+static double self_stress(const struct shaped *s, int k, int a, struct told t, double *middle, double *end)
+{
+  const int m = s->m;
+  const double *V = s->selves + (size_t)m * m * (s->self * k + a),
+               *q0 = s->q0 + m * s->at[k], *q1 = t.q1 + m * k, *half = t.middle + m * k;
+  double start = 0;
+  for (int j = 0; j < m; ++j) {
+    end[j] = dot(m, V + m * j, q1);
+    middle[j] = dot(m, V + m * j, half);
+    start += 0.5 * q0[j] * dot(m, V + m * j, q0);
+  }
+  return start + s->share * (0.5 * dot(m, q1, end) - start) - s->before[s->self * k + a];
+}
+
 /* Stresses Ω e + C Δe at the mean of e, and the forces on coordinates ∂e/∂q·s. */
 static void elastic_of(const struct shaped *s, int k, struct told t, const double *dq,
                        double *work)
@@ -142,6 +158,11 @@ static void elastic_of(const struct shaped *s, int k, struct told t, const doubl
     elastic[j] = s->force[m * k + j] + stress[j];
     for (int l = 0; relieved && l < m; ++l)
       elastic[j] += slope[m * l + j] * stress[l];
+  }
+  for (int a = 0; a < s->self; ++a) {
+    const double stress = self_stress(s, k, a, t, work, work + m);
+    for (int j = 0; j < m; ++j)
+      elastic[j] += stress * work[j];
   }
 }
 
@@ -344,6 +365,13 @@ static void elastic_blocks(const struct shaped *s, int k, struct told t, double 
         sum += left[m * i + l] * end[m * l + j] + s->share * stress[l] * relieved[m * (m * l + i) + j];
       own[m * i + j] = sum;
     }
+  for (int a = 0; a < s->self; ++a) {
+    const double *V = s->selves + (size_t)m * m * (s->self * k + a);
+    const double stress = self_stress(s, k, a, t, middle, end);
+    for (int i = 0; i < m; ++i)
+      for (int j = 0; j < m; ++j)
+        own[m * i + j] += s->share * (stress * V[m * i + j] + middle[i] * end[j]);
+  }
 }
 
 /* Derivative of the residual that P does not carry, shape (bodies, 6 + m, 6 + m). */

@@ -28,6 +28,49 @@ EPS = float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True)
+class SelfStresses(Sealed):
+    """Stresses of second order in q that no displacement relieves: see docs/theory/shapes.md.
+
+    They are s_a = ½ q·V_a q less what they were before they counted, with the energy ½ s·s.
+    """
+
+    nodes: Indices  # owned nodes of the body on this rank, sorted
+    tension: Array  # V, of the first n shapes, shape (s, n, n) [√N/m^(3/2)]
+    before: Array  # shape (s,) [√J]
+    # Strains of each are ½ Σ B_jk ∇φ_jᵀ∇φ_k, shape (s, n, n) [m²/√J], and those of displacements,
+    # shape (nodes, s, 3) [m/√J]
+    bends: Array
+    fields: Array
+
+    def __len__(self) -> int:
+        return len(self.before)
+
+    def of(self, q: Array) -> Array:
+        """s by coordinates, shape (s,) [√J]."""
+        n = self.tension.shape[1]
+        return np.asarray(0.5 * self.tension @ q[:n] @ q[:n] - self.before)
+
+    def strained(self, q: Array) -> tuple[Array, list[tuple[Array, float]]]:
+        """Displacement whose strains they have, shape (nodes, 3) [m], and q of others.
+
+        Strains of second order of these, (n,) [m], come on top, or are taken away, by signs.
+        """
+        s = self.of(q)
+        squares, vectors = np.linalg.eigh(np.tensordot(s, self.bends, 1))
+        some = np.abs(squares) > EPS * np.abs(squares).max(initial=0.0)
+        fields = (vectors * np.sqrt(np.abs(squares))).T[some]
+        curves = list(zip(fields, np.sign(squares[some]).tolist(), strict=True))
+        return np.asarray(s @ self.fields), curves
+
+    def turned(self, T: Array, back: Array, inside: Bools) -> SelfStresses:
+        """Those by other coordinates, Φ T and T⁻¹ q, at some of the nodes."""
+        n = self.tension.shape[1]
+        bends = back[:, :n] @ self.bends @ back[:, :n].T
+        tension = T[:n].T @ self.tension @ T[:n]
+        return SelfStresses(self.nodes[inside], tension, self.before, bends, self.fields[inside])
+
+
+@dataclass(frozen=True)
 class Shapes(Sealed):
     """The constant data of the m shapes of a body."""
 
@@ -49,6 +92,7 @@ class Shapes(Sealed):
     # K Φ at the nodes, of a body that may get more shapes, shape (nodes, m, 3) [N/m]
     images: Array = field(default_factory=lambda: np.array([]))
     given: int = 0  # number of the first shapes whose coordinates supports give
+    selves: SelfStresses | None = None  # None where nobody has asked for them
 
     def __post_init__(self) -> None:
         if self.images.ndim < self.modes.ndim:  # of a body that gets no more
@@ -66,7 +110,7 @@ class Shapes(Sealed):
     @cached_property
     def flexibility(self) -> Array:
         """Ω⁻¹, zero along motions that supports give and nothing resists, shape (m, m) [m/N]."""
-        return _inverse(self.stiffness)
+        return inverse(self.stiffness)
 
     def bent(self, q: Array) -> Array:
         """Φ q at the nodes, shape (nodes, 3)."""
@@ -92,7 +136,10 @@ class Shapes(Sealed):
             return self
         e, _ = before.stretched(q_before, q_before)
         now, _ = replace(self, shorter=None).stretched(q, q)
-        return replace(self, shorter=now - np.pad(e, (0, len(now) - len(e))))
+        selves = self.selves
+        if selves is not None and before.selves is None:
+            selves = replace(selves, before=selves.of(q) + selves.before)
+        return replace(self, shorter=now - np.pad(e, (0, len(now) - len(e))), selves=selves)
 
     def tightened(self, q: Array) -> Array:
         """Ω with what the stretch at q adds, shape (m, m) [N/m]."""
@@ -100,6 +147,9 @@ class Shapes(Sealed):
             return self.stiffness
         out, n = self.stiffness.copy(), len(self.tension)
         out[:n, :n] += np.tensordot(self.stretched(q, q)[0][:n], self.tension, 1)
+        if (own := self.selves) is not None:
+            n = own.tension.shape[1]
+            out[:n, :n] += np.tensordot(own.of(q), own.tension, 1)
         return out
 
     @property
@@ -122,6 +172,7 @@ class ShapesOfBodies:
         force: f₀, shape (some, most) [N].
         drift: See `Shapes`, of all bodies, shape (all, most, 3); zero of those that move freely.
         held: Whether the frame of each of all bodies is held.
+        selves: V, shape (some, s, most, most): see `SelfStresses`, as of `before`, (some, s).
         given: Which coordinates supports give, of all bodies, shape (all, most).
     """
 
@@ -146,6 +197,7 @@ class ShapesOfBodies:
         self.couplings = axial(self.moments[:, 1:, 1:])
         self.mass = np.einsum("bklii->bkl", self.moments[:, 1:, 1:])
         self.relieved, self.shorter = self._of_tension(each)
+        self.selves, self.before = self._of_selves(each)
         self._rows = self.moments.reshape(len(self.some), m + 1, -1)
         seal(self)
 
@@ -165,6 +217,18 @@ class ShapesOfBodies:
                 out[k, :m, :m, :m] = (own.flexibility @ flat).reshape(m, m, m)
                 shorter[k, :m] = own.shorter
         return out, shorter
+
+    def _of_selves(self, each: Sequence[Shapes | None]) -> tuple[Array, Array]:
+        """V and s before it counted, shapes (some, s, most, most) and (some, s): `SelfStresses`."""
+        shapes = [each[int(body)] for body in self.some]
+        own = [None if one is None else one.selves for one in shapes]
+        count = max((len(one.before) for one in own if one is not None), default=0)
+        V, before = np.zeros((len(own), count, self.most, self.most)), np.zeros((len(own), count))
+        for k, one in enumerate(own):
+            if one is not None:
+                s, n = one.tension.shape[:2]
+                V[k, :s, :n, :n], before[k, :s] = one.tension, one.before
+        return V, before
 
     @cached_property
     def known(self) -> Bools:
@@ -213,18 +277,23 @@ class ShapesOfBodies:
         """Forces ∂e/∂q·s at q by stresses s [N], shape (some, most) [N]."""
         return s if self.relieved is None else s + times(self._slopes(q).swapaxes(1, 2), s)
 
+    def selves_of(self, q: Array) -> tuple[Array, Array]:
+        """Self-stresses s and ∂s/∂q = V q, shapes (some, s) and (some, s, most)."""
+        pulls = np.asarray((self.selves @ q[:, None, :, None])[..., 0])
+        return 0.5 * times(pulls, q) - self.before, pulls
+
     def linear(self, q: Array, e: Array) -> Array:
         """Coordinates whose linear forces Ωq are those of stretches e at q, shape (some, most)."""
         if self.relieved is None:
             return e
-        s = times(self.stiffness, e)
-        tension = self.on_coordinates(q, s) - s
+        s, (own, pulls) = times(self.stiffness, e), self.selves_of(q)
+        tension = self.on_coordinates(q, s) - s + times(pulls.swapaxes(1, 2), own)
         return np.asarray(e + times(self._flexibility, tension))
 
     @cached_property
     def _flexibility(self) -> Array:
         """Ω⁻¹ of the shapes that there are, shape (some, most, most) [m/N]."""
-        return _inverse(self.stiffness)
+        return inverse(self.stiffness)
 
     def even_force(self, q: Array) -> Array:
         """What Γ adds to Ωq to second order, shape (some, most) [N]."""
@@ -234,13 +303,14 @@ class ShapesOfBodies:
     def energy(self, q: Array) -> Array:
         """U(q) - U₀ of each body, shape (some,) [J]."""
         e = self.stretched(q)
-        return np.asarray((self.force * q + 0.5 * times(self.stiffness, e) * e).sum(axis=1))
+        own = (self.force * q + 0.5 * times(self.stiffness, e) * e).sum(axis=1)
+        return np.asarray(own + 0.5 * (self.selves_of(q)[0] ** 2).sum(axis=1))
 
 
-def _inverse(stiffness: Array) -> Array:
+def inverse(stiffness: Array) -> Array:
     """The inverse of stiffnesses, shape (..., m, m), zero along motions that nothing resists."""
-    inverse = np.linalg.pinv(stiffness, rcond=EPS ** (2 / 3), hermitian=True)
-    return np.asarray(inverse, dtype=np.float64)
+    found = np.linalg.pinv(stiffness, rcond=EPS ** (2 / 3), hermitian=True)
+    return np.asarray(found, dtype=np.float64)
 
 
 def times(matrices: Array, vectors: Array) -> Array:

@@ -29,7 +29,15 @@ from rigidfx.coupling.dof_layout import AtNodes, nodes_of
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.scene.scene import Scene
-from rigidfx.shapes.excess import About, Excess, deformed
+from rigidfx.shapes.excess import (
+    About,
+    Excess,
+    Unrelieved,
+    deformed,
+    self_stresses,
+    softest,
+    unrelieved,
+)
 from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.part import MOST
 from rigidfx.state import State
@@ -176,6 +184,8 @@ class Spent:
         self._told: dict[str, float] = {}  # ν of which the last warning told, of each part
         # By how much they would be stiffer if joints kept them from getting shorter, likewise
         self._draws: dict[str, float] = {}
+        # Whether supports withhold strains of second order of the softest, by names and cells
+        self._held: dict[tuple[str, int], bool] = {}
         # How stretches stiffen the softest shapes, per e, by name, cells and shapes [1/m].
         self._stiffer: dict[tuple[str, int, int], Array] = {}
         owned = scene.mesh.topology.index_map(3).size_local
@@ -229,13 +239,35 @@ class Spent:
 
     def _tightens(self, body: Body) -> bool:
         """Whether stresses stiffen one of the softest shapes by much, without Γ. Collective."""
-        small = np.abs(body.motion.q).max() <= ROUNDING * body.data.length
-        if not lacks_tension(body) or small:
+        if np.abs(body.motion.q).max() <= ROUNDING * body.data.length:
             return False
-        if body.data.shapes is not None and body.data.shapes.given:
+        if self._lacks_selves(body):
             return True
         held = self._draws.get(body.data.name, 0.0) * _sizes(body)[1]
-        return max(held, self._stiffens(body, body.stretched[0])) > BOUND
+        return lacks_tension(body) and max(held, self._stiffens(body, body.stretched[0])) > BOUND
+
+    def _lacks_selves(self, body: Body) -> bool:
+        """Whether supports stress a body as it bends, and it is without self-stresses. Collective.
+
+        Those at several places pull at it: they bring Γ.
+        """
+        shapes = body.data.shapes
+        return (
+            shapes is not None
+            and shapes.selves is None
+            and (shapes.given > 0 or self.withholds(body))
+        )
+
+    def withholds(self, body: Body) -> bool:
+        """Whether supports keep displacements from relieving what bends stretch. Collective."""
+        shapes, key = body.data.shapes, (body.data.name, body.data.size)
+        assert shapes is not None
+        if key not in self._held:
+            about, self._held[key] = self._about(body), False
+            if shapes.drift is not None or about.on_supports:
+                bend = Unrelieved.of(about, shapes, int(softest(shapes, 1)[0]))
+                self._held[key] = len(self_stresses(about, shapes, [bend])) > 0
+        return self._held[key]
 
     def _stiffens(self, body: Body, e: Array) -> float:
         """By which part a stretch stiffens one of the softest shapes at most. Collective."""
@@ -243,17 +275,25 @@ class Spent:
         assert shapes is not None
         key = body.data.name, body.data.size, len(shapes)
         if key not in self._stiffer:
-            own = np.diag(shapes.stiffness)[shapes.given :]
-            soft = shapes.given + np.argsort(own, kind="stable")[:SOFTEST]
-            self._stiffer[key] = self._about(body).part.stiffer(shapes, soft)
+            self._stiffer[key] = self._about(body).part.stiffer(shapes, softest(shapes, SOFTEST))
         return float(np.abs(self._stiffer[key] @ e).max())
 
     def tense(self, bodies: Bodies, taut: frozenset[str]) -> Bodies:
         """The bodies, some with Γ, by their names. Collective."""
         for name in sorted(taut):
             tell(self._scene.comm, f"Reduced '{name}': tension stiffens it from now on")
-        each = [tense(b, self._about(b).part) if b.data.name in taut else b for b in bodies]
+        each = [self._tense(b) if b.data.name in taut else b for b in bodies]
         return Bodies.of_each(each)
+
+    def _tense(self, body: Body) -> Body:
+        """A body with Γ, and with self-stresses, if it asks for them. Collective."""
+        about = self._about(body)
+        made = tense(body, about.part) if lacks_tension(body) else body
+        shapes = made.data.shapes
+        if shapes is None or not self._lacks_selves(body):
+            return made
+        selves = self_stresses(about, shapes, unrelieved(about, shapes))
+        return made.with_shapes(replace(shapes, selves=selves))
 
     def _look(self, t: float, body: Body, found: Excess) -> None:
         """Warn where ν of a part is not small, and again as it has grown by `AGAIN`. Collective."""

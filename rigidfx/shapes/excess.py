@@ -7,16 +7,23 @@ It is the largest of three parts,
 of the energy and of the displacement d = Φq. e is the response of the shapes to the forces g of
 second order. A bar in tension is stiffer as it bends, which may be little of the energy of the
 tension and much of the bend.
+
+A plate that bends between edges which are held is stretched. Of the strains ε = ½ ∇dᵀ∇d of a bend
+d those along shapes are in e, see `rigidfx.mechanics.shapes`, and nodes go by w = -K⁺h to relieve
+others; h are their forces. Stresses of ε + Bw are in balance, and stiffen shapes as those of a
+stretch do. They count where their energy is more than `LACKING` of that of ε.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations_with_replacement
 
 import numpy as np
 from mpi4py import MPI
 
-from rigidfx.base.types import Array, Indices
+from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.mechanics.rigid_body import Body
+from rigidfx.mechanics.shapes import SelfStresses, Shapes
 from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.faces import vectors
 from rigidfx.shapes.interface import Interface
@@ -94,6 +101,7 @@ class Excess:
     Attributes:
         d: Φ q in the frame of the body, at its owned nodes, shape (nodes, 3) [m].
         nu: ν of all of it.
+        missed: Part of the energy ½ e·Ωe by which that of the cells is larger.
         drawn: Coordinates by which forces of second order stretch it, where joints or springs may
             keep its ends apart, shape (m,) [m]; zero where nothing does.
     """
@@ -111,9 +119,14 @@ class Excess:
         self._about, even = about, part.even(e, part.rolled(e))
         respond = about.responses.of_nodes(part.nodes, about.Q)
         free = deformed(body, shapes.free(body.motion.q))
-        self._w = part.whole(free, part.beyond(shapes, even), respond) + part.rolled(free)
-        energy = abs(float(self._scene.sum(part.missed(e, self._w).sum())))
-        energy += about.beside.energy(self.d @ about.Q) / part.energy(e)
+        n = 0 if shapes.tension is None else len(shapes.tension)
+        self._w = free + part.relief(shapes, n, even, respond)[1] + part.rolled(free)
+        self.missed = float(self._scene.sum(part.missed(e, self._w).sum()))
+        if shapes.selves is not None:
+            self.missed -= (
+                0.5 * float((shapes.selves.of(body.motion.q) ** 2).sum()) / part.energy(e)
+            )
+        energy = abs(self.missed) + about.beside.energy(self.d @ about.Q) / part.energy(e)
         left, modes = part.left_on(shapes, stretched, even), shapes.whole.swapaxes(1, 2)
         unseen = float(np.abs(part.swung(e, modes) / np.diag(shapes.stiffness)).max())
         self.nu = max(energy, 0.5 * abs(part.followed(shapes, left, e)), 0.5 * unseen)
@@ -160,3 +173,66 @@ def deformed(body: Body, q: Array) -> Array:
     """Φ q at the owned nodes of a body, with the drift of one that is held, shape (nodes, 3)."""
     assert body.data.shapes is not None
     return np.asarray(q @ body.data.shapes.whole)
+
+
+@dataclass(frozen=True)
+class Unrelieved:
+    """A small bend, and how its strains of second order are relieved."""
+
+    q: Array  # coordinates of the bend, shape (m,) [m]
+    on_shapes: Array  # h of shapes, shape (m,) [N]
+    forces: Array  # h beside those, shape (nodes, 3) [N]
+    away: Array  # w beside shapes, shape (nodes, 3) [m]
+    rolled: Array  # by which bodies in it stay rigid, shape (nodes, 3) [m]
+
+    @staticmethod
+    def of(about: About, shapes: Shapes, *which: int) -> "Unrelieved":
+        """That of the sum of some shapes of a body. Collective."""
+        part, q = about.part, np.zeros(len(shapes))
+        for j in which:
+            q[j] += part.small / part.largest(shapes.whole[:, j])
+        d = q @ shapes.whole
+        rolled, respond = part.rolled(d), about.responses.of_nodes(part.nodes, about.Q)
+        found = part.relief(shapes, len(shapes), part.even(d, rolled), respond)
+        h = part.dot(shapes.whole.swapaxes(1, 2), part.lengthened(d)[:, :, None])[:, 0]
+        return Unrelieved(q, h, *found, rolled)
+
+
+def unrelieved(about: About, shapes: Shapes) -> list[Unrelieved]:
+    """Those of the softest two shapes of a body that no support gives, and of both. Collective."""
+    pairs = combinations_with_replacement(map(int, softest(shapes, 2)), 2)
+    return [Unrelieved.of(about, shapes, *which) for which in pairs]
+
+
+def softest(shapes: Shapes, count: int) -> Ints:
+    """The softest shapes that no support gives."""
+    own = np.diag(shapes.stiffness)[shapes.given :]
+    return shapes.given + np.argsort(own, kind="stable")[:count]
+
+
+def self_stresses(about: About, shapes: Shapes, bends: list[Unrelieved]) -> SelfStresses:
+    """Those of some bends of a body. Collective."""
+    part, modes = about.part, shapes.whole.swapaxes(1, 2)
+    Q, h = (np.array(a) for a in zip(*((one.q, one.on_shapes) for one in bends), strict=True))
+    forces, away = stacked(bends)
+    rolled = np.stack([one.rolled for one in bends], axis=2)
+    left = np.asarray(away + rolled - modes @ (shapes.flexibility @ h.T))
+    each = zip(np.moveaxis(left, 2, 0), (q @ shapes.whole for q in Q), strict=True)
+    V = np.concatenate([part.tension_by(w[:, :, None], modes, d) for w, d in each])
+    own = np.einsum("ajk,bj,bk->ab", V, Q, Q) / 2
+    every = own - part.dot(forces, away) + h @ shapes.flexibility @ h.T
+    scale = np.sqrt(np.abs(np.diag(every)))
+    comm = about.responses.scene.comm
+    sizes, T = slowest(comm, every / np.outer(scale, scale))
+    T = T[:, sizes > INDEPENDENT] / np.sqrt(sizes[sizes > INDEPENDENT]) / scale[:, None]
+    shares, turn = slowest(comm, T.T @ own @ T)
+    T = T @ turn[:, shares > LACKING] / np.sqrt(shares[shares > LACKING])
+    V, squares = np.einsum("bjk,bs->sjk", V, T), np.einsum("bj,bk,bs->sjk", Q, Q, T)
+    fields = np.einsum("nab,bs->nsa", left, T)
+    return SelfStresses(shapes.nodes, V, np.zeros(len(V)), squares, fields)
+
+
+def stacked(bends: list[Unrelieved]) -> tuple[Array, Array]:
+    """Forces and displacements of bends, each (nodes, 3, bends) [N, m]."""
+    forces, away = zip(*((one.forces, one.away) for one in bends), strict=True)
+    return np.stack(forces, axis=2), np.stack(away, axis=2)

@@ -23,7 +23,7 @@ from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.flexible.surface import SMALL_WAY
 from rigidfx.mechanics.rigid_motions import fitted_motion, free_motions, rigid_motions
-from rigidfx.mechanics.shapes import Shapes, ShapesOfBodies
+from rigidfx.mechanics.shapes import Shapes, ShapesOfBodies, inverse
 from rigidfx.scene.scene import Scene
 from rigidfx.shapes.orthonormal import Basis, columns, normalised
 from rigidfx.shapes.stiffness import on_nodes, times
@@ -202,10 +202,15 @@ class Expanded:
         """Forces, (nodes, 3), without those that move it as a whole. Collective."""
         return np.asarray(forces - self._momenta @ self.dot(self.motions, forces[:, :, None])[:, 0])
 
+    @property
+    def small(self) -> float:
+        """Size of displacements whose strains are small [m]."""
+        return float(np.sqrt(SMALL_WAY) * self._scene.mean_cell_size)
+
     def curved(self, field: Array) -> Array:
         """Forces of second order along a field, over its size squared, (nodes, 3). Collective."""
-        h = np.sqrt(SMALL_WAY) * self._scene.mean_cell_size  # strains by h times it are small
-        return self.even(h * field) / h**2
+        h = self.small  # strains by h times it are small
+        return np.asarray(self.even(h * field) / h**2)
 
     def stiffer(self, shapes: Shapes, which: Ints) -> Array:
         """Part by which each stretch e stiffens some shapes, per e, (shapes, m). Collective.
@@ -225,7 +230,7 @@ class Expanded:
         size, images = self.largest(d), np.zeros(right.shape)
         if size == 0.0:
             return np.zeros((left.shape[2], right.shape[2]))
-        h = np.sqrt(SMALL_WAY) * self._scene.mean_cell_size / size  # strains by h d are small
+        h = self.small / size  # strains by h d are small
         for way in (h, -h):
             with self._displaced(way * d):
                 K = self.rows.assembled(self._linear.tangent(self.cells))
@@ -233,10 +238,13 @@ class Expanded:
             K.destroy()
         return self.dot(left, images)
 
-    def tension_by(self, fields: Array, modes: Array) -> Array:
-        """What the stresses of fields, (nodes, 3, k) [m], add to Ω, (k, m, m) [N/m]. Collective."""
+    def tension_by(self, fields: Array, modes: Array, bent: Array | None = None) -> Array:
+        """What the stresses of fields, (nodes, 3, k) [m], add to Ω, (k, m, m) [N/m]. Collective.
+
+        Those of strains of second order of a displacement, (nodes, 3) [m], may come on top.
+        """
         at = self._at_corners(modes)
-        each = [columns(at).T @ columns(image) for image in self._pulled(fields, at)]
+        each = [columns(at).T @ columns(image) for image in self._pulled(fields, at, bent)]
         out = np.asarray(self._scene.sum(np.reshape(each, (-1, *2 * modes.shape[2:]))))
         return 0.5 * (out + out.swapaxes(1, 2))
 
@@ -262,14 +270,14 @@ class Expanded:
             at[:, :, j] = own.x.array.reshape(-1, 3)[nodes]
         return at
 
-    def _pulled(self, fields: Array, at: Array) -> Iterator[Array]:
+    def _pulled(self, fields: Array, at: Array, bent: Array | None = None) -> Iterator[Array]:
         """Forces of this rank's cells by the stresses of each field on others. Collective."""
-        A = None
+        A, both = None, np.zeros((2, self._scene.owned_nodes, 3))
+        both[1, self.nodes] = 0.0 if bent is None else bent
         for field in np.moveaxis(fields, 2, 0):
-            along = np.zeros((self._scene.owned_nodes, 3))
-            along[self.nodes] = field
+            both[0, self.nodes] = field
             with self._displaced(0 * self._state):
-                form = self._linear.tension(self.cells, along.reshape(-1))
+                form = self._linear.tension(self.cells, *both.reshape(2, -1))
                 if A is None:
                     A = fem.create_matrix(form)
                 A.set_value(0.0)
@@ -282,12 +290,20 @@ class Expanded:
         """½ d·K d [J]. Collective."""
         return 0.5 * float(self.dot(d[:, :, None], self.times_stiffness(d[:, :, None]))[0, 0])
 
-    def whole(self, d: Array, even: Array, respond: Callable[[Array], Array]) -> Array:
-        """w of d and its forces of second order, shape (nodes, 3) [m]. Collective.
+    def relief(
+        self, shapes: Shapes, n: int, even: Array, respond: Callable[[Array], Array]
+    ) -> tuple[Array, Array]:
+        """Forces of second order beside those that n shapes follow, and the way of nodes by these.
 
-        Static responses are those of the whole.
+        Static responses are those of the whole; the way is none along these shapes. Both have the
+        shape (nodes, 3) [N, m]. Collective.
         """
-        return np.asarray(d - self.unmoved(respond(even)[:, :, None])[:, :, 0])
+        modes, flexibility = shapes.whole[:, :n].swapaxes(1, 2), inverse(shapes.stiffness[:n, :n])
+        images = self.times_stiffness(modes)
+        forces = even[:, :, None] - images @ (flexibility @ self.dot(modes, even[:, :, None]))
+        away = -self.unmoved(respond(forces[:, :, 0])[:, :, None])
+        away -= modes @ (flexibility @ self.dot(images, away))
+        return np.asarray(forces[:, :, 0]), np.asarray(away[:, :, 0])
 
     def beyond(self, shapes: Shapes, even: Array) -> Array:
         """Forces of second order less those by which shapes with Γ follow. Collective."""
