@@ -92,13 +92,16 @@ class Exchange:
         held = present.nodal[prescribed]
         merged = after.project(present.momenta, of_staying, held)
         # The kept field, rotated with its bodies, and the difference of the two velocities that the
-        # interface has had, as a field that is possible now and adds no momenta.
+        # interface has had, which shapes have kept already, as a field that is possible now and
+        # adds no momenta. The flexible cells have the difference before.
         kept = np.zeros((self._scene.owned_nodes, 3))
         for body in gone:
-            kept[body.data.nodes] += present.difference[body.data.nodes]
+            if body.data.number not in self._shaped:
+                kept[body.data.nodes] += present.difference[body.data.nodes]
             kept[body.data.frozen.nodes] += _kept(body)
         at_rest = np.zeros_like(held)
-        possible = after.project(after.momenta(kept.reshape(-1)), none, at_rest, False)
+        momenta = after.momenta(kept.reshape(-1)) - present.differing
+        possible = after.project(momenta, none, at_rest, False)
         own = np.zeros_like(of_given)
         own[was, :wide] = after.given_momenta(possible.bodies)[now]
         rigid = before.project(before.momenta(possible.nodal), own, at_rest, False)

@@ -44,6 +44,7 @@ class Present:
             body's; zero elsewhere, shape (nodes, 3) [m/s].
         bodies: Velocity of the centre and ℓω of each body, shape (bodies, 6) [m/s].
         momenta: Momenta at all owned dofs, but those of masses that are given [kg m/s].
+        differing: The part of these by the difference.
         energy: Kinetic energy [J].
     """
 
@@ -65,6 +66,7 @@ class Present:
         v.array[:] = self.nodal
         mass.mult(v, p)
         self.momenta: Array = p.array_r.copy()
+        self.differing: Array = np.zeros_like(self.momenta)
         energy = float(self.nodal @ self.momenta)
         # The flexible cells at interfaces have other velocities there.
         differing = np.flatnonzero(self.difference.any(axis=1))
@@ -77,8 +79,9 @@ class Present:
             v.array[:] = self.difference.reshape(-1)
             theirs.mult(v, p)
             theirs.destroy()
-            self.momenta += p.array_r
-            energy += float((2 * self.nodal + self.difference.reshape(-1)) @ p.array_r)
+            self.differing = p.array_r.copy()
+            self.momenta += self.differing
+            energy += float((2 * self.nodal + self.difference.reshape(-1)) @ self.differing)
         blocks = state.bodies.given_mass_blocks
         given = np.einsum("ki,kij,kj->", self.bodies, blocks, self.bodies)
         self.energy = 0.5 * float(scene.sum(energy) + given)
