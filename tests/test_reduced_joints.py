@@ -146,6 +146,7 @@ def test_joints_hold_what_is_rigid_in_a_part_by_its_name():
     assert np.abs(tips(own[0]) - tips(twin[0])).max() < 1e-4 * np.abs(tips(twin[0])).max()
 
 
+@pytest.mark.filterwarnings("ignore:Reduced 'all cells 3'")  # ν of 0.5 %, at an error of 4e-7 m
 def test_a_four_bar_linkage_bends_as_its_twin():
     """Rigid bars are off by 500 times as much."""
     twin, own = (run(four_bars(MOTOR, *some), 4e-3, 80) for some in ([], [rf.Reduced()]))

@@ -62,6 +62,10 @@ class JointReport:
     def _acts(self) -> Acting:
         return self.acting()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Its forces in place of the function that finds them, for files."""
+        return {**vars(self), "acting": None, "_acts": self._acts}
+
     @property
     def force(self) -> Array:
         """On its second side, of rows, motors and springs together, shape (3,) [N]."""
