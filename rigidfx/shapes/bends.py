@@ -243,8 +243,10 @@ class Spent:
             return False
         if self._lacks_selves(body):
             return True
+        if not lacks_tension(body):
+            return False
         held = self._draws.get(body.data.name, 0.0) * _sizes(body)[1]
-        return lacks_tension(body) and max(held, self._stiffens(body, body.stretched[0])) > BOUND
+        return max(held, self._stiffens(body, body.stretched[0])) > BOUND
 
     def _lacks_selves(self, body: Body) -> bool:
         """Whether supports stress a body as it bends, and it is without self-stresses. Collective.
