@@ -212,7 +212,7 @@ def test_it_moves_as_its_flexible_twin(case):
 
 @pytest.mark.parametrize("damping", [rf.StiffnessDamping(0.1, 30e6), rf.KelvinVoigt(0.1)])
 def test_damping_does_not_depend_on_the_units(damping):
-    """Micrometres and microseconds: 3 and 11 % of what damping takes were rounding."""
+    """Micrometres and microseconds: 3 and 11 % of the energy that damping takes were rounding."""
     size, taken = 1e-6, []
     domain = rf.box((0, 0, 0), (size, 0.05 * size, 0.02 * size), (12, 2, 1))
     push = rf.Traction("x1", (0, 0, 100.0), time=lambda t: np.sin(np.pi * t / 2e-6) ** 2)

@@ -1,4 +1,4 @@
-"""Arrays that nobody changes, as reports show them."""
+"""Read-only arrays, as reports show them."""
 
 from typing import Any, TypeVar
 

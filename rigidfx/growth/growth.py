@@ -220,7 +220,7 @@ class Growth(Watch):
         return self._judged(attempt.dt, self.found.at_start(self._withheld), size, limits())
 
     def _resonant(self, limits: Callable[[], Limits]) -> Looked | None:
-        """What modes call for that bodies lack and that may be in resonance. Collective."""
+        """Shapes, or cells that wake, for modes that bodies lack and may swing in. Collective."""
         known = [(fields, self._resonance.lasting(fields)) for fields, _ in self._lacks_modes()]
         lasting = [(fields, *own) for fields, own in known if own is not None]
         size = size_of(self._scene, [(fields, force) for fields, _, force in lasting])
@@ -288,8 +288,8 @@ class Growth(Watch):
     ) -> tuple[Bodies | None, list[RigidBody]]:
         """Bodies with further shapes, None if there are none, and those that need other ones.
 
-        They are wanted by the parts of what is allowed that they lack, by number; vectors that are
-        found, where a body has room, are those of loads and their followers. Collective.
+        `wanted` has how many times each body exceeds its limit, by its number. Where one has room
+        vectors are found: those of loads, then their followers. Collective.
         """
         out, ended, grown = list(self._stepper.state.bodies), list[RigidBody](), False
         new: Array | None = None

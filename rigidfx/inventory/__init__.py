@@ -1,1 +1,1 @@
-"""Which cells are flexible and which form bodies, and what bodies of cells weigh."""
+"""Which cells form bodies, and the mass of these."""

@@ -112,8 +112,8 @@ static void inertia_of(const struct shaped *s, int k, struct told t, double *tur
   }
 }
 
-/* Mean of a self-stress number a of one body from q0 to q1, ½ q·V q less what it was before, and V q
-   in the middle and at the end. */
+/* Mean of the self-stress a of a body from q0 to q1, ½ q·V q less its value where it began; V q in
+   the middle and at the end. */
 static double self_stress(const struct shaped *s, int k, int a, struct told t, double *middle, double *end)
 {
   const int m = s->m;

@@ -31,7 +31,7 @@ EPS = float(np.finfo(np.float64).eps)
 class SelfStresses(Sealed):
     """Stresses of second order in q that no displacement relieves: see docs/theory/shapes.md.
 
-    They are s_a = ½ q·V_a q less what they were before they counted, with the energy ½ s·s.
+    They are s_a = ½ q·V_a q less its value where they began, with the energy ½ s·s.
     """
 
     nodes: Indices  # owned nodes of the body on this rank, sorted
@@ -92,7 +92,7 @@ class Shapes(Sealed):
     # K Φ at the nodes, of a body that may get more shapes, shape (nodes, m, 3) [N/m]
     images: Array = field(default_factory=lambda: np.array([]))
     given: int = 0  # number of the first shapes whose coordinates supports give
-    selves: SelfStresses | None = None  # None where nobody has asked for them
+    selves: SelfStresses | None = None  # None until supports call for them
 
     def __post_init__(self) -> None:
         if self.images.ndim < self.modes.ndim:  # of a body that gets no more

@@ -243,7 +243,7 @@ class Report:
 
     @property
     def supplied(self) -> float:
-        """Energy that loads, supports and impacts give, less what is dissipated [J]."""
+        """Energy that loads, supports and impacts give, less the energy dissipated [J]."""
         given = self.work_of_loads + self.work_of_supports - sum(self.dissipated.values())
         return given + (self.impact.energy if self.impact else 0.0)
 

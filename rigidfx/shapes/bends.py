@@ -261,7 +261,7 @@ class Spent:
         )
 
     def withholds(self, body: Body) -> bool:
-        """Whether supports keep displacements from relieving what bends stretch. Collective."""
+        """Whether supports keep nodes from relieving strains of second order. Collective."""
         shapes, key = body.data.shapes, (body.data.name, body.data.size)
         assert shapes is not None
         if key not in self._held:

@@ -3,7 +3,8 @@
 Y = A⁻¹ E is found for each new tangent, and C = Eᵀ Y is the compliance at the ports. Entries of the
 matrix and ports connect unknowns to parts: A⁻¹ e is zero outside the part of e, so that ports of
 different parts share a solution. With a kept tangent, ports, Y and C rotate with
-their nodes and bodies, and H, D and D₁ are those of the first iterate of a step; else of the last.
+their nodes and bodies, and H, D and D₁ are those of the first iterate of a step; else of the
+tangent's.
 """
 
 from __future__ import annotations

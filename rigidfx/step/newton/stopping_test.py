@@ -20,7 +20,8 @@ MARGIN = 100.0  # ... and the residual, if it has not grown, is within this fact
 HIDDEN = 0.1  # of the tolerance: an older tangent, unlike a new one, does not square the error
 MAX_ITERATIONS = 25
 CONSERVED = 3e-3  # of the tolerance of residuals, what a step may take from energy and momenta
-# What falls by this factor in an iteration is no rounding; what has grown by it is no solution.
+# A residual that falls by this factor in an iteration is no rounding, one that has grown by it is
+# that of no solution.
 SLOW = 0.5
 NOT_FINITE = -4  # DIVERGED_FNORM_NAN, or DIVERGED_FUNCTION_NANORINF, as its name is in PETSc 3.25
 DIVERGENCE = 1e6  # growth of the residual at which Newton gives up ...
