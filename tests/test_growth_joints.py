@@ -110,11 +110,14 @@ FAR_BENT = {
 
 @pytest.mark.parametrize("case", FAR_BENT)
 def test_bars_that_bend_far_shrink_as_they_leave_their_shapes(case):
-    """Where nodes stayed, linkages without a motor gained 2 to 3 % of energy, and erred by 8 %."""
+    """Where nodes stayed, linkages without a motor gained 2 to 3 % of energy, and erred by 8 %.
+
+    Rows of rigid bars that others imply are as closed as these, over the smallest pivot (0.03).
+    """
     build = FAR_BENT[case]
     (own, energy, open_by), (twin, _, _) = (run(build(), 0.01, 45, by, 5) for by in (0.05, None))
     assert energy < 1e-11
-    assert open_by < 1e-14
+    assert open_by < 1e-13
     partly = [r for r in own[22:] if r.events and r.bodies]
     assert len(partly) > 1
     assert max(abs(event.energy_lost) for r in own for event in r.events) < 1e-11

@@ -19,9 +19,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.rotation import AXES
 
-RANK = 1e-9  # of the largest pivot: what is less is rounding in places that joints hold to 1e-13 m
-# Of the row that a shape moves most: what it moves less is rounding of the solve for it.
-SOLVED = float(np.sqrt(RANK))
+RANK = 1e-5  # of the largest pivot: what is less may be rounding of the solves for shapes
 
 
 class Ports:
@@ -116,15 +114,10 @@ class Ports:
     def led(self, rows: Matrix) -> tuple[Array, Array]:
         """Derivatives of rows by ports, and the sums of the absolute values of their terms.
 
-        Derivatives by averages have the shape (rows, 3 · averages). What shapes move rows by as
-        their solves are rounded is left out, as it would hold a joint.
+        Derivatives by averages have the shape (rows, 3 · averages).
         """
         lead = self.lead(self._p.increments)
-        D, shapes = dense(rows @ lead), self.at[:, 6:][self._known[:, 6:]]
-        own = D[:, shapes]
-        most = np.abs(own).max(axis=0, initial=0.0)
-        D[:, shapes] = np.where(np.abs(own) > SOLVED * most, own, 0.0)
-        return D, dense(abs(rows) @ abs(lead))
+        return dense(rows @ lead), dense(abs(rows) @ abs(lead))
 
     def everywhere(self) -> csr_array:
         """Derivatives of the ports by the unknowns of all ranks, (ports, unknowns). Collective."""

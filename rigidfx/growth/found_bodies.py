@@ -29,9 +29,11 @@ from rigidfx.shapes import bends
 from rigidfx.shapes.excess import About, Excess, deformed
 from rigidfx.shapes.found import Found
 from rigidfx.shapes.linear import Linear
+from rigidfx.shapes.orthonormal import largest
 from rigidfx.shapes.part import MOST
 from rigidfx.shapes.pressing import Pressing
 from rigidfx.shapes.responses import Responses
+from rigidfx.shapes.ritz import CLEAN
 from rigidfx.step.equations.actions import Actions, apart
 from rigidfx.step.stepper import Stepper
 from rigidfx.withheld.body_forces import BodyForces
@@ -151,6 +153,8 @@ class FoundBodies:
             return body
         self.linear()  # finds the modes of the whole
         found, vectors = self._within(data, self.vectors)
+        own, of_all = (largest(self._scene.comm, u) for u in (vectors, self.vectors))
+        vectors = vectors[:, :, own > CLEAN * of_all]  # others are rounding in this body
         self._looks.forget(data.number)
         self._pressing.forget()
         self.nu.pop(data.name, None)

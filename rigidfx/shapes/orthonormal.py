@@ -81,9 +81,15 @@ def normalised(u: Array, gram: Array) -> Array:
 
 def to_one(comm: MPI.Intracomm, u: Array) -> tuple[Array, Array]:
     """Vectors with 1 as the largest displacement of each, and that before. Collective."""
-    largest = np.linalg.norm(u, axis=1).max(axis=0, initial=0.0)
-    comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-    return np.asarray(u / largest), largest
+    before = largest(comm, u)
+    return np.asarray(u / before), before
+
+
+def largest(comm: MPI.Intracomm, u: Array) -> Array:
+    """The largest displacement of each vector, (nodes, 3, k). Collective."""
+    out = np.linalg.norm(u, axis=1).max(axis=0, initial=0.0)
+    comm.Allreduce(MPI.IN_PLACE, out, op=MPI.MAX)
+    return np.asarray(out)
 
 
 def slowest(comm: MPI.Intracomm, flexibility: Array) -> tuple[Array, Array]:
