@@ -11,7 +11,8 @@ and a row of table.md:
 - woken: number of cells that forces wake, without the ring round them; in_vain: the share of them
   that stays below tol in the twin for two windows from then on;
 - share: time × cells in bodies; quiet_share: cell-windows below tol in the twin; of_quiet: the
-  share in bodies of these. Such a cell strains too little in a window to spend ν;
+  share in bodies of these. Such a cell strains too little in a window to spend ν; after_wait: the
+  same of windows that follow a quiet one, as a cell has to be quiet for one before it is found;
 - promise: 2.4 tol over the twin's peak strain rate; error: that of the probe, over its largest
   displacement;
 - time_ratio: processor time of all steps over that of the twin.
@@ -203,7 +204,7 @@ def random_case(seed: int) -> tuple[str, Built]:
 # Runs beside their twins --------------------------------------------------------------------------
 
 MISSED, IN_VAIN = 0.01, 0.05  # shares, at most
-HEAD = "| scene | missed | in vain | error / promise | of quiet | in bodies | time / twin |"
+HEAD = "| scene | missed | in vain | error / promise | of quiet | waited | bodies | time / twin |"
 MOST = 6.0  # tolerances, above which a cell that strains otherwise than in the twin is missed
 PROMISED = 2.4  # error over the largest displacement that tol / peak strain rate brings at most
 WINDOW = 20  # steps
@@ -231,12 +232,16 @@ def judged(twin: Record, ours: Record, tol: float) -> dict[str, float | int]:
     steps, cells = rates.shape
     wrong = bodies & (ours.lost > most)
     lasting = np.vstack([wrong[1:] & wrong[:-1], np.zeros((1, cells), dtype=bool)])
-    quiet = both = needed = missed = woken = in_vain = 0
+    quiet = both = needed = missed = woken = in_vain = waited = found = 0
+    before = np.zeros(cells, dtype=bool)
     for first in range(0, steps - WINDOW + 1, WINDOW):
         window = slice(first, first + WINDOW)
         still = (rates[window] <= tol).all(axis=0)
         quiet += int(still.sum())
         both += float(bodies[window, still].mean(axis=0).sum())
+        waited += int((still & before).sum())
+        found += float(bodies[window, still & before].mean(axis=0).sum())
+        before = still
         straining = (rates[window] > most).any(axis=0)
         needed += int(straining.sum())
         missed += int((straining & lasting[window].any(axis=0)).sum())
@@ -250,6 +255,7 @@ def judged(twin: Record, ours: Record, tol: float) -> dict[str, float | int]:
         "share": float(bodies.mean()),
         "quiet_share": quiet / max(steps // WINDOW * cells, 1),
         "of_quiet": both / max(quiet, 1),
+        "after_wait": found / max(waited, 1),
     }
 
 
@@ -325,7 +331,7 @@ def measured(name: str, case: Built, seed: int | None, across: int) -> dict[str,
 
 KEYS = (
     "scene", "seed", "unknowns", "refused", "missed", "woken", "in_vain", "share",
-    "quiet_share", "of_quiet", "promise", "error", "time_ratio",
+    "quiet_share", "of_quiet", "after_wait", "promise", "error", "time_ratio",
 )  # fmt: skip
 
 
@@ -333,9 +339,9 @@ def row(entry: dict[str, Any]) -> str:
     """A row of the table."""
     start = f"| {entry['scene']} |"
     if entry["refused"]:
-        return f"{start} refused | | | | | |"
+        return f"{start} refused | | | | | | |"
     numbers = [entry["missed"], entry["in_vain"], entry["error"] / entry["promise"]]
-    numbers += [entry["of_quiet"], entry["share"], entry["time_ratio"]]
+    numbers += [entry["of_quiet"], entry["after_wait"], entry["share"], entry["time_ratio"]]
     return f"{start} {' | '.join(f'{number:.3g}' for number in numbers)} |"
 
 

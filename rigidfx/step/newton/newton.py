@@ -114,6 +114,7 @@ class Newton:
         self._experience = self._chord
         self._keeping = False  # whether the present solve is by the chord method
         self._offered, self._best = 0, 0  # first guesses of the last choice, and what it was
+        self._other = 0.0  # ‖R‖ at the better one of the others [N]
         self._known = False  # whether the residual at the first guess has been evaluated already
         self._tangents, self._failed = 0, False  # and whether the last iteration has failed
         self._ending, self._saved_norm = 0, 0.0  # reason to stop at a solution, and its ‖R‖ [N]
@@ -165,9 +166,6 @@ class Newton:
     def _solve_by_chord(self, chord: Chord, guesses: Sequence[Guess]) -> Solution:
         """Solve with a tangent that is kept."""
         own = self._snes.getKSP(), self.stop
-        # To find the better guess costs two residuals: too much where no tangent is to be made.
-        if len(guesses) == self._offered and not (chord.tangents or chord.missing):
-            guesses = [guesses[self._best]]
         chord.begin(self.equations.dt)
         self._snes.setKSP(chord.ksp)
         self.stop, self._keeping = chord.stop, True
@@ -244,15 +242,20 @@ class Newton:
         return reason
 
     def _choose(self, guesses: Sequence[Guess]) -> None:
-        """Begin at the guess with the smallest residual, which is kept for SNES. Collective."""
-        # The likely one comes last, so that its residual need not be evaluated again.
-        order = sorted(range(len(guesses)), key=lambda k: k == self._best)
-        norms = [self._norm_at(guesses[k]) for k in order]
-        least = min(range(len(norms)), key=lambda k: (np.isnan(norms[k]), norms[k]))
-        if len(guesses) > 1:
+        """Begin at the guess with the smallest residual, which is kept for SNES. Collective.
+
+        One that was better stays so until its residual exceeds that which the other had then.
+        """
+        known = self._offered == len(guesses) and not self._failed
+        if not known or not self._norm_at(guesses[self._best]) <= self._other:
+            # The likely one comes last, so that its residual need not be evaluated again.
+            order = sorted(range(len(guesses)), key=lambda k: k == self._best)
+            norms = [self._norm_at(guesses[k]) for k in order]
+            least, *others = sorted(range(len(norms)), key=lambda k: (np.isnan(norms[k]), norms[k]))
+            if least < len(norms) - 1:
+                self._norm_at(guesses[order[least]])
             self._offered, self._best = len(norms), order[least]
-        if least < len(norms) - 1:
-            self._norm_at(guesses[order[least]])
+            self._other = norms[others[0]] if others else np.inf
         self._known = True
 
     def _norm_at(self, guess: Guess) -> float:
