@@ -141,12 +141,14 @@ class State:
             numbers[cells] = number
         return numbers
 
-    def bent(self) -> tuple[fem.Function, fem.Function, Bools, list[tuple[fem.Function, float]]]:
+    def bent(
+        self, wanted: Bools | None = None
+    ) -> tuple[fem.Function, fem.Function, Bools, list[tuple[fem.Function, float]]]:
         """Strains of bodies with shapes: their shape at the freeze, and Φ e there. Collective.
 
-        Displacement of that shape and the motion in its frame, ghosts included [m], which owned
-        cells are in these bodies, and displacements whose strains of second order come on top, or
-        are taken away.
+        Displacement of that shape and the motion in its frame, at wanted ones of the owned nodes
+        if not at all, and at ghosts [m], which owned cells are in these bodies, and displacements
+        whose strains of second order come on top, or are taken away.
         """
         V, curves = self.u.function_space, list[tuple[fem.Function, float]]()
         shape, motion = fem.Function(V), fem.Function(V)
@@ -154,16 +156,22 @@ class State:
         for body in self.bodies:
             data = body.data
             if data.shapes is not None:
-                shape.x.array.reshape(-1, 3)[data.nodes] = data.displacement
-                stretched = data.shapes.bent(body.stretched[0])
+                at = (
+                    slice(None)
+                    if wanted is None
+                    else np.flatnonzero(wanted[data.nodes]).astype(np.int32)
+                )
+                nodes = data.nodes[at]
+                shape.x.array.reshape(-1, 3)[nodes] = data.displacement[at]
+                stretched = data.shapes.bent(body.stretched[0], at)
                 if (own := data.shapes.selves) is not None:
                     more, fields = own.strained(body.motion.q)
-                    stretched += more
+                    stretched += more[at]
                     for field, sign in fields:
                         curves.append((fem.Function(V), sign))
-                        bent = data.shapes.bent(np.pad(field, (0, len(data.shapes) - field.size)))
-                        curves[-1][0].x.array.reshape(-1, 3)[data.nodes] = bent
-                motion.x.array.reshape(-1, 3)[data.nodes] = stretched
+                        q = np.pad(field, (0, len(data.shapes) - field.size))
+                        curves[-1][0].x.array.reshape(-1, 3)[nodes] = data.shapes.bent(q, at)
+                motion.x.array.reshape(-1, 3)[nodes] = stretched
                 cells[data.cells] = True
         for made in (shape, motion, *(curve for curve, _ in curves)):
             made.x.scatter_forward()

@@ -112,9 +112,9 @@ class Shapes(Sealed):
         """Ω⁻¹, zero along motions that supports give and nothing resists, shape (m, m) [m/N]."""
         return inverse(self.stiffness)
 
-    def bent(self, q: Array) -> Array:
-        """Φ q at the nodes, shape (nodes, 3)."""
-        return np.asarray(q @ self.modes)
+    def bent(self, q: Array, at: Indices | slice = slice(None)) -> Array:
+        """Φ q at the nodes, or at some of them, shape (nodes, 3)."""
+        return np.asarray(q @ self.modes[at])
 
     def stretched(self, q: Array, rate: Array) -> tuple[Array, Array]:
         """e(q) and its rate, each (m,) [m, m/s]."""

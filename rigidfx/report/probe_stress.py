@@ -14,7 +14,7 @@ from dolfinx import fem, la
 from scipy.linalg import block_diag
 
 from rigidfx.base.sealed import Sealed
-from rigidfx.base.types import Array, Indices, Ints
+from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.flexible.nodal_stress import extrapolation, material_groups
 from rigidfx.flexible.stress import Added, PointStress, Recovered, tensors, von_mises
 from rigidfx.scene.points import Point, owned_part, weights_at
@@ -66,7 +66,8 @@ class ProbeStress:
         self._cells = np.concatenate([cells for cells, _ in patches])
         self._weights = np.concatenate([weights for _, weights in patches])
         self._of = np.repeat(np.arange(len(patches)), [cells.size for cells, _ in patches])
-        self._nodes = self._wanted_nodes()
+        self._wanted = self._nodes_around()
+        self._nodes = np.flatnonzero(self._wanted)
 
     def _patch(self, holder: Holder) -> tuple[Indices, Array]:
         """Owned cells around a probe, and the weight of each of their integration points."""
@@ -87,27 +88,27 @@ class ProbeStress:
         parts = np.where(inside, shares * (holder.weights / sums)[at], 0.0)
         return cells, parts @ extrapolation(scene, self._points)
 
-    def _wanted_nodes(self) -> Ints:
-        """Owned nodes that cells around probes have on any rank. Collective."""
+    def _nodes_around(self) -> Bools:
+        """Which owned nodes cells around probes have on any rank. Collective."""
         scene = self._scene
         marks = la.vector(scene.space.dofmap.index_map, 1)
         marks.array[:] = 0.0
         marks.array[scene.space.dofmap.list[self._cells].reshape(-1)] = 1.0
         marks.scatter_reverse(la.InsertMode.add)
-        return np.flatnonzero(marks.array[: scene.owned_nodes] > 0)
+        return np.asarray(marks.array[: scene.owned_nodes] > 0)
 
-    def measure(
-        self, state: State, strained: Strained | None = None, added: Added | None = None
-    ) -> dict[str, StressAt]:
+    def measure(self, state: State, strained: Strained | None = None) -> dict[str, StressAt]:
         """Stress and strain at each probe, by its name. Collective.
 
         Nodes inside bodies need not be up to date. `strained`, see `Recovery.recovered`, is called
-        only where a probe is at a rigid cell; `added` are further strains.
+        only where a probe is at a rigid cell.
         """
         u: fem.Function = self._points.u
         now = state.positions(self._nodes) - state.X[self._nodes]
         u.x.array.reshape(-1, 3)[self._nodes] = now
         u.x.scatter_forward()
+        shaped = state.bodies.of.shapes is not None
+        added = Added(*state.bent(self._wanted)) if shaped else None
         recovered = self._recovered(state, now, strained, added)
         self._points.recovered = recovered
         values = self._points.evaluate(self._cells)[:, :, :12]
@@ -171,11 +172,9 @@ class Probes:
         sums = self._scene.sum(self._weights @ at(self._nodes))
         return dict(zip(self.points, np.asarray(sums), strict=True))
 
-    def stresses(
-        self, state: State, strained: Strained | None = None, added: Added | None = None
-    ) -> Mapping[str, StressAt]:
+    def stresses(self, state: State, strained: Strained | None = None) -> Mapping[str, StressAt]:
         """Stress and strain at each point: see `ProbeStress.measure`. Collective."""
-        return self._stress.measure(state, strained, added) if self.points else {}
+        return self._stress.measure(state, strained) if self.points else {}
 
     @cached_property
     def _stress(self) -> ProbeStress:

@@ -321,7 +321,7 @@ class Report:
         """
         self._check("stresses")
         strained = None if self._source.recovery is None else self._source.recovery.recovered
-        found = self._source.probes.stresses(self._source.state, strained, self._added())
+        found = self._source.probes.stresses(self._source.state, strained)
         return Named("report.stresses", found)
 
     @property
