@@ -365,41 +365,30 @@ class Shaping:
                     "loads. Ask for more, or leave shapes= out.",
                 )
 
-    def lacking(self, bodies: Bodies, squares: Array, fields: Array) -> tuple[Array, Array]:
-        """By which part of its frequency each mode is off, as shapes lack it, and missing modes.
+    def richer(self, bodies: Bodies, fields: Array) -> Bodies:
+        """The bodies, those with shapes with more of them, to see how far others are off modes.
 
-        With what is out of balance on nodes of reduced parts, ρ = K φ - ω² M φ, and φᵀMφ = 1, ω² is
-        too large by ρᵀ K⁺ρ, but for the inertia of the response (J. H. Wilkinson, The Algebraic
-        Eigenvalue Problem, 1965, Section 2.8). Static responses to accelerations that are
-        polynomials of second order in place, orthogonal to all φ, have Rayleigh quotients not below
-        ω² of missing modes. Joints are not in K.
-
-        Of modes with ω² of the shape (n,) [1/s²] and φ at the owned nodes, (owned nodes, 3, n)
-        [1/√kg], the part is returned, shape (n,), and ω² of modes that are missing below the last
-        one that is not off [1/s²]. Collective.
+        They are static responses to the inertia of modes, φ at the owned nodes, (owned nodes, 3, n)
+        [1/√kg], which take most of the error out of these (inverse iteration; J. H. Wilkinson, The
+        Algebraic Eigenvalue Problem, 1965, Section 9.55), and to accelerations that are polynomials
+        of second order in place, which find modes that shapes lack. Collective.
         """
-        assert self._responses is not None
-        responses, nodes = self._responses, np.arange(self._scene.owned_nodes, dtype=np.int32)
-        whole = Part(responses, responses.stiffness.cells, nodes)
+        responses = self._bind()
         size = np.linalg.norm(self._scene.parts.upper - self._scene.parts.lower)
         x = (responses.stiffness.places - self._scene.centre_of_mass) / size
         x, (i, j) = np.c_[np.ones(len(x)), x], np.triu_indices(4)
         F = np.einsum("ac,nt->nact", np.eye(3), x[:, i] * x[:, j]).reshape(len(x), 3, -1)
-        basis = whole.begun(fields)
-        whole.extend(basis, responses.solve(whole.times_mass(F)), F.shape[2], F.shape[2])
-        more = basis.vectors[:, :, squares.size :]
-        springs = responses.stiffness.of_springs
-        found = np.linalg.eigvalsh(whole.dot(more, whole.times_stiffness(more) + springs(more)))
-        rho = whole.times_stiffness(fields) + springs(fields) - squares * whole.times_mass(fields)
-        whole.destroy()
-        free = np.zeros((nodes.size, 3), dtype=bool)
-        for body in bodies.of.records:
-            free[body.nodes] |= body.shapes is not None
-        rho *= (free & ~responses.stiffness.held.reshape(-1, 3))[:, :, None]
-        gained = np.asarray(self._scene.sum(np.einsum("nak,nak->k", rho, responses.solve(rho))))
-        off = 0.5 * gained / squares
-        last = squares[off <= LACKING].max(initial=0.0)
-        return off, found[found < (1 + LACKING) * last]
+        more = responses.solve(responses.inertia(np.concatenate([fields, F], axis=2)))
+        each = []
+        for body in bodies:
+            if body.data.shapes is not None:
+                part = self._part(body.data)
+                known = part.still(_free(body.data))
+                basis = part.begun(known)
+                part.extend(basis, more, more.shape[2], more.shape[2])
+                body = self._extended(body, part, basis, known.shape[2])
+            each.append(body)
+        return Bodies.of_each(each)
 
     def followed(self, state: State) -> dict[str, float]:
         """ν of each part; where contacts press one, cells may leave it. Collective.

@@ -209,7 +209,14 @@ def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes
             "against another motion as a whole, which Coriolis forces decide; modes leave them "
             "out. Hold it by a PrescribedRotation, or by a hinge with a Motor."
         )
-    _warn_of_lacking(scene, problem)
+    if lacking := problem.lacking:
+        near = ", ".join(f"{np.sqrt(max(own, 0.0)) / (2 * pi):.4g}" for own in lacking.values())
+        warn(
+            scene.comm,
+            f"modes: shapes of reduced parts do not span modes {', '.join(map(str, lacking))}, "
+            f"which have {near} Hz at most. Loads that excite them give shapes for them; or leave "
+            "the Reduced out.",
+        )
     if problem.spin.apart**2 > NEGLECTED * least:
         warn(
             scene.comm,
@@ -241,30 +248,26 @@ def _found(
         turn = _aligned(scene, pairs.values, shapes)
         shapes = np.einsum("ij,jnk->ink", turn, shapes)
         mass = float(scene.sum(inertial_masses(scene).sum()))
-        problem.look(pairs.values, shapes)
+        if (division := problem.richer(shapes)) is not None:
+            problem.lacking = _lacking(pairs.values, Problem(scene, about, turns, division))
         return Modes(scene, pairs.values, shapes, turn @ gamma, pairs.rigid, mass), problem
     finally:
         problem.destroy()
 
 
-def _warn_of_lacking(scene: Scene, problem: Problem) -> None:
-    """Warn of modes that the shapes of reduced parts do not span."""
-    off, missing = problem.off, problem.missing
-    if missing.size:
-        warn(
-            scene.comm,
-            f"modes: shapes of reduced parts lack modes, {missing.size} at least, the lowest near "
-            f"{np.sqrt(missing[0]) / (2 * pi):.4g} Hz, as no load excites them. Add one that does, "
-            "or leave the Reduced out.",
-        )
-    if (some := np.flatnonzero(off > LACKING)).size:
-        numbers = ", ".join(str(k + 1) for k in some)
-        warn(
-            scene.comm,
-            f"modes: shapes of reduced parts do not span modes {numbers}, whose frequencies are "
-            f"some {off[some].max():.1%} too high. Loads that excite them give shapes for them; or "
-            "leave the Reduced out.",
-        )
+def _lacking(squares: Array, richer: Problem) -> dict[int, float]:
+    """Numbers of modes that are above those of a richer problem, and its ω² [1/s²]. Collective.
+
+    Modes have ω² [1/s²]. The matrices of the richer problem are free then.
+    """
+    try:
+        pairs = lowest(richer.K, richer.M, len(squares), richer.motions, scale=richer.of_loads)
+        pairs.destroy()
+    finally:
+        richer.destroy()
+    every = dict(enumerate(pairs.values, start=1))
+    known = (1 - LACKING) ** 2 * squares
+    return {k: lower for k, lower in every.items() if k > len(known) or lower < known[k - 1]}
 
 
 def _aligned(scene: Scene, values: Array, shapes: Array) -> Array:
@@ -331,8 +334,9 @@ def _periods(scene: Scene, count: int) -> tuple[Array, str]:
     """See `periods`; and words on those of a model with reduced parts. Collective."""
     (found, problem), words = _found(scene, count), ""
     if problem.shaping is not None:
-        also = ", ".join(f"{T:.4g}" for T in 2 * pi / np.sqrt(problem.missing))
-        words = " of the reduced model" + (f", which lacks some near {also} s," if also else "")
+        also = [f"{2 * pi / np.sqrt(own):.4g}" for own in problem.lacking.values() if own > 0]
+        words = f", which lacks some near {', '.join(also)} s," if also else ""
+        words = f" of the reduced model{words}"
     return found.periods[found.squares > 0][:count], words
 
 

@@ -11,7 +11,7 @@ Computational Methods in Structural Dynamics, 1980, Section 2.6). Coriolis force
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -28,7 +28,7 @@ from rigidfx.base.types import Array, Indices, Ints
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.ports import RANK, independent
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import Joint, PointMass, Reduced, Rigid, Spring, SpringDamper, Windowed
+from rigidfx.effects import Joint, PointMass, Reduced, Windowed
 from rigidfx.effects.damping import Centrifugal, StaticForces
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.growth.shaping import Shaping
@@ -197,31 +197,37 @@ class Problem:
         K: Stiffness [N/m].
         M: Mass [kg].
         motions: Rigid motions of the connected parts, where some may take no energy.
+        division: Of the cells into bodies and others.
         shaping: Gave reduced parts their shapes; None where all is flexible or rigid.
-        off: By which part of its frequency each mode is off, as shapes lack it: see `look`.
-        missing: ω² of modes that are missing, as shapes lack them [1/s²].
+        lacking: Numbers of modes that shapes of parts lack, and ω² of these at most [1/s²].
         of_loads: Loads and forces of joints over mass and extent: ω² whose rounding may be all of
             that of a motion without energy [1/s²].
     """
 
     def __init__(
-        self, scene: Scene, about: tuple[Report, Start] | None = None, turns: bool = True
+        self,
+        scene: Scene,
+        about: tuple[Report, Start] | None = None,
+        turns: bool = True,
+        division: Division | None = None,
     ) -> None:
         """Assemble both matrices, about the state of a report or the reference at t = 0.
 
-        The start is that of the report. A state that turns may be taken to rest. Collective.
+        The start is that of the report. A state that turns may be taken to rest. The cells are
+        divided unless a division is given. Collective.
         """
         state = self._state = State(scene)
         report, start = about or (None, None)
         if start is not None:
             start.apply(state)
         self.shaping: Shaping | None = None
-        self.off, self.missing = np.zeros((2, 0))
+        self.lacking: dict[int, float] = {}
         t = 0.0 if report is None else report.t
         acting = scene.acting(t)
         forces = InternalForces(scene, state.u, ())
         self.spin = spin_of(scene, report if turns else None)
-        division = self._divided(scene, forces, acting, t)
+        self.division = division or self._divided(scene, forces, acting, t)
+        division = self.division
         state.group(division.bodies)
         known = state, division, supports_of(acting)
         self._scene, self._of = scene, Equations("linear", scene, forces, *known)
@@ -378,16 +384,15 @@ class Problem:
         free(d, f)
         return out.x.array.reshape(-1, 3).copy(), gamma
 
-    def look(self, squares: Array, shapes: Array) -> None:
-        """See which modes, ω² [1/s²] and φ at local nodes, shapes of parts lack. Collective."""
-        named = self._scene.named
-        others = [e for kind in (SpringDamper, Joint, Rigid) for e in named(kind)]
-        others += [e for kind in (Spring, PointMass) for e in named(kind) if e.face is not None]
-        unknown = any(not getattr(e, "deforms", False) for e in others)
-        if self.shaping is not None and not unknown and squares.size and squares.min() > 0:
-            fields = shapes[:, : self._scene.owned_nodes].transpose(1, 2, 0)
-            found = self.shaping.lacking(self._state.bodies, squares, fields)
-            self.off, self.missing = found
+    def richer(self, shapes: Array) -> Division | None:
+        """The division with more shapes of reduced parts; None if there are none. Collective.
+
+        They are for modes φ at all local nodes, (n, nodes, 3): see `Shaping.richer`.
+        """
+        if self.shaping is None:
+            return None
+        fields = shapes[:, : self._scene.owned_nodes].transpose(1, 2, 0)
+        return replace(self.division, bodies=self.shaping.richer(self._state.bodies, fields))
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
