@@ -13,7 +13,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from rigidfx.base.log import tell
-from rigidfx.base.remembered import ON_DOFS, ON_NODES, PART, Each, Remembered, same
+from rigidfx.base.remembered import ON_CELLS, ON_DOFS, ON_NODES, PART, Each, Remembered, same
 from rigidfx.base.types import Array, Bools, Ints
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import rigid_faces
@@ -86,6 +86,7 @@ class FoundBodies:
         "_pressing": PART,
         "_start": ON_DOFS,
         "vectors": ON_NODES,
+        "_left": ON_CELLS,
     }
 
     def __init__(self, stepper: Stepper, forces: BodyForces, dt: float) -> None:
@@ -102,6 +103,8 @@ class FoundBodies:
         self._pressing = Pressing(self._scene)
         self._taut: set[int] = set()  # bodies that have got Γ in this step
         self._cells = self._scene.mesh.topology.index_map(3).size_local  # owned ones
+        # Cells of bodies that lost some as they bent, in the last step and in this one
+        self._left, self._leaving = np.zeros((2, self._cells), dtype=bool)
 
     def linear(self) -> Linear:
         """Equations of the whole about its start. Collective."""
@@ -306,7 +309,9 @@ class FoundBodies:
         """Cells whose energy is not that of shapes, or bodies with more; None if none. Collective.
 
         Displacements may err by what is allowed [m], or by a part of themselves if that is None, as
-        nothing bounds them yet. The motion of a body that cells join to supports errs as a whole,
+        nothing bounds them yet. A body of which cells have woken in the last step wakes as a whole:
+        a device that fell on its corner lost some in each of twenty steps, and rebounded by 13 %
+        less. The motion of a body that cells join to supports errs as a whole,
         that of others as they bend. Forces that are withheld, of the size `pull` [N/√kg], stiffen
         bodies, and so do their own stresses; they are None where cells wake instead.
         """
@@ -338,7 +343,9 @@ class FoundBodies:
             tell(self._scene.comm, f"{data.name} {words}: ν = {nu:.3g}")
             woken: Bools = np.zeros(self._cells, dtype=bool)
             cells = found.most(bends.SHARE)
-            woken[cells if self._scene.sum(cells.size) > 0 else data.cells] = True
+            again = self._scene.sum(np.count_nonzero(self._left[data.cells])) > 0
+            woken[data.cells if again or not self._scene.sum(cells.size) else cells] = True
+            self._leaving[data.cells] = True
             return Looked(woken=woken, reason="they bend by more than their shapes follow")
         return None
 
@@ -379,6 +386,7 @@ class FoundBodies:
     def accept(self) -> None:
         """A step has been accepted: bodies may get Γ, or a shape for tension, once more."""
         self._taut.clear()
+        self._left, self._leaving = self._leaving, np.zeros(self._cells, dtype=bool)
 
     # Where they leave their shapes ----------------------------------------------------------------
 
