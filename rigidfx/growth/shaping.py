@@ -318,7 +318,7 @@ class Shaping:
         soft = np.argsort(np.diag(known.stiffness), kind="stable")[:SOFTEST]
         fields = known.modes[:, :, soft]
         shapes = body.data.shapes
-        if shapes is not None and shapes.selves is None and self.spent.withholds(body):
+        if shapes is not None and shapes.selves is None and self.spent.withholds(at):
             forces, away = stacked(unrelieved(about, shapes))
             more = np.zeros((self._scene.owned_nodes, *away.shape[1:]))
             more[body.data.nodes] = away

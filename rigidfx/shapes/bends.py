@@ -23,7 +23,7 @@ import numpy as np
 
 from rigidfx.base.log import tell
 from rigidfx.base.remembered import ON_CELLS, PART, Remembered, same
-from rigidfx.base.types import Array, Bools, Indices
+from rigidfx.base.types import TINY, Array, Bools, Indices
 from rigidfx.base.warning import warn
 from rigidfx.coupling.dof_layout import AtNodes, nodes_of
 from rigidfx.mechanics.bodies import Bodies
@@ -40,6 +40,7 @@ from rigidfx.shapes.excess import (
 )
 from rigidfx.shapes.expanded import Expanded
 from rigidfx.shapes.part import MOST
+from rigidfx.shapes.responses import LACKING
 from rigidfx.state import State
 
 BOUND = 0.003  # of ν, above which cells wake, and a run warns: amplitudes err by 0.9 %
@@ -184,8 +185,9 @@ class Spent:
         self._told: dict[str, float] = {}  # ν of which the last warning told, of each part
         # By how much they would be stiffer if joints kept them from getting shorter, likewise
         self._draws: dict[str, float] = {}
-        # Whether supports withhold strains of second order of the softest, by names and cells
-        self._held: dict[tuple[str, int], bool] = {}
+        # Energy of self-stresses over the square of that of a bend, by names and cells [1/J];
+        # infinite once it has counted.
+        self._held: dict[tuple[str, int], float] = {}
         # How stretches stiffen the softest shapes, per e, by name, cells and shapes [1/m].
         self._stiffer: dict[tuple[str, int, int], Array] = {}
         owned = scene.mesh.topology.index_map(3).size_local
@@ -261,15 +263,23 @@ class Spent:
         )
 
     def withholds(self, body: Body) -> bool:
-        """Whether supports keep nodes from relieving strains of second order. Collective."""
+        """Whether supports keep nodes from relieving its strains of second order. Collective.
+
+        They do where self-stresses would have a millionth of its energy, if all of this were that
+        of the softest shape, and from then on.
+        """
         shapes, key = body.data.shapes, (body.data.name, body.data.size)
         assert shapes is not None
         if key not in self._held:
-            about, self._held[key] = self._about(body), False
+            about, self._held[key] = self._about(body), 0.0
             if shapes.drift is not None or about.on_supports:
                 bend = Unrelieved.of(about, shapes, int(softest(shapes, 1)[0]))
-                self._held[key] = len(self_stresses(about, shapes, [bend])) > 0
-        return self._held[key]
+                stress = self_stresses(about, shapes, [bend]).of(bend.q)
+                bent = 0.5 * float(bend.q @ shapes.stiffness @ bend.q)
+                self._held[key] = 0.5 * float(stress @ stress) / bent**2
+        if _sizes(body)[0] > LACKING**3 / max(self._held[key], TINY):
+            self._held[key] = np.inf
+        return self._held[key] == np.inf
 
     def _stiffens(self, body: Body, e: Array) -> float:
         """By which part a stretch stiffens one of the softest shapes at most. Collective."""

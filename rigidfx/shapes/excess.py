@@ -59,7 +59,7 @@ class About:
         """Whether joints or springs hold it, or what it hangs together with. Collective."""
         own = self.responses
         F = own.stiffness.of_springs(np.tile(np.eye(3), (own.scene.owned_nodes, 1, 1)))
-        for vector in vectors(own.scene):
+        for vector in vectors(own):
             F[vector.nodes] = 1.0
         return bool(own.act_on(self.part.nodes, F).any())
 

@@ -1,17 +1,17 @@
-"""Forces of joints, and of springs and masses at points of faces: those that a face can bear."""
+"""Forces of joints, and of springs and masses at points: those that a face can bear."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
 from rigidfx.base.types import Array, Ints
-from rigidfx.effects import Joint, SpringDamper
+from rigidfx.effects import Joint
 from rigidfx.effects.joints.remote import OnFace
 from rigidfx.effects.joints.sides import FaceSide
 from rigidfx.effects.joints.vectors import Vector, slopes_of
-from rigidfx.scene.scene import Scene
 from rigidfx.shapes.responses import Responses
 from rigidfx.shapes.samples import interleaved
+from rigidfx.step.equations.actions import bound
 
 
 def of_faces(responses: Responses) -> Array:
@@ -21,7 +21,7 @@ def of_faces(responses: Responses) -> Array:
     against each other, and motors come and go. Those of all points in turn are in balance with
     inertia and of norm 1, shape (owned nodes, 3, k).
     """
-    every = list(vectors(responses.scene))
+    every = list(vectors(responses))
     turned = [v.face for v in every if v.face is not None and not v.is_place]
     faces: dict[int, FaceSide] = {id(face): face for face in turned}
     known = {id(face.averages[0]) for face in faces.values()}
@@ -41,9 +41,14 @@ def _at(responses: Responses, nodes: Ints, loads: Array) -> Array:
     return out
 
 
-def vectors(scene: Scene) -> Iterator[Vector]:
-    """Points and directions that joints, springs and masses at points of faces act on."""
-    for between in (*scene.named(Joint), *scene.named(SpringDamper)):
-        yield from between.averages
-    for effect in (e for e in scene.named(OnFace) if e.face is not None and e.follows):
-        yield from (effect.remote.place, *effect.remote.directions)
+def vectors(responses: Responses) -> Iterator[Vector]:
+    """Points and directions that joints, springs and masses at points act on. Collective."""
+    structure = responses.stiffness.structure
+    for effect in responses.scene.effects:
+        if isinstance(effect, Joint):
+            yield from effect.averages
+        elif isinstance(effect, OnFace):
+            if effect.face is not None and effect.follows:
+                yield from (effect.remote.place, *effect.remote.directions)
+        elif (action := bound(effect, structure, "bind_points")) is not None:
+            yield from action.nodes.ends
