@@ -146,9 +146,9 @@ class State:
     ) -> tuple[fem.Function, fem.Function, Bools, list[tuple[fem.Function, float]]]:
         """Strains of bodies with shapes: their shape at the freeze, and Φ e there. Collective.
 
-        Displacement of that shape and the motion in its frame, at wanted ones of the owned nodes
-        if not at all, and at ghosts [m], which owned cells are in these bodies, and displacements
-        whose strains of second order come on top, or are taken away.
+        Displacement of that shape and the motion in its frame [m], at those of the owned nodes that
+        are wanted (all if None) and at ghosts, which owned cells are in these bodies, and
+        displacements whose strains of second order come on top, or are taken away.
         """
         V, curves = self.u.function_space, list[tuple[fem.Function, float]]()
         shape, motion = fem.Function(V), fem.Function(V)
@@ -156,11 +156,7 @@ class State:
         for body in self.bodies:
             data = body.data
             if data.shapes is not None:
-                at = (
-                    slice(None)
-                    if wanted is None
-                    else np.flatnonzero(wanted[data.nodes]).astype(np.int32)
-                )
+                at = slice(None) if wanted is None else np.flatnonzero(wanted[data.nodes])
                 nodes = data.nodes[at]
                 shape.x.array.reshape(-1, 3)[nodes] = data.displacement[at]
                 stretched = data.shapes.bent(body.stretched[0], at)

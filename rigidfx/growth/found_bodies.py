@@ -157,11 +157,12 @@ class FoundBodies:
         self.linear()  # finds the modes of the whole
         found, vectors = self._within(data, self.vectors)
         own, of_all = (largest(self._scene.comm, u) for u in (vectors, self.vectors))
-        vectors = vectors[:, :, own > CLEAN * of_all]  # others are rounding in this body
+        some: Bools = own > CLEAN * of_all  # others are rounding in this body
+        vectors = vectors[:, :, some]
         self._looks.forget(data.number)
         self._pressing.forget()
         self.nu.pop(data.name, None)
-        begun, lacking = self._modes, self._cut
+        begun, lacking = int(np.count_nonzero(some[: self._modes])), self._cut
         whole = data.size == self._scene.mesh.topology.index_map(3).size_global
         # Its own modes are those of the whole, or would bend rigid faces.
         if np.isfinite(self._cut) and not (whole or self.stiff(data)):

@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from rigidfx.base.sealed import Sealed, seal
-from rigidfx.base.types import Array, Bools, Indices
+from rigidfx.base.types import Array, Bools, Indices, Ints
 from rigidfx.mechanics.rotation import IDENTITY, axial, skew
 
 EPS = float(np.finfo(np.float64).eps)
@@ -112,7 +112,7 @@ class Shapes(Sealed):
         """Ω⁻¹, zero along motions that supports give and nothing resists, shape (m, m) [m/N]."""
         return inverse(self.stiffness)
 
-    def bent(self, q: Array, at: Indices | slice = slice(None)) -> Array:
+    def bent(self, q: Array, at: Ints | slice = slice(None)) -> Array:
         """Φ q at the nodes, or at some of them, shape (nodes, 3)."""
         return np.asarray(q @ self.modes[at])
 

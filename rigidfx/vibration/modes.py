@@ -266,7 +266,7 @@ def _lacking(squares: Array, richer: Problem) -> dict[int, float]:
     finally:
         richer.destroy()
     every = dict(enumerate(pairs.values, start=1))
-    known = (1 - LACKING) ** 2 * squares
+    known = squares - 2 * LACKING * np.abs(squares)
     return {k: lower for k, lower in every.items() if k > len(known) or lower < known[k - 1]}
 
 

@@ -4,7 +4,8 @@ At a large rotation per step a straight line leads far from the motion, and cost
 mean rigid motion of the flexible cells and the bodies, c and ω from their momenta, continues by the
 Cayley vector θ = Δt ω, with R = (I - ½θ̂)⁻¹ (I + ½θ̂). Other motion, rotated by half of θ (Cayley
 vector θ / (1 + √(1 + ¼θ²))), continues along a straight line if it is slow, and hardly if it
-vibrates faster than steps resolve: both guesses are tried, and the smaller residual decides.
+vibrates faster than steps resolve: the guess with the smaller residual is taken, and stays until
+its residual exceeds that which the other had.
 """
 
 from dataclasses import dataclass
