@@ -127,6 +127,8 @@ def rim(x):
     return (np.abs(x[0] - 0.5) > 0.5 - 1e-9) | (np.abs(x[1] - 0.3) > 0.3 - 1e-9)
 
 
+# ν is at its bound: 0.3 % by one DOLFINx, 0.35 % by another.
+@pytest.mark.filterwarnings("ignore:Reduced 'part'. at t:rigidfx.RigidfxWarning")
 @pytest.mark.parametrize(("middle", "loads"), [(False, (200.0, 700.0)), (True, (20.0, 50.0))])
 def test_what_bends_between_supports_is_stretched(middle, loads):
     """Without self-stresses plates erred by 8 and 53 %, bars by 16 and 100 % of the way."""
