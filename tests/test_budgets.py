@@ -59,6 +59,43 @@ def checked():
 
 # What is asked, and what comes of it ------------------------------------------------------------
 
+def metal(*effects):
+    """A cantilever of metal, 6 m long."""
+    bar = rf.box((0, 0, 0), (6, 1, 1), (12, 2, 2))
+    held, material = rf.Fixed("x0"), rf.StVenantKirchhoff(E=2e9, nu=0.3, rho=1000.0)
+    return rf.Scene(bar, material, [held, *effects], probes={"tip": (6, 0.5, 0.5)})
+
+
+def bent(x):
+    return np.stack([0 * x[0], 0 * x[0], 0.002 * x[0] ** 2])
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        [rf.Gravity(lambda t: (0, 0, -200 * min(1.0, t / 0.1)))],  # it bends by 4 % of its length
+        [rf.InitialDisplacement(bent), rf.KelvinVoigt(1e6)],  # stresses that no load balances
+    ],
+    ids=["bends far", "begins bent"],
+)
+def test_large_bends_keep_the_budget(effects):
+    scene, asked_for = metal(*effects), asked(0.01)
+    fine = rf.simulate(scene, rf.StepControl(0.002, "tip", largest=0.004), 0.5, progress=False)
+    t, u = zip(*((r.t, r.probes["tip"]) for r in fine), strict=True)
+    twin = CubicSpline(t, u)
+    ours = run(scene, asked_for, 0.5, dt=0.004)
+    apart = max(np.linalg.norm(r.probes["tip"] - twin(r.t)) for r in ours)
+    assert apart < 0.01 * np.linalg.norm(u, axis=1).max()
+
+
+def test_bodies_of_a_start_that_is_not_stable():
+    criterion = rf.StrainRate(1e9, 0.004, patience=1)
+    scene = metal(rf.InitialDisplacement(bent), rf.KelvinVoigt(1e6))
+    reports = list(rf.simulate(scene, 0.002, 0.02, rigidify=criterion, progress=False))
+    assert reports[-1].bodies
+    assert imbalance(reports) < 1e-9
+
+
 
 def test_what_is_asked_is_kept_and_something_freezes():
     """The block is rigid; what was measured is below the budget, and was estimated."""

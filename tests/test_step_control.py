@@ -70,6 +70,20 @@ def test_a_motion_takes_as_many_steps_after_a_rest_as_at_once():
     assert steps(20.0) == pytest.approx(steps(0.0), abs=3)
 
 
+def test_where_a_run_begins_is_no_motion():
+    """The way to a bent start counted as a swing of all frequencies: 104 steps for 95."""
+    rest, swing = rf.Traction("x1", (0, 0, 400.0)), rf.Traction("x1", (0, 0, 20.0), until=0.5)
+    mesh = rf.box((0, 0, 0), (8, 1, 1), (4, 1, 1))
+    control = rf.StepControl(0.01, "tip", of=0.05, largest=0.2)
+
+    def scene(*effects):
+        return rf.Scene(mesh, SOFT, [rf.Fixed("x0"), *effects], probes={"tip": (8, 0.5, 0.5)})
+
+    *_, start = rf.static(scene(rest))
+    bent, straight = run(scene(rest, swing), control, start=start), run(scene(swing), control)
+    assert len(bent) == pytest.approx(len(straight), abs=3)
+
+
 def test_errors_are_forgotten_where_structures_come_back():
     """At half of what a drag takes of velocities; of free bodies, and beside obstacles, never."""
     drag = rf.MassDamping(0.8)

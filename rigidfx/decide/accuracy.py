@@ -19,7 +19,7 @@ from rigidfx.decide.budget import BudgetRule
 from rigidfx.decide.memory import Memory
 from rigidfx.decide.rules import judged_cells
 from rigidfx.decide.settings import Criterion
-from rigidfx.effects import NumericalDamping, Rigid
+from rigidfx.effects import InitialDisplacement, NumericalDamping, Rigid
 from rigidfx.report.ledger import Entry, Ledger, Rigidity
 from rigidfx.report.report import Report
 from rigidfx.scene.points import check_probes, probe_names
@@ -113,12 +113,13 @@ class Budgeted(Criterion):
 class Accuracy:
     """Permitted error of a motion; a run chooses Δt and its rigid parts by it.
 
-    A run begins reduced: from the second step on all cells are in bodies. A body gets shapes where
-    what it withholds would move a node by more than its share of the budget, and where contacts
-    press it, and loses cells where shapes do not suffice. Bodies may use half of the budget that
-    time integration (`rigidfx.scene.timeline.StepControl`) has left (`rigidfx.decide.budget`). The
-    ledger of each report has the spent amounts of both. Neither strains are bounded nor the error
-    of the mesh is estimated.
+    A run begins reduced: from the second step on all cells are in bodies, unless the scene has an
+    `InitialDisplacement`. A body gets shapes where what it withholds would move a node by more than
+    its share of the budget, and where contacts press it, and loses cells where shapes do not
+    suffice. Bodies may use half of the budget that time integration
+    (`rigidfx.scene.timeline.StepControl`) has left (`rigidfx.decide.budget`). The ledger of each
+    report has the spent amounts of both. Neither strains are bounded nor the error of the mesh is
+    estimated.
 
     Attributes:
         budget: Error of the displacement over the largest one so far, such as 0.01.
@@ -191,7 +192,7 @@ class Accuracy:
             return
         ledger, budget = last.ledger, float(self.budget)
         tell(scene.comm, f"{budget:.3g} of the largest displacement was asked:\n{ledger}")
-        if rigid:
+        if rigid and not scene.named(InitialDisplacement):
             tell(scene.comm, "all cells that may be in bodies were so from the second step on")
         if ledger.struck and not self.check:
             warn(

@@ -15,6 +15,7 @@ from rigidfx.base.types import Array, Bools
 from rigidfx.decide.limits import Limits
 from rigidfx.decide.memory import Memory
 from rigidfx.decide.rules import FEWEST, MARGIN, Observation
+from rigidfx.effects import InitialDisplacement
 from rigidfx.report.ledger import Rigidity
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
@@ -55,7 +56,7 @@ class BudgetRule:
 
         Rigidity and time integration may spend the budget, part of the largest displacement.
         """
-        self._begins = True  # all cells are quiet at first
+        self._begins = not scene.named(InitialDisplacement)  # all cells are quiet at first
         self._scene, self._timeline, self._memory, self._whole = scene, timeline, memory, budget
         self._stiffness = stiffness(scene)
         cells = self._stiffness.size

@@ -107,11 +107,16 @@ class FoundBodies:
         self._left, self._leaving = np.zeros((2, self._cells), dtype=bool)
 
     def linear(self) -> Linear:
-        """Equations of the whole about its start. Collective."""
+        """Equations of the whole about its start, or the mesh if that is not stable. Collective."""
         if self._linear is None:
             stepper, scene = self._stepper, self._scene
             acting = stepper.system.acting
             responses = about_start(scene, stepper.forces, self._start, acting)
+            if scene.sum(np.count_nonzero(self._start)) and not responses.stable:
+                responses.destroy()  # stresses of an `InitialDisplacement`, say, that nothing bears
+                self._start = np.zeros_like(self._start)
+                responses = about_start(scene, stepper.forces, self._start, acting)
+                tell(scene.comm, "bodies respond about the mesh, as the start is not stable")
             self._linear = Linear(responses)
             if not self.vectors.shape[2]:
                 self.vectors, self._cut = self._linear.modes(self._forces.dt or self._dt)

@@ -204,7 +204,7 @@ class Growth(Watch):
             if now.rates is not None:
                 found = self.found.bent(bodies, None, None, 0.0)
             else:
-                allowed = None if now.begins else self._allowed(now)
+                allowed = self._allowed(now)
                 found = self.found.bent(bodies, allowed, self._withheld, size)
         if found is not None:
             return found

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from rigidfx.base.errors import SceneError
 from rigidfx.base.types import Array, Bools, Indices
 from rigidfx.effects import Windowed
 from rigidfx.flexible.internal_forces import InternalForces
@@ -140,11 +141,24 @@ class Responses:
         They are zero where supports hold and orthogonal by mass to motions that nothing prevents.
         `SceneError` if the state is not stable.
         """
+        return self._factored().solve(self.balanced(F))
+
+    @property
+    def stable(self) -> bool:
+        """Whether the state is stable. Collective."""
+        try:
+            self._factored()
+        except SceneError:
+            return False
+        return True
+
+    def _factored(self) -> Solver:
+        """The solver, made once. `SceneError` if the state is not stable. Collective."""
         if self._solver is None:
             stiffened = self.stressed or bool(self.stiffness.springs)
             self._solver = Solver(self.stiffness, self.rigid.loose, stiffened)
             self._balance(self.motions)
-        return self._solver.solve(self.balanced(F))
+        return self._solver
 
     def of_nodes(self, nodes: Indices, Q: Array | None = None) -> Callable[[Array], Array]:
         """Responses of owned nodes to forces on them, both (nodes, 3), in the frame turned by Q."""

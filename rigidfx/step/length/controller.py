@@ -61,7 +61,9 @@ class RunError:
     """Adds up the errors of steps by octaves, as they decay: (6) and (7).
 
     p_b is right for one vibration (0.9 to 1 between octaves); r takes the mean of late, and all of
-    one step that spends evenly beside: rounding alone tells no part.
+    one step that spends evenly beside: rounding alone tells no part. What p_b has of longer steps
+    before tells nothing of further ones, and is left out of r. Faster motion errs by twice its
+    amplitude at most, and E may be half of the error: so E has the amplitude once.
 
     Attributes:
         cuts: ω_b [1/s].
@@ -71,7 +73,8 @@ class RunError:
     """
 
     remembered: ClassVar[Remembered] = same(
-        "rates", "error", "largest", "_low", "_high", "_sizes", "_parts", "_errors", "_shares"
+        *("rates", "error", "largest", "_low", "_jerks", "_high", "_sizes", "_parts", "_own"),
+        *("_errors", "_shares"),
     )
 
     def __init__(self, scene: Scene, points: int, time: float, step: float) -> None:
@@ -93,6 +96,9 @@ class RunError:
         self._faster: Array = np.where(np.tri(count, dtype=bool), 0.0, np.inf)
         self._next_low, self._next_high = self._low, self._high
         self._next_sizes, self._next_parts = self._sizes, self._parts
+        # The same of jerks: a part that only longer steps before have made is not this one's.
+        self._jerks, self._own = self._low, self._parts
+        self._next_jerks, self._next_own = self._jerks, self._own
         self.error = self.largest = 0.0
 
     def look(
@@ -107,46 +113,47 @@ class RunError:
         faded = self._sizes * np.exp(-OF_CUT * self.cuts * dt / PERIODS)
         self._next_sizes = np.maximum(faded, amplitudes)
         size = dt**2 * float(swinging.max(initial=0.0))
-        self._next_low, self._next_parts = self._low, self._parts
+        self._next_low, self._next_jerks = self._low, self._jerks
+        self._next_parts, self._next_own = self._parts, self._own
         if isnan(size):
-            self._next_parts = self._parts.copy()
-            self._next_parts[-1] = 1.0  # nothing is faster than that
+            self._next_parts, self._next_own = self._parts.copy(), self._own.copy()
+            self._next_parts[-1] = self._next_own[-1] = 1.0  # nothing is faster than that
         if size > 0:
             taken = -np.expm1(-self.cuts * dt)[:, None]
-            low: Array = np.empty_like(self._low)
-            self._next_low = low
-            low[0] = dt**2 * jerk.ravel()
-            for k in range(STAGES):
-                low[k + 1] = self._low[k + 1] + taken * (low[k] - self._low[k + 1])
-            self._next_parts = _lengths(low[-1]).max(axis=1) / size
+            self._next_low = _passed(self._low, dt**2 * jerk.ravel(), taken)
+            self._next_jerks = _passed(self._jerks, jerk.ravel(), taken)
+            self._next_parts = _lengths(self._next_low[-1]).max(axis=1) / size
+            own = dt**2 * _lengths(self._next_jerks[-1]).max(axis=1) / size
+            self._next_own = np.minimum(own, self._next_parts)
 
-    def swings(self, u: Array, dt: float) -> Array:
-        """How far points at u, (points, 3), are off their motion below ½ω_b after dt [m, s].
+    def swings(self, before: Array, u: Array, dt: float) -> Array:
+        """How far points are off their motion below ½ω_b, shape (cuts, points) [m].
 
-        The shape is (cuts, points) [m].
+        They have moved in dt [s] to displacements u, shape (points, 3) each [m]. Where a run
+        begins, and how far points go as bodies leave their shapes, is no motion.
         """
         z = (OF_CUT * self.cuts * dt)[:, None]
         kept, taken = np.exp(-z), -np.expm1(-z) / z
         self._next_high = high = np.empty_like(self._high)
-        high[0] = u.ravel()
+        self._high[0], high[0] = before.ravel(), u.ravel()
         for k in range(STAGES):  # as if all went evenly within a step
             high[k + 1] = kept * self._high[k + 1] + taken * (high[k] - self._high[k])
         return _lengths(high[-1])
 
     def accept(self, error: float, dt: float) -> None:
         """Add the error of the step that was looked at last [m], of the length dt [s]."""
-        self._low, self._high = self._next_low, self._next_high
-        self._sizes, self._parts = self._next_sizes, self._next_parts
-        now = error * self._parts
-        self._errors = self._errors * np.exp(-self.rates * dt) + now
-        self._shares = self._shares * exp(-1 / STEPS) + [now, np.full_like(now, error)]
+        self._low, self._jerks, self._high = self._next_low, self._next_jerks, self._next_high
+        self._sizes, self._parts, self._own = self._next_sizes, self._next_parts, self._next_own
+        self._errors = self._errors * np.exp(-self.rates * dt) + error * self._parts
+        now = error * np.array([self._own, np.ones_like(self._own)])
+        self._shares = self._shares * exp(-1 / STEPS) + now
         self.error = self.left(0.0)
         self.largest = max(self.largest, self.error)
 
     def left(self, time: float) -> float:
         """Error that is left after a time in which no step errs [m]."""
         slower = np.maximum.accumulate(self._errors * np.exp(-self.rates * time))
-        return float((slower + 2 * self._sizes).min())
+        return float((slower + self._sizes).min())
 
     def rates_to(self, limits: Array, times: Array, dt: float) -> Array:
         """Errors per time by which E comes to limits after times, shape (n,) each [m/s, m, s].
@@ -159,10 +166,19 @@ class RunError:
         even = (limits * dt / times)[:, None]
         mean, added = self._shares
         lasting *= np.maximum((mean + even) / (added + even), LEAST)
-        bounds = limits[:, None] - 2 * self._sizes
+        bounds = limits[:, None] - self._sizes
         # Of each bound the account that is full first; of all bounds the one that allows most.
         each = (bounds[:, :, None] - (self._errors * (1 - gone))[:, None]) / lasting[:, None]
         return np.asarray((each + self._faster).min(axis=2).max(axis=1))
+
+
+def _passed(low: Array, values: Array, taken: Array) -> Array:
+    """What low-pass filters let through as values come next, as the shape of `low`."""
+    out: Array = np.empty_like(low)
+    out[0] = values
+    for k in range(STAGES):
+        out[k + 1] = low[k + 1] + taken * (out[k] - low[k + 1])
+    return out
 
 
 def _lengths(vectors: Array) -> Array:

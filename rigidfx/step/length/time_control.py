@@ -88,26 +88,26 @@ class Tracked:
         return float(self._scene.sum((weights @ ~self._held).sum())) < ROUNDING
 
     def motion(self, system: System, state: State, dt: float) -> tuple[Array, ...]:
-        """Velocities at both ends of a solved step of Δt [s], displacements at its end. Collective.
+        """Velocities and displacements at both ends of a solved step of Δt [s]. Collective.
 
-        And velocities about the led motion, shape (points, 3) each [m/s, m/s, m, m/s, m/s].
+        And velocities about the led motion, shape (points, 3) each [m/s, m/s, m, m, m/s, m/s].
         """
         free, inside = self._free, self._body >= 0
-        local: Array = np.zeros((5, self.nodes.size, 3))
-        v0, v1, moved, *about = local
+        local: Array = np.zeros((6, self.nodes.size, 3))
+        v0, v1, before, moved, *about = local
         v0[:] = v1[:] = state.v.x.array[self._dofs]
-        moved[:] = state.u.x.array[self._dofs]
+        before[:] = moved[:] = state.u.x.array[self._dofs]
         d = system.d.array_r[self._rows]
         v1[free] = 2 / dt * d - v0[free]
         moved[free] += d
         v0[self._held] = v1[self._held] = (v0[self._held] + v1[self._held]) / 2
         if inside.any():
             increments, k = system.prolongation.increments, self._body[inside]
-            a, end = self._a[inside, None], increments.end
-            for v, bodies in ((v0, increments.start), (v1, end)):
+            a, ends = self._a[inside, None], (increments.start, increments.end)
+            for v, u, bodies in zip((v0, v1), (before, moved), ends, strict=True):
                 v[inside] = (a @ bodies.pose_rate[k])[:, 0]
-            moved[inside] = (a @ end.pose[k])[:, 0] - self._X[inside]
-        local[3:], x = local[:2], np.zeros((len(state.X), 3))
+                u[inside] = (a @ bodies.pose[k])[:, 0] - self._X[inside]
+        local[4:], x = local[:2], np.zeros((len(state.X), 3))
         led = self._led.rates(system, state.u.x.array, state.t, dt)
         for v, rates, back in zip(about, led, (dt * (v0 + v1) / 2, 0.0), strict=False):
             x[self.nodes] = self._X + moved - back
@@ -217,10 +217,10 @@ class TimeControl(WarnsOnce):
     def objection(self, attempt: Attempt) -> StepError | None:
         """An error if a step is to be repeated with a shorter Δt; None to accept it. Collective."""
         t, dt = attempt.t, attempt.dt
-        v0, v1, u, s0, s1 = self._tracked.motion(self._system, self._state, dt)
+        v0, v1, u0, u, s0, s1 = self._tracked.motion(self._system, self._state, dt)
         self._elsewhere.look(u)
         errs = self._error.look(v0, v1, t, dt), self._about.look(s0, s1, t, dt)
-        lengths = np.vstack([*errs, self._run_error.swings(u, dt)])
+        lengths = np.vstack([*errs, self._run_error.swings(u0, u, dt)])
         found, less, *swings = self._elsewhere.worth(lengths)
         self._found = float(min(found, less))
         error = self._about if less < found else self._error
