@@ -59,6 +59,7 @@ def checked():
 
 # What is asked, and what comes of it ------------------------------------------------------------
 
+
 def metal(*effects):
     """A cantilever of metal, 6 m long."""
     bar = rf.box((0, 0, 0), (6, 1, 1), (12, 2, 2))
@@ -94,7 +95,6 @@ def test_bodies_of_a_start_that_is_not_stable():
     reports = list(rf.simulate(scene, 0.002, 0.02, rigidify=criterion, progress=False))
     assert reports[-1].bodies
     assert imbalance(reports) < 1e-9
-
 
 
 def test_what_is_asked_is_kept_and_something_freezes():
