@@ -161,7 +161,8 @@ class Run:
             return report
         periods, rigidity = (0.0, self.idle) if self.policy is None else self.policy.spent(report.t)
         if self.stepper.control is not None and rigidity is not None:
-            self.stepper.control.length.tol = rigidity.rest
+            length = self.stepper.control.length
+            length.tol, length.error.theirs = rigidity.rest, rigidity.motion * length.displacement
         ledger = self.ledgers.follow(report, periods, rigidity)
         return replace(report, ledger=ledger)
 

@@ -70,11 +70,14 @@ class RunError:
         rates: δ_b [1/s].
         error: E [m].
         largest: Largest E so far [m].
+        theirs: By what bodies let displacements err [m]. Where they lose cells they leave swings of
+            that size: to follow these, a bar that bent by 3 % of its length took 36 000 steps in
+            place of 5300.
     """
 
     remembered: ClassVar[Remembered] = same(
         *("rates", "error", "largest", "_low", "_jerks", "_high", "_sizes", "_parts", "_own"),
-        *("_errors", "_shares"),
+        *("_errors", "_shares", "theirs"),
     )
 
     def __init__(self, scene: Scene, points: int, time: float, step: float) -> None:
@@ -99,7 +102,7 @@ class RunError:
         # The same of jerks: a part that only longer steps before have made is not this one's.
         self._jerks, self._own = self._low, self._parts
         self._next_jerks, self._next_own = self._jerks, self._own
-        self.error = self.largest = 0.0
+        self.error = self.largest = self.theirs = 0.0
 
     def look(
         self, jerk: Array, swinging: Array, amplitudes: Array, omega: float, dt: float
@@ -153,7 +156,12 @@ class RunError:
     def left(self, time: float) -> float:
         """Error that is left after a time in which no step errs [m]."""
         slower = np.maximum.accumulate(self._errors * np.exp(-self.rates * time))
-        return float((slower + self._sizes).min())
+        return float((slower + self._swings).min())
+
+    @property
+    def _swings(self) -> Array:
+        """Amplitudes that are to be followed, (cuts,) [m]."""
+        return np.maximum(self._sizes - 0.5 * self.theirs, 0.0)
 
     def rates_to(self, limits: Array, times: Array, dt: float) -> Array:
         """Errors per time by which E comes to limits after times, shape (n,) each [m/s, m, s].
@@ -166,7 +174,7 @@ class RunError:
         even = (limits * dt / times)[:, None]
         mean, added = self._shares
         lasting *= np.maximum((mean + even) / (added + even), LEAST)
-        bounds = limits[:, None] - self._sizes
+        bounds = limits[:, None] - self._swings
         # Of each bound the account that is full first; of all bounds the one that allows most.
         each = (bounds[:, :, None] - (self._errors * (1 - gone))[:, None]) / lasting[:, None]
         return np.asarray((each + self._faster).min(axis=2).max(axis=1))
