@@ -97,11 +97,10 @@ class RunError:
         self._shares: Array = np.zeros((2, count))  # lately: of each, and of all
         # Added to what each account (column) allows within each bound (row).
         self._faster: Array = np.where(np.tri(count, dtype=bool), 0.0, np.inf)
-        self._next_low, self._next_high = self._low, self._high
-        self._next_sizes, self._next_parts = self._sizes, self._parts
-        # The same of jerks: a part that only longer steps before have made is not this one's.
-        self._jerks, self._own = self._low, self._parts
-        self._next_jerks, self._next_own = self._jerks, self._own
+        # Of jerks: what only longer steps before have left in the mean is no part of this one.
+        self._jerks, self._own = self._low.copy(), self._parts.copy()
+        self._next_low, self._next_jerks, self._next_high = self._low, self._jerks, self._high
+        self._next_sizes, self._next_parts, self._next_own = self._sizes, self._parts, self._own
         self.error = self.largest = self.theirs = 0.0
 
     def look(
