@@ -61,9 +61,9 @@ class RunError:
     """Adds up the errors of steps by octaves, as they decay: (6) and (7).
 
     p_b is right for one vibration (0.9 to 1 between octaves); r takes the mean of late, and all of
-    one step that spends evenly beside: rounding alone tells no part. What p_b has of longer steps
-    before tells nothing of further ones, and is left out of r. Faster motion errs by twice its
-    amplitude at most, and E may be half of the error: so E has the amplitude once.
+    one step that spends evenly beside: rounding alone tells no part. The share of p_b that longer
+    steps have left is not in r. Faster motion errs by twice its amplitude at most, and E may be
+    half of the error: so E has the amplitude once.
 
     Attributes:
         cuts: ω_b [1/s].
@@ -97,7 +97,7 @@ class RunError:
         self._shares: Array = np.zeros((2, count))  # lately: of each, and of all
         # Added to what each account (column) allows within each bound (row).
         self._faster: Array = np.where(np.tri(count, dtype=bool), 0.0, np.inf)
-        # Of jerks: what only longer steps before have left in the mean is no part of this one.
+        # The same of jerks, in which longer steps before weigh no more than others.
         self._jerks, self._own = self._low.copy(), self._parts.copy()
         self._next_low, self._next_jerks, self._next_high = self._low, self._jerks, self._high
         self._next_sizes, self._next_parts, self._next_own = self._sizes, self._parts, self._own
@@ -137,9 +137,10 @@ class RunError:
         z = (OF_CUT * self.cuts * dt)[:, None]
         kept, taken = np.exp(-z), -np.expm1(-z) / z
         self._next_high = high = np.empty_like(self._high)
-        self._high[0], high[0] = before.ravel(), u.ravel()
+        high[0], was = u.ravel(), before.ravel()
         for k in range(STAGES):  # as if all went evenly within a step
-            high[k + 1] = kept * self._high[k + 1] + taken * (high[k] - self._high[k])
+            high[k + 1] = kept * self._high[k + 1] + taken * (high[k] - was)
+            was = self._high[k + 1]
         return _lengths(high[-1])
 
     def accept(self, error: float, dt: float) -> None:
@@ -159,8 +160,8 @@ class RunError:
 
     @property
     def _swings(self) -> Array:
-        """Amplitudes that are to be followed, (cuts,) [m]."""
-        return np.maximum(self._sizes - 0.5 * self.theirs, 0.0)
+        """Amplitudes that may err by more than bodies do, and are followed, (cuts,) [m]."""
+        return np.maximum(self._sizes - self.theirs / 2, 0.0)  # as a swing errs by twice its own
 
     def rates_to(self, limits: Array, times: Array, dt: float) -> Array:
         """Errors per time by which E comes to limits after times, shape (n,) each [m/s, m, s].
@@ -180,7 +181,7 @@ class RunError:
 
 
 def _passed(low: Array, values: Array, taken: Array) -> Array:
-    """What low-pass filters let through as values come next, as the shape of `low`."""
+    """Low-passed values, in the shape of `low`, after the next ones."""
     out: Array = np.empty_like(low)
     out[0] = values
     for k in range(STAGES):
