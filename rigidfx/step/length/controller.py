@@ -15,12 +15,12 @@ from rigidfx.base.types import Array
 from rigidfx.effects import Contact
 from rigidfx.scene.damped import Damped
 from rigidfx.scene.scene import Scene
+from rigidfx.step.length.time_error import TURN
 
 STAGES = 4  # of both filters: a flight that goes with t³ has no amplitude
 OF_CUT = 0.5  # of ω_b: the frequency that is damped at δ_b, and above which A_b is found
 PERIODS = 12.0  # over ½ω_b, the time in which an amplitude fades: two periods
-STEPS = 14  # in which the mean part p_b of each account is found
-LEAST = 1e-3  # of d, that the mean part of any account is at least
+LEAST = 1e-3  # of d, that the part of any account is at least
 
 APART = 1.02  # factor between largest values that are remembered
 
@@ -57,17 +57,61 @@ class Course:
         return self._times[max(bisect_right(self._sizes, value) - 1, 0)]
 
 
+class SlowParts:
+    """The parts p_b of a step's error that belong to motion slower than each ω_b: (6)."""
+
+    remembered: ClassVar[Remembered] = same("_parts", "_low", "_begun", "_squares")
+
+    def __init__(self, cuts: Array, points: int) -> None:
+        """Nothing has moved at some points; cuts are ω_b, the last one infinite [1/s]."""
+        self._cuts, self._points, count = cuts, points, cuts.size
+        self._parts: Array = np.ones(count)
+        # What passes each cut of jerks, Δt² times these, and their sizes; and squares over a turn
+        self._low: Array = np.zeros((1 + STAGES, count, 7 * points))
+        self._squares: Array = np.zeros((3, count, points))
+        # What passes of one, since something began: 1 - c_b in the last stage
+        self._begun: Array = np.zeros((1 + STAGES, count, 1))
+        self._next: tuple[Array, ...] = self._parts, self._low, self._begun, self._squares
+
+    def look(self, jerk: Array, swinging: Array, dt: float) -> Array:
+        """p_b of a step of Δt [s] that has been solved, shape (cuts,); as before if unknown.
+
+        Points have a jerk (points, 3) and its root mean square over a turn (points,) [m/s³].
+        """
+        size, P = float(swinging.max(initial=0.0)), self._points
+        if not size > 0:  # or unknown
+            self._next = self._parts, self._low, self._begun, self._squares
+            return self._parts
+        taken = -np.expm1(-self._cuts * dt)[:, None]
+        every = np.concatenate([jerk.ravel(), dt**2 * jerk.ravel(), swinging])
+        low, begun = _passed(self._low, every, taken), _passed(self._begun, np.ones(1), taken)
+        vectors = low[-1, :, : 6 * P].reshape(-1, 2, P, 3)
+        of_vectors = np.einsum("bkpi,bkpi->kbp", vectors, vectors)
+        squares = np.concatenate([of_vectors, low[-1:, :, 6 * P :] ** 2])
+        squares += np.exp(-self._cuts * dt / TURN)[:, None] * (self._squares - squares)
+        jerks, errors, sizes = np.sqrt(squares.max(axis=2))
+        known, c = np.minimum(jerks, errors / dt**2) / size, 1 - begun[-1, :, 0]
+        parts = np.minimum((1 - c) * known + c * jerks / sizes, 1.0)
+        parts[-1] = 1.0  # nothing is faster than that
+        self._next = parts, low, begun, squares
+        return parts
+
+    def accept(self) -> None:
+        """Accept the step that was looked at last."""
+        self._parts, self._low, self._begun, self._squares = self._next
+
+    def restart(self) -> None:
+        """Something begins of which filters know nothing yet."""
+        self._begun = np.zeros_like(self._begun)
+
+
 class RunError:
     """Adds up the errors of steps by octaves, as they decay: (6) and (7).
-
-    p_b is right for one vibration (0.9 to 1 between octaves); r takes the mean of late, and all of
-    one step that spends evenly beside: rounding alone tells no part. The share of p_b that longer
-    steps have left is not in r. Faster motion errs by twice its amplitude at most, and E may be
-    half of the error: so E has the amplitude once.
 
     Attributes:
         cuts: ω_b [1/s].
         rates: δ_b [1/s].
+        parts: p_b of the step that was looked at last.
         error: E [m].
         largest: Largest E so far [m].
         theirs: By what bodies let displacements err [m]. Where they lose cells they leave swings of
@@ -76,9 +120,8 @@ class RunError:
     """
 
     remembered: ClassVar[Remembered] = same(
-        *("rates", "error", "largest", "_low", "_jerks", "_high", "_sizes", "_parts", "_own"),
-        *("_errors", "_shares", "theirs"),
-    )
+        *("rates", "parts", "error", "largest", "theirs", "_high", "_sizes", "_errors"),
+    ) | {"_split": PART}
 
     def __init__(self, scene: Scene, points: int, time: float, step: float) -> None:
         """Nothing has moved at some points in a run of some time [s]. Collective.
@@ -88,19 +131,15 @@ class RunError:
         """
         octaves = 0 if scene.named(Contact) else max(int(np.ceil(log2(time / step))), 1)
         self.cuts: Array = np.append(np.exp2(np.arange(octaves)) / time, np.inf)
-        self._damped = Damped(scene)
+        self._damped, self._split = Damped(scene), SlowParts(self.cuts, points)
         self.rates: Array = np.zeros(self.cuts.size)
         count = self.cuts.size
-        self._parts, self._sizes, self._errors = np.ones(count), np.zeros(count), np.zeros(count)
-        self._low: Array = np.zeros((1 + STAGES, count, 3 * points))
+        self.parts: Array = np.ones(count)
+        self._sizes, self._errors = np.zeros(count), np.zeros(count)
         self._high: Array = np.zeros((1 + STAGES, count, 3 * points))
-        self._shares: Array = np.zeros((2, count))  # lately: of each, and of all
         # Added to what each account (column) allows within each bound (row).
         self._faster: Array = np.where(np.tri(count, dtype=bool), 0.0, np.inf)
-        # The same of jerks, in which longer steps before weigh no more than others.
-        self._jerks, self._own = self._low.copy(), self._parts.copy()
-        self._next_low, self._next_jerks, self._next_high = self._low, self._jerks, self._high
-        self._next_sizes, self._next_parts, self._next_own = self._sizes, self._parts, self._own
+        self._next_high, self._next_sizes = self._high, self._sizes
         self.error = self.largest = self.theirs = 0.0
 
     def look(
@@ -114,19 +153,7 @@ class RunError:
         self.rates = self._damped.rates(np.minimum(OF_CUT * self.cuts, omega), dt)
         faded = self._sizes * np.exp(-OF_CUT * self.cuts * dt / PERIODS)
         self._next_sizes = np.maximum(faded, amplitudes)
-        size = dt**2 * float(swinging.max(initial=0.0))
-        self._next_low, self._next_jerks = self._low, self._jerks
-        self._next_parts, self._next_own = self._parts, self._own
-        if isnan(size):
-            self._next_parts, self._next_own = self._parts.copy(), self._own.copy()
-            self._next_parts[-1] = self._next_own[-1] = 1.0  # nothing is faster than that
-        if size > 0:
-            taken = -np.expm1(-self.cuts * dt)[:, None]
-            self._next_low = _passed(self._low, dt**2 * jerk.ravel(), taken)
-            self._next_jerks = _passed(self._jerks, jerk.ravel(), taken)
-            self._next_parts = _lengths(self._next_low[-1]).max(axis=1) / size
-            own = dt**2 * _lengths(self._next_jerks[-1]).max(axis=1) / size
-            self._next_own = np.minimum(own, self._next_parts)
+        self.parts = self._split.look(jerk, swinging, dt)
 
     def swings(self, before: Array, u: Array, dt: float) -> Array:
         """How far points are off their motion below ½ω_b, shape (cuts, points) [m].
@@ -141,17 +168,20 @@ class RunError:
         for k in range(STAGES):  # as if all went evenly within a step
             high[k + 1] = kept * self._high[k + 1] + taken * (high[k] - was)
             was = self._high[k + 1]
-        return _lengths(high[-1])
+        each = high[-1].reshape(self.cuts.size, -1, 3)
+        return np.asarray(np.sqrt(np.einsum("bpi,bpi->bp", each, each)))
 
     def accept(self, error: float, dt: float) -> None:
         """Add the error of the step that was looked at last [m], of the length dt [s]."""
-        self._low, self._jerks, self._high = self._next_low, self._next_jerks, self._next_high
-        self._sizes, self._parts, self._own = self._next_sizes, self._next_parts, self._next_own
-        self._errors = self._errors * np.exp(-self.rates * dt) + error * self._parts
-        now = error * np.array([self._own, np.ones_like(self._own)])
-        self._shares = self._shares * exp(-1 / STEPS) + now
+        self._split.accept()
+        self._high, self._sizes = self._next_high, self._next_sizes
+        self._errors = self._errors * np.exp(-self.rates * dt) + error * self.parts
         self.error = self.left(0.0)
         self.largest = max(self.largest, self.error)
+
+    def restart(self) -> None:
+        """Something begins, of which nothing is known yet."""
+        self._split.restart()
 
     def left(self, time: float) -> float:
         """Error that is left after a time in which no step errs [m]."""
@@ -163,21 +193,21 @@ class RunError:
         """Amplitudes that may err by more than bodies do, and are followed, (cuts,) [m]."""
         return np.maximum(self._sizes - self.theirs / 2, 0.0)  # as a swing errs by twice its own
 
-    def rates_to(self, limits: Array, times: Array, dt: float) -> Array:
-        """Errors per time by which E comes to limits after times, shape (n,) each [m/s, m, s].
+    def rate_to(self, limits: Array, times: Array, least: Array, parts: Array) -> float:
+        """Error per time by which E comes to one of n limits after a time, the most [m/s].
 
-        A step of the length dt [s] that spends evenly tells no account's part.
+        Limits and times have the shape (n,) [m, s]. Accounts get parts of the error, (cuts,), and
+        may get the least in any case, (n,) [m/s].
         """
         gone = -np.expm1(-self.rates * times[:, None])  # of an error that is made now
         lasting = np.repeat(times[:, None], self.rates.size, axis=1)
         np.divide(gone, self.rates, out=lasting, where=self.rates > 0)
-        even = (limits * dt / times)[:, None]
-        mean, added = self._shares
-        lasting *= np.maximum((mean + even) / (added + even), LEAST)
         bounds = limits[:, None] - self._swings
-        # Of each bound the account that is full first; of all bounds the one that allows most.
         each = (bounds[:, :, None] - (self._errors * (1 - gone))[:, None]) / lasting[:, None]
-        return np.asarray((each + self._faster).min(axis=2).max(axis=1))
+        always = np.where(bounds > 0, least[:, None], -inf)
+        each = np.maximum(each, always[:, :, None]) / np.maximum(parts, LEAST)
+        # Of each bound the account that is full first; of all bounds the one that allows most.
+        return float(max((each + self._faster).min(axis=2).max(), least.max()))
 
 
 def _passed(low: Array, values: Array, taken: Array) -> Array:
@@ -189,19 +219,13 @@ def _passed(low: Array, values: Array, taken: Array) -> Array:
     return out
 
 
-def _lengths(vectors: Array) -> Array:
-    """Lengths of vectors in rows of shape (3 points,), shape (rows, points)."""
-    each = vectors.reshape(len(vectors), -1, 3)
-    return np.asarray(np.sqrt(np.einsum("bpi,bpi->bp", each, each)))
-
-
 @dataclass(frozen=True)
 class ControllerNumbers:
     """Numbers of the controller, found by scenes of `demos/benchmarks/budgets.py`."""
 
     share: float = 0.5  # of the budget that estimates add up to: they may be half of the error
     safety: float = 0.9  # of the best Δt (Hairer, Nørsett, Wanner, II.4: 0.8 to 0.9)
-    memory: float = 14.0  # steps in which the envelope of d/Δt³ falls to 1/e of its value
+    memory: float = 14.0  # steps in which an envelope of p d/Δt³ falls to 1/e of its value
     shorter: float = 0.7  # factor of Δt above which it stays as it is ...
     longer: float = 1.5  # ... and below which it does
     least: float = 0.5  # factor of a change (Hairer, Nørsett, Wanner, II.4: 0.2 to 0.5) ...
@@ -244,7 +268,7 @@ class Controller:
     """
 
     remembered: ClassVar[Remembered] = same(
-        "tol", "wanted", "spent", "_t", "_dt", "_envelope", "_last", "_foreseen", "_lost"
+        "tol", "wanted", "spent", "_t", "_dt", "_envelopes", "_last", "_foreseen", "_lost"
     ) | {"_course": PART}
 
     def __init__(
@@ -263,7 +287,8 @@ class Controller:
         self.shortest, self.spent, self._t, self._dt = shortest, 0.0, 0.0, 0.0
         self._course, self._rest = Course(), REST * size if of is None else of
         self._foreseen = self.displacement
-        self._envelope = self._last = self._lost = 0.0
+        self._envelopes: Array = np.zeros(error.cuts.size)
+        self._last = self._lost = 0.0
 
     @property
     def displacement(self) -> float:
@@ -279,8 +304,11 @@ class Controller:
         left = self.error.left(max(self._t_end - self._t, 0.0))
         return left / (NUMBERS.share * self.displacement)
 
-    def allowed(self, t: float, dt: float) -> float:
-        """Error per time that a step from t of the length dt [s] may spend, r [m/s]."""
+    def allowed(self, t: float, dt: float, parts: Array | None = None) -> float:
+        """Error per time that a step from t of the length dt [s] may spend, r [m/s].
+
+        Accounts get parts of it, as of the step that was looked at last unless they are given.
+        """
         rest = max(self._t_end - t, NUMBERS.rest * self._t_end)
         spent = [(self.displacement, rest, self._t_end)]  # with what, in a time of a whole
         growing = self._growing(t) + dt
@@ -288,8 +316,9 @@ class Controller:
             spent.append((self._foreseen, NUMBERS.spread * growing, NUMBERS.spread * growing))
         displacements, times, wholes = np.array(spent).T
         budgets = NUMBERS.share * self.tol * displacements
-        rates = self.error.rates_to(budgets, times, dt)
-        return float(np.maximum(rates, NUMBERS.poorest * budgets / wholes).max())
+        least = NUMBERS.poorest * budgets / wholes
+        parts = self.error.parts if parts is None else parts
+        return self.error.rate_to(budgets, times, least, parts)
 
     def _growing(self, t: float) -> float:
         """s: time in which the displacement has grown to its present size [s]."""
@@ -341,8 +370,9 @@ class Controller:
             return
         self._last = error / dt**3
         kept = 0.0 if young else exp(-1 / NUMBERS.memory)  # what began errs once, not for long
-        self._envelope = max(self._last, self._envelope * kept)
-        best = sqrt(self.allowed(t, dt) / self._envelope) if self._envelope else inf
+        self._envelopes = np.maximum(self._last * self.error.parts, self._envelopes * kept)
+        most = self._envelopes.max()
+        best = sqrt(self.allowed(t, dt, self._envelopes / most) / most) if most else inf
         factor = min(max(NUMBERS.safety * best / dt, NUMBERS.least), NUMBERS.most)
         self._lost = self._lost + 1 - 1 / factor if factor > 1 else 0.0
         price = NUMBERS.price * unknowns ** (1 / 3)

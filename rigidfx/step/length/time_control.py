@@ -270,3 +270,4 @@ class TimeControl(WarnsOnce):
         if self._fresh:
             self._error.forget()
             self._about.forget()
+            self._run_error.restart()
