@@ -91,8 +91,11 @@ class SlowParts:
         squares += np.exp(-self._cuts * dt / TURN)[:, None] * (self._squares - squares)
         jerks, errors, sizes = np.sqrt(squares.max(axis=2))
         known, c = np.minimum(jerks, errors / dt**2) / size, 1 - begun[-1, :, 0]
-        parts = np.minimum((1 - c) * known + c * jerks / sizes, 1.0)
-        parts[-1] = 1.0  # nothing is faster than that
+        known, mean = np.minimum(known, 1.0), np.minimum(jerks / sizes, 1.0)
+        known[-1] = mean[-1] = 1.0  # nothing is faster than that
+        # What is slower than a cut is so of those above it, that know more.
+        most = np.minimum.accumulate(((1 - c) * known + c * mean)[::-1])[::-1]
+        parts = (1 - c) * known + c * most
         self._next = parts, low, begun, squares
         return parts
 
