@@ -58,7 +58,7 @@ class Course:
 
 
 class SlowParts:
-    """The parts p_b of a step's error that belong to motion slower than each ω_b: (6)."""
+    """The parts p_b of a step's error that belong to motion slower than each ω_b: (6a)."""
 
     remembered: ClassVar[Remembered] = same("_parts", "_low", "_begun", "_squares")
 
