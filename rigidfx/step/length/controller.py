@@ -66,10 +66,10 @@ class SlowParts:
         """Nothing has moved at some points; cuts are ω_b, the last one infinite [1/s]."""
         self._cuts, self._points, count = cuts, points, cuts.size
         self._parts: Array = np.ones(count)
-        # What passes each cut of jerks, Δt² times these, and their sizes; and squares over a turn
+        # Jerks, Δt² times these, and their sizes, low-passed at each cut; their squares over a turn
         self._low: Array = np.zeros((1 + STAGES, count, 7 * points))
         self._squares: Array = np.zeros((3, count, points))
-        # What passes of one, since something began: 1 - c_b in the last stage
+        # One since the last breakpoint, low-passed likewise: 1 - c_b in the last stage
         self._begun: Array = np.zeros((1 + STAGES, count, 1))
         self._next: tuple[Array, ...] = self._parts, self._low, self._begun, self._squares
 
@@ -93,7 +93,7 @@ class SlowParts:
         known, c = np.minimum(jerks, errors / dt**2) / size, 1 - begun[-1, :, 0]
         known, mean = np.minimum(known, 1.0), np.minimum(jerks / sizes, 1.0)
         known[-1] = mean[-1] = 1.0  # nothing is faster than that
-        # What is slower than a cut is so of those above it, that know more.
+        # Motion slower than a cut is slower than those above it, too, whose filters know it sooner.
         most = np.minimum.accumulate(((1 - c) * known + c * mean)[::-1])[::-1]
         parts = (1 - c) * known + c * most
         self._next = parts, low, begun, squares
